@@ -1,0 +1,1 @@
+"""Modelica model -> FMU -> fit -> honest posterior -> the effect the model lacks."""

@@ -1,0 +1,232 @@
+"""The contract between a simulator and everything that uses one.
+
+A :class:`Problem` says what to simulate (a model, the experiments, what each column of a parameter matrix means);
+a :class:`Simulator` answers with trajectories, sensitivities or reduced likelihoods, and with one typed
+:class:`Outcome` for every run. Nothing above this module knows which engine does the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from types import TracebackType
+from typing import Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.simulation.model import Model
+
+FloatArray = NDArray[np.float64]
+Interpolation = Literal["hold", "linear"]
+
+
+class Outcome(IntEnum):
+    """How one simulation ended. Failures are counted, never raised."""
+
+    OK = 0
+    SOLVER_FAILED = 1
+    NOT_FINITE = 2
+    TIMED_OUT = 3
+    CRASHED = 4
+    MODEL_ERROR = 5
+
+    @property
+    def text(self) -> str:
+        """What a person reads in a report."""
+        return {
+            Outcome.OK: "completed",
+            Outcome.SOLVER_FAILED: "the solver could not reach the tolerance",
+            Outcome.NOT_FINITE: "an output was not a finite number",
+            Outcome.TIMED_OUT: "the time limit passed",
+            Outcome.CRASHED: "the model's code crashed its worker",
+            Outcome.MODEL_ERROR: "the model reported an error",
+        }[self]
+
+
+@dataclass(frozen=True)
+class InputSignal:
+    """One input of the model over time, on a grid of its own.
+
+    Parameters
+    ----------
+    name : str
+        The input's name in the model.
+    time : ndarray, shape (k,)
+        Increasing times in s. Before the first and after the last the end value holds.
+    values : ndarray, shape (k,)
+        Values in the input's SI unit.
+    interpolation : {"hold", "linear"}
+        ``hold``: a value is valid from its time to the next (a jump there). ``linear``: straight lines between.
+    """
+
+    name: str
+    time: FloatArray
+    values: FloatArray
+    interpolation: Interpolation = "hold"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Increasing sample times in s; integration starts at ``time[0]``.
+    outputs : tuple of str
+        Names of the m outputs to return.
+    inputs : tuple of InputSignal
+        Signals of the driven inputs; inputs not named stay at their start value.
+    start : mapping of str to float
+        Initial values of states (by name) that differ from the model's own.
+    measured : ndarray, shape (n, m), optional
+        Measurements of ``outputs``; NaN where there is none. Needed only for the reduced calls.
+    """
+
+    time: FloatArray
+    outputs: tuple[str, ...]
+    inputs: tuple[InputSignal, ...] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
+    measured: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class ParameterTarget:
+    """A column that sets a parameter of the model."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class StartTarget:
+    """A column that sets the initial value of a state."""
+
+    state: str
+
+
+@dataclass(frozen=True)
+class DelayTarget:
+    """A column that delays every input by so many seconds (>= 0)."""
+
+
+@dataclass(frozen=True)
+class InputTarget:
+    """A column that is added to one value of an input signal (the ``index``-th of its grid)."""
+
+    input: str
+    index: int
+
+
+Target = ParameterTarget | StartTarget | DelayTarget | InputTarget
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Tolerances and limits of one run.
+
+    ``absolute_tolerance`` is relative to each state's nominal value. ``time_limit`` is in s of wall time a run.
+    """
+
+    relative_tolerance: float = 1e-6
+    absolute_tolerance: float = 1e-6
+    max_steps: int = 200_000
+    time_limit: float = 10.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a simulator is asked to run, over and over, with other numbers.
+
+    Parameters
+    ----------
+    model : Model
+    experiments : tuple of Experiment, length E
+    targets : tuple of length E of tuples of length p
+        ``targets[e][j]`` says what column j of the parameter matrix means in experiment e; None where it means nothing.
+    fixed : mapping of str to float
+        Model parameters held at other values than the model's own.
+    settings : SolverSettings
+    """
+
+    model: Model
+    experiments: tuple[Experiment, ...]
+    targets: tuple[tuple[Target | None, ...], ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    settings: SolverSettings = SolverSettings()
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Sampled outputs of a batch.
+
+    ``outputs[e]`` has shape (n, n_time_e, m_e); ``sensitivities[e]`` (n, n_time_e, m_e, p) or is None;
+    ``outcomes`` has shape (n, E) and holds :class:`Outcome` codes. Failed runs hold NaN.
+    """
+
+    outputs: tuple[FloatArray, ...]
+    sensitivities: tuple[FloatArray, ...] | None
+    outcomes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Likelihoods:
+    """Reduced result of a batch: shape (n, E) each.
+
+    ``log_likelihood`` is minus infinity where the run failed.
+    """
+
+    log_likelihood: FloatArray
+    outcomes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class GaussNewton:
+    """Whitened least-squares products of a batch, summed over the experiments.
+
+    With r the whitened residual and S its sensitivities: ``cost`` = r'r / 2, shape (n,); ``gradient`` = S'r, shape
+    (n, q); ``hessian`` = S'S, shape (n, q, q); ``log_likelihood`` shape (n,) with the noise's log-determinant.
+    q is the number of active columns.
+    """
+
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    log_likelihood: FloatArray
+    outcomes: NDArray[np.uint8]
+
+
+class Simulator(Protocol):
+    """Runs a :class:`Problem`.
+
+    ``values`` always has shape (n, p), one parameter vector a row, in SI units.
+
+    ``noise`` has shape (n, E, m, 3) or anything that broadcasts to it: per output the standard deviation of white
+    noise, the stationary standard deviation of an Ornstein-Uhlenbeck process added to it, and that process's
+    correlation time in s (the last two zero for white noise). Both are Gaussian and independent of each other.
+    """
+
+    problem: Problem
+
+    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
+        """Trajectories; with ``active`` also sensitivities to those columns."""
+        ...
+
+    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
+        """Gaussian log-likelihood of the measurements, reduced inside the engine."""
+        ...
+
+    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
+        """Least-squares products with respect to the ``active`` columns."""
+        ...
+
+    def close(self) -> None:
+        """Stop the workers and free the model."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
