@@ -1,0 +1,87 @@
+"""From a recording to an experiment that a simulator can run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from aero_bayes.data.recording import FloatArray, Recording
+from aero_bayes.simulation.interface import Experiment, InputSignal
+
+#: How long before the first sample the earlier input value is placed, in s: longer than any input delay.
+LEAD = 1.0
+
+
+def to_experiment(
+    recording: Recording,
+    outputs: Sequence[str] | None = None,
+    *,
+    start: Mapping[str, float] | None = None,
+    before: Mapping[str, float] | None = None,
+) -> Experiment:
+    """The run that a model must repeat, with its inputs reduced to the samples where they change.
+
+    Parameters
+    ----------
+    recording : Recording
+    outputs : sequence of str, optional
+        Outputs to return and compare, in this order; all that were recorded by default.
+    start : mapping of str to float, optional
+        Initial values of the model's states, by name.
+    before : mapping of str to float, optional
+        Value of each input before the first sample, which acts until the input's delay has passed. By default zero if
+        the rig was at rest then (see :func:`input_before`), else the first recorded value.
+
+    Returns
+    -------
+    Experiment
+        ``measured`` has shape (n, m), NaN in gaps.
+
+    Raises
+    ------
+    InputError
+        For an output that was not recorded.
+    """
+    names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
+    known = input_before(recording) | dict(before or {})
+    signals = tuple(
+        hold_signal(name, recording.time, values, known.get(name)) for name, values in recording.inputs.items()
+    )
+    return Experiment(
+        time=np.ascontiguousarray(recording.time),
+        outputs=names,
+        inputs=signals,
+        start=dict(start or {}),
+        measured=recording.measured(names),
+    )
+
+
+def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
+    """A held input with one grid point a change; ``before`` is its value until the first sample."""
+    keep = np.concatenate(([True], values[1:] != values[:-1]))
+    grid, levels = time[keep], values[keep]
+    if before is not None and before != levels[0]:
+        grid, levels = np.concatenate(([time[0] - LEAD], grid)), np.concatenate(([before], levels))
+    return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
+
+
+def input_before(recording: Recording, share: float = 0.02) -> dict[str, float]:
+    """What each input was before the first sample.
+
+    A rig whose speed and current first read nearly zero (``share`` of their largest value) was not driven: zero. One
+    that already turns was driven as it is at the first sample; so is any rig other than an AERO. Pitch alone says
+    nothing about it and counts as rest.
+    """
+    moving = not {"i_m", "omega_m", "theta"} & set(recording.outputs)
+    for name in ("omega_m", "i_m"):
+        if name in recording.outputs:
+            values = recording.outputs[name]
+            seen = np.abs(values[np.isfinite(values)])
+            first = np.abs(values[: min(3, values.size)])
+            first = first[np.isfinite(first)]
+            moving = bool(seen.size and first.size and first.min() > share * seen.max())
+            break
+    if moving:
+        return {name: float(values[0]) for name, values in recording.inputs.items()}
+    return {name: 0.0 for name in recording.inputs}

@@ -1,0 +1,138 @@
+"""What a recording must satisfy before anything is fitted to it; each complaint is one line that says where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data.layout import Layout, Quantity
+from aero_bayes.data.recording import FloatArray, Recording
+from aero_bayes.errors import InputError
+
+#: Fewest samples that are a recording at all.
+FEWEST = 4
+Where = Callable[[int], str]
+
+
+def check_recording(recording: Recording, layout: Layout, where: Where | None = None) -> None:
+    """Raise InputError for the first thing that is wrong.
+
+    Parameters
+    ----------
+    recording : Recording
+    layout : Layout
+        Believable sizes and rates.
+    where : callable, optional
+        Names a row for the message; "sample 3" by default.
+    """
+    place = where or (lambda row: f"sample {row + 1}")
+    name = str(recording.path or recording.name)
+    if recording.rows < FEWEST:
+        raise InputError(f"{name}: {recording.rows} samples, expected at least {FEWEST}")
+    _check_time(name, recording.time, place)
+    for column, values in recording.inputs.items():
+        _check_input(name, column, values, place)
+    for column, values in recording.outputs.items():
+        _check_output(name, column, values, place)
+    _check_rate(name, recording, layout)
+    _check_sizes(name, recording, layout, place)
+
+
+def _check_time(name: str, time: FloatArray, place: Where) -> None:
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise InputError(f"{name}, {place(bad[0])}, column time: is missing or not finite, expected seconds")
+    step = np.diff(time)
+    bad = np.flatnonzero(step <= 0.0)
+    if bad.size:
+        row = int(bad[0]) + 1
+        verb = "repeats" if step[bad[0]] == 0.0 else "runs backwards"
+        raise InputError(
+            f"{name}, {place(row)}, column time: {verb} ({time[row]:.9g} after {time[row - 1]:.9g}), "
+            "expected strictly increasing seconds"
+        )
+
+
+def _check_input(name: str, column: str, values: FloatArray, place: Where) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        first, count = int(np.argmax(bad)), _run(bad)
+        block = f" ({count} in a row)" if count > 1 else ""
+        raise InputError(
+            f"{name}, {place(first)}, column {column}: missing or not finite{block}, expected a value in every row of "
+            "an input"
+        )
+
+
+def _check_output(name: str, column: str, values: FloatArray, place: Where) -> None:
+    bad = np.flatnonzero(np.isinf(values))
+    if bad.size:
+        raise InputError(f"{name}, {place(int(bad[0]))}, column {column}: is infinite, expected a finite reading")
+    readings = int(np.isfinite(values).sum())
+    if readings < FEWEST:
+        raise InputError(
+            f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least {FEWEST} "
+            "(leave the column out if it was not measured)"
+        )
+
+
+def _run(bad: NDArray[np.bool_]) -> int:
+    """Length of the first run of True."""
+    first = int(np.argmax(bad))
+    rest = bad[first:]
+    return int(np.argmin(rest)) if not rest.all() else int(rest.size)
+
+
+def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
+    low, high = layout.rates
+    rate = recording.rate_hz
+    if rate < low:
+        raise InputError(
+            f"{name}, column time: a sample every {1.0 / rate:g} s ({rate:g} Hz), expected {low:g} Hz or more: is it "
+            "in ms? Seconds are expected"
+        )
+    if rate > high:
+        raise InputError(
+            f"{name}, column time: {rate:g} samples a second, expected {high:g} or fewer: seconds are expected"
+        )
+
+
+def _check_sizes(name: str, recording: Recording, layout: Layout, place: Where) -> None:
+    for quantity in (*layout.inputs, *layout.outputs):
+        values = {**recording.inputs, **recording.outputs}.get(quantity.name)
+        if values is None or not isfinite(quantity.largest):
+            continue
+        beyond = np.flatnonzero(np.abs(values) > quantity.largest)
+        if beyond.size:
+            row = int(beyond[0])
+            raise InputError(
+                f"{name}, {place(row)}, column {quantity.name}: {values[row]:g} is beyond {quantity.largest:.4g} "
+                f"{quantity.unit}, expected {quantity.unit}{_hint(quantity)}"
+            )
+    if not layout.inputs or layout.inputs[0].name not in recording.inputs:
+        return
+    drive = layout.inputs[0]
+    driven = float(np.abs(recording.inputs[drive.name]).max())
+    for quantity in layout.outputs:
+        values = recording.outputs.get(quantity.name)
+        if values is None:
+            continue
+        reached = float(np.nanmax(np.abs(values)))
+        low, high = quantity.per_input
+        if driven >= 1.0 and (0.0 < reached < low * driven or reached > high * driven):
+            raise InputError(
+                f"{name}, column {quantity.name}: reaches {reached:.3g} where {drive.name} reaches {driven:.3g} "
+                f"{drive.unit}, expected {low * driven:.2g} to {high * driven:.2g} {quantity.unit}{_hint(quantity)}"
+            )
+    if 0.0 < driven < 0.05 and isfinite(drive.largest):
+        raise InputError(
+            f"{name}, column {drive.name}: reaches only {driven:.3g} {drive.unit}, expected {drive.unit}: is it in "
+            f"k{drive.unit} or scaled to 1?"
+        )
+
+
+def _hint(quantity: Quantity) -> str:
+    return f": {quantity.hints}" if quantity.hints else ""

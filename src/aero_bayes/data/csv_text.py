@@ -1,0 +1,260 @@
+"""Columns of numbers out of a CSV file, in a stream.
+
+The file is passed over twice: once to count its lines and hash it, so that the memory it needs is known before any is
+taken, and once to parse blocks of lines into arrays of the right size. A block is parsed in bulk; only one that does
+not parse is looked at cell by cell, by the code that decides what a number is and says where one is not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+BLOCK = 8 << 20
+NUMBER = re.compile(rb"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
+SPECIAL = re.compile(rb"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)
+#: Where a byte can stand in a number that the bulk parser and NUMBER read alike; others go cell by cell.
+PLAIN = np.zeros(256, dtype=bool)
+PLAIN[list(b"0123456789+-.eE,\n\r")] = True
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file: values of shape (n,) by name, NaN where a cell was empty, and each row's line in the file."""
+
+    columns: dict[str, FloatArray]
+    sha256: str
+    first_line: int
+    skipped: tuple[int, ...]
+
+    def line(self, row: int) -> int:
+        """Line of the file, counted from 1, that holds row ``row``."""
+        line = row + self.first_line
+        for blank in self.skipped:
+            if blank > line:
+                break
+            line += 1
+        return line
+
+
+def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], memory: int | None = None) -> Table:
+    """Parse columns of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+    wanted, optional : sequence of str
+        Headers that must be there, and that are read where they are.
+    memory : int, optional
+        Bytes that may be used; what the machine has free by default.
+
+    Raises
+    ------
+    InputError
+        One line with file, line and column: no such file, empty, header only, another separator, a decimal comma,
+        a column missing or twice, text in a number, a value that is not finite, too large for the memory.
+    """
+    header_bytes, header = _header(path)
+    picked = _pick(path, header, wanted, optional)
+    sha256, lines = _scan(path)
+    rows = max(lines - 1, 0)
+    if rows == 0:
+        raise InputError(f"{path}: holds a header but no data, expected one sample a line")
+    # Values, and as much again for what checks and later steps hold at once.
+    needed, free = 2 * 8 * rows * len(picked) + 8 * BLOCK, memory if memory is not None else free_memory()
+    if needed > free:
+        raise InputError(
+            f"{path}: {rows:,} rows of {len(picked)} columns need {needed / 2**20:,.0f} MiB of memory, "
+            f"{free / 2**20:,.0f} MiB are free: thin or cut the file, or run on a larger machine"
+        )
+    store = np.empty((len(picked), rows))
+    skipped: list[int] = []
+    row, line = 0, 2
+    for block in _blocks(path, header_bytes):
+        values, blanks, count = _parse(path, block, header, picked, line)
+        if row + len(values) > rows:
+            raise InputError(f"{path}: changed while it was read")
+        store[:, row : row + len(values)] = values.T
+        skipped += blanks
+        row, line = row + len(values), line + count
+    if row == 0:
+        raise InputError(f"{path}: holds a header but no data, expected one sample a line")
+    columns = {name: store[index, :row] for index, name in enumerate(picked)}
+    return Table(columns, sha256, 2, tuple(skipped))
+
+
+def free_memory() -> int:
+    """Bytes that this process may still take: what the system calls available, and its control group's limit."""
+    try:
+        free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                free = int(line.split()[1]) * 1024
+    except (OSError, ValueError):
+        free = 1 << 30
+    try:
+        limit = int(Path("/sys/fs/cgroup/memory.max").read_text())
+        used = int(Path("/sys/fs/cgroup/memory.current").read_text())
+        free = min(free, max(limit - used, 0))
+    except (OSError, ValueError):
+        pass
+    return free
+
+
+def _header(path: Path) -> tuple[int, list[str]]:
+    """Length of the header line in bytes, and its names."""
+    with path.open("rb") as file:
+        raw = file.readline(1 << 20)
+    if not raw.strip():
+        raise InputError(f"{path}: is empty, expected a CSV file with a header")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in raw:
+        raise InputError(f"{path}: is not plain text in UTF-8 (a binary or UTF-16 file), expected CSV")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}, row 1: is not text in UTF-8, expected CSV") from None
+    if "\r" in text.rstrip("\r\n"):
+        raise InputError(f"{path}: lines end in a bare carriage return, expected line feeds")
+    if "," not in text:
+        for mark, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
+            if mark in text.strip():
+                raise InputError(
+                    f"{path}, row 1: columns are separated by {word}, expected commas (and decimal points)"
+                )
+    names = [name.strip().strip('"').strip() for name in text.strip().split(",")]
+    if all(NUMBER.fullmatch(name.encode()) for name in names if name):
+        raise InputError(f"{path}, row 1: holds numbers, expected a header such as time,V_m,theta")
+    return len(raw), names
+
+
+def _pick(path: Path, header: list[str], wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
+    for name in (*wanted, *optional):
+        if header.count(name) > 1:
+            raise InputError(f"{path}, row 1: column {name} appears {header.count(name)} times, expected once")
+    for name in wanted:
+        if name not in header:
+            close = [other for other in header if other.lower() == name.lower()]
+            hint = f"; is {close[0]} meant?" if close else ""
+            raise InputError(f"{path}, row 1: no column {name}, found {', '.join(header)}{hint}")
+    return {name: header.index(name) for name in (*wanted, *optional) if name in header}
+
+
+def _scan(path: Path) -> tuple[str, int]:
+    """Hash and number of lines."""
+    digest, lines, last = hashlib.sha256(), 0, b""
+    with path.open("rb") as file:
+        while block := file.read(BLOCK):
+            digest.update(block)
+            lines += block.count(b"\n")
+            last = block
+    return digest.hexdigest(), lines + (not last.endswith(b"\n"))
+
+
+def _blocks(path: Path, skip: int) -> Iterator[bytes]:
+    """Whole lines, about ``BLOCK`` bytes at a time."""
+    with path.open("rb") as file:
+        file.seek(skip)
+        rest = b""
+        while block := file.read(BLOCK):
+            cut = block.rfind(b"\n") + 1
+            if cut:
+                yield rest + block[:cut]
+                rest = block[cut:]
+            else:
+                rest += block
+            if len(rest) > BLOCK:
+                raise InputError(f"{path}: a line is longer than {BLOCK >> 20} MiB, expected one sample a line")
+        if rest:
+            yield rest
+
+
+def _parse(
+    path: Path, block: bytes, header: list[str], picked: dict[str, int], line: int
+) -> tuple[FloatArray, list[int], int]:
+    """Picked values of shape (rows, columns), the numbers of blank lines, and how many lines the block has."""
+    if not block.endswith(b"\n"):
+        block += b"\n"
+    values = _parse_bulk(block, len(header))
+    if values is not None:
+        return values[:, list(picked.values())], [], len(values)
+    return _parse_cells(path, block, header, picked, line)
+
+
+def _parse_bulk(block: bytes, width: int) -> FloatArray | None:
+    """Values of a block of plain numbers and empty cells; None if anything in it needs a closer look."""
+    raw = np.frombuffer(block, dtype=np.uint8)
+    if not PLAIN[raw].all():
+        return None
+    if b"\r" in block:
+        block = block.replace(b"\r\n", b"\n")
+        raw = np.frombuffer(block, dtype=np.uint8)
+    marks = np.flatnonzero((raw == 44) | (raw == 10))
+    if len(marks) % width:
+        return None
+    ends = raw[marks].reshape(-1, width) == 10
+    if not ends[:, -1].all() or ends[:, :-1].any():
+        return None
+    if (len(marks) > 1 and (np.diff(marks) == 1).any()) or marks[0] == 0:
+        block = re.sub(rb"(?:^|(?<=[,\n]))(?=[,\n])", b"nan", block)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            values = np.fromstring(block.replace(b"\n", b",")[:-1], sep=",")
+        except (ValueError, DeprecationWarning):
+            return None
+    if values.size != len(marks) or np.isinf(values).any():
+        return None
+    return values.reshape(-1, width)
+
+
+def _parse_cells(
+    path: Path, block: bytes, header: list[str], picked: dict[str, int], line: int
+) -> tuple[FloatArray, list[int], int]:
+    """The same, cell by cell: decides what a number is and raises InputError where there is none."""
+    rows: list[list[float]] = []
+    blanks: list[int] = []
+    lines = block[:-1].split(b"\n")
+    for offset, text in enumerate(lines):
+        if not text.strip(b" \t\r"):
+            blanks.append(line + offset)
+            continue
+        cells = text.split(b",")
+        if len(cells) != len(header):
+            raise InputError(
+                f"{path}, row {line + offset}: {len(cells)} cells, expected {len(header)} "
+                f"({_comma_hint(text) or ', '.join(header)})"
+            )
+        rows.append([_cell(path, line + offset, name, cells[position]) for name, position in picked.items()])
+    return np.array(rows, dtype=float).reshape(-1, len(picked)), blanks, len(lines)
+
+
+def _comma_hint(text: bytes) -> str:
+    return "columns separated by commas, numbers with a decimal point" if b";" in text else ""
+
+
+def _cell(path: Path, line: int, column: str, cell: bytes) -> float:
+    text = cell.strip().strip(b'"').strip()
+    if not text:
+        return np.nan
+    if NUMBER.fullmatch(text):
+        value = float(text)
+        if np.isfinite(value):
+            return value
+    shown = text[:40].decode("utf-8", "replace")
+    if SPECIAL.fullmatch(text) or NUMBER.fullmatch(text):
+        raise InputError(
+            f"{path}, row {line}, column {column}: {shown} is not a finite number (leave the cell of a missing "
+            "output reading empty)"
+        )
+    raise InputError(f"{path}, row {line}, column {column}: {shown!r} is not a number")

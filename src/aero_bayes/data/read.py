@@ -1,0 +1,123 @@
+"""Reading a recording from a file, and writing one."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from aero_bayes.data.checks import check_recording
+from aero_bayes.data.csv_text import FloatArray, read_columns
+from aero_bayes.data.layout import AERO, ColumnMap, Layout
+from aero_bayes.data.matlab import is_matlab, read_matlab
+from aero_bayes.data.recording import Recording
+from aero_bayes.errors import InputError
+
+
+def read_recording(
+    path: Path | str,
+    columns: Mapping[str, ColumnMap] | None = None,
+    *,
+    layout: Layout = AERO,
+    memory: int | None = None,
+) -> Recording:
+    """Read and check a recording.
+
+    Parameters
+    ----------
+    path : path
+        A CSV file with a header, or a MATLAB ``.mat`` file (version 5, or 7.3 where h5py is installed); told apart by
+        content. An empty cell (NaN in MATLAB) of an output is a gap; the text ``nan`` is an error.
+    columns : mapping of str to ColumnMap, optional
+        Where a column of the layout is found if not under its own name and in SI.
+    layout : Layout
+        Which columns there are; the AERO's by default. Other columns of the file are not read.
+    memory : int, optional
+        Bytes that may be used; what is free by default.
+
+    Raises
+    ------
+    InputError
+        One line that names file, row (the line of a CSV file, the header being 1; the sample of a MATLAB file), column
+        and what was expected.
+    """
+    file = Path(path)
+    maps = dict(columns or {})
+    for column in maps:
+        if column not in layout.units:
+            raise InputError(
+                f"columns: {column} is not a column of the model, expected one of {', '.join(layout.units)}"
+            )
+    if not file.exists():
+        raise InputError(f"{file}: no such file")
+    if not file.is_file():
+        raise InputError(f"{file}: is not a file")
+    sources = {name: maps[name].source if name in maps else name for name in layout.units}
+    wanted = ["time", *(quantity.name for quantity in layout.inputs)]
+    wanted += [quantity.name for quantity in layout.outputs if quantity.name in maps]
+    optional = [quantity.name for quantity in layout.outputs if quantity.name not in maps]
+    where: Callable[[int], str] = _sample
+    try:
+        if is_matlab(file):
+            found, sha256 = read_matlab(file, sources, wanted, optional)
+        else:
+            table = read_columns(
+                file,
+                list(dict.fromkeys(sources[name] for name in wanted)),
+                [sources[name] for name in optional],
+                memory,
+            )
+            found = {name: table.columns[source] for name, source in sources.items() if source in table.columns}
+            sha256, line = table.sha256, table.line
+
+            def where(row: int) -> str:
+                return f"row {line(row)}"
+    except PermissionError:
+        raise InputError(f"{file}: may not be read (permission denied)") from None
+    if not any(quantity.name in found for quantity in layout.outputs):
+        missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
+        raise InputError(f"{file}: no output column, expected at least one of {missing}")
+    values = {name: _to_si(column, name, maps.get(name), layout) for name, column in found.items()}
+    recording = Recording(
+        name=file.stem,
+        time=values["time"],
+        inputs={quantity.name: values[quantity.name] for quantity in layout.inputs},
+        outputs={quantity.name: values[quantity.name] for quantity in layout.outputs if quantity.name in values},
+        units={name: unit for name, unit in layout.units.items() if name in values},
+        sha256=sha256,
+        path=file,
+    )
+    check_recording(recording, layout, where)
+    return recording
+
+
+def write_csv(recording: Recording, path: Path | str) -> Path:
+    """Write a recording so that :func:`read_recording` returns the same numbers; gaps become empty cells."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    columns = {"time": recording.time, **recording.inputs, **recording.outputs}
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(",".join(columns) + "\n")
+            for row in np.column_stack(list(columns.values())).tolist():
+                file.write(",".join("" if value != value else f"{value:.17g}" for value in row) + "\n")
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return target
+
+
+def _sample(row: int) -> str:
+    return f"sample {row + 1}"
+
+
+def _to_si(values: FloatArray, name: str, column: ColumnMap | None, layout: Layout) -> FloatArray:
+    if column is None:
+        return values
+    return (values + column.offset) * column.factor(name, layout.units[name])

@@ -1,0 +1,151 @@
+"""A recording: what was applied to a rig and what its sensors read, in SI units."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Inputs and outputs of one run over time.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    time : ndarray, shape (n,)
+        Strictly increasing sample times in s, not necessarily even.
+    inputs : mapping of str to ndarray, shape (n,)
+        What was applied; a value holds from its sample to the next. Always finite.
+    outputs : mapping of str to ndarray, shape (n,)
+        What was measured; NaN where a reading is missing.
+    units : mapping of str to str
+        SI unit of every column, ``time`` included.
+    sha256 : str
+        Hash of the file's bytes, or of the arrays where there is no file.
+    path : Path, optional
+        Where it was read from.
+    """
+
+    name: str
+    time: FloatArray
+    inputs: Mapping[str, FloatArray]
+    outputs: Mapping[str, FloatArray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    sha256: str = ""
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        for column, values in {"time": self.time, **self.inputs, **self.outputs}.items():
+            if values.shape != self.time.shape or values.ndim != 1:
+                raise InputError(f"{self.name}: column {column} has shape {values.shape}, expected {self.time.shape}")
+        if not self.sha256:
+            object.__setattr__(self, "sha256", _hash_arrays(self))
+
+    @property
+    def rows(self) -> int:
+        """Number of samples."""
+        return int(self.time.size)
+
+    @property
+    def rate_hz(self) -> float:
+        """Sample rate in Hz, from the median sample interval (0 for a single sample)."""
+        return float(1.0 / np.median(np.diff(self.time))) if self.rows > 1 else 0.0
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample in s."""
+        return float(self.time[-1] - self.time[0]) if self.rows else 0.0
+
+    def measured(self, outputs: tuple[str, ...]) -> FloatArray:
+        """Readings of ``outputs`` side by side, shape (n, m). Raises InputError for one that was not recorded."""
+        for output in outputs:
+            if output not in self.outputs:
+                recorded = ", ".join(self.outputs) or "none"
+                raise InputError(f"{self.name}: output {output} was not recorded (recorded: {recorded})")
+        return np.column_stack([self.outputs[output] for output in outputs]) if outputs else np.empty((self.rows, 0))
+
+    def slice(self, start: float, stop: float) -> Recording:
+        """The samples with ``start <= time < stop`` (s), times unchanged. Raises InputError if there is none."""
+        keep = (self.time >= start) & (self.time < stop)
+        if not keep.any():
+            raise InputError(
+                f"{self.name}: no sample between {start:g} s and {stop:g} s "
+                f"(it runs from {self.time[0]:g} s to {self.time[-1]:g} s)"
+            )
+        return self._select(keep, f"{self.name} [{start:g} s, {stop:g} s)")
+
+    def split(self, fraction: float) -> tuple[Recording, Recording]:
+        """The first ``fraction`` of the time and the rest, for a fit and its test. Raises InputError outside (0, 1)."""
+        if not 0.0 < fraction < 1.0:
+            raise InputError(f"{self.name}: cannot split at a fraction of {fraction:g}, expected between 0 and 1")
+        first = self.time < self.time[0] + fraction * self.duration
+        if first.sum() < 2 or (~first).sum() < 2:
+            raise InputError(f"{self.name}: {self.rows} samples are too few to split at a fraction of {fraction:g}")
+        return (
+            self._select(first, f"{self.name} (first {fraction:.0%})"),
+            self._select(~first, f"{self.name} (last {1.0 - fraction:.0%})"),
+        )
+
+    def without(self, *, after: float) -> Recording:
+        """The same samples with every output reading from ``after`` (s) on taken out: hold a part back from a fit."""
+        hidden = self.time >= after
+        outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
+        return replace(self, name=f"{self.name} (outputs to {after:g} s)", outputs=outputs, sha256="")
+
+    def thin(self, every: int) -> Recording:
+        """Every ``every``-th output reading; the others become gaps, so that the input keeps its jumps."""
+        if every < 1:
+            raise InputError(f"{self.name}: cannot keep every {every}th reading, expected 1 or more")
+        hidden = np.arange(self.rows) % every != 0
+        outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
+        return replace(self, name=f"{self.name} (1 in {every})", outputs=outputs, sha256="")
+
+    def to_dict(self) -> dict[str, str | int | float]:
+        """The ``data`` entry of result.json: ``file``, ``sha256``, ``rows``, ``rate_hz``."""
+        file = self.path.name if self.path else self.name
+        return {"file": file, "sha256": self.sha256, "rows": self.rows, "rate_hz": round(self.rate_hz, 6)}
+
+    def __repr__(self) -> str:
+        columns = ", ".join([*self.inputs, "->", *self.outputs])
+        return f"<Recording {self.name}: {columns}; {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz>"
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for kind, columns in (("input", self.inputs), ("output", self.outputs)):
+            for name, values in columns.items():
+                seen = values[np.isfinite(values)]
+                span = f"{seen.min():.4g} to {seen.max():.4g}" if seen.size else "no reading"
+                cells = (name, kind, self.units.get(name, ""), span, f"{values.size - seen.size}")
+                rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+        caption = f"{escape(self.name)}: {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz"
+        head = "".join(f"<th>{title}</th>" for title in ("column", "kind", "unit", "range", "gaps"))
+        return f"<table><caption>{caption}</caption><tr>{head}</tr>{''.join(rows)}</table>"
+
+    def _select(self, keep: NDArray[np.bool_], name: str) -> Recording:
+        return replace(
+            self,
+            name=name,
+            time=self.time[keep],
+            inputs={column: values[keep] for column, values in self.inputs.items()},
+            outputs={column: values[keep] for column, values in self.outputs.items()},
+            sha256="",
+        )
+
+
+def _hash_arrays(recording: Recording) -> str:
+    digest = hashlib.sha256()
+    for column, values in {"time": recording.time, **recording.inputs, **recording.outputs}.items():
+        digest.update(column.encode() + b"\0" + np.ascontiguousarray(values, dtype="<f8").tobytes())
+    return digest.hexdigest()
