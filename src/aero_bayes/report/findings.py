@@ -1,0 +1,162 @@
+"""Tables of what was found: residual, noise, sampler, replay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from aero_bayes.report.run_directory import RunDirectory, mapping, number, table
+from aero_bayes.report.series_figures import unit_of
+from aero_bayes.report.tables import Column, generic_cell, html_table, ratio_glyph
+from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, significant, symbol
+
+
+def residual_table(run: RunDirectory) -> Markup | None:
+    """Residual size against the noise floor and the whiteness test, by recording and output."""
+    rows, marked = [], []
+    roles = {row.get("name"): row.get("role", "") for row in table(run.result, "recordings")}
+    for recording, outputs in mapping(run.result, "residual").items():
+        for output, entry in mapping(outputs).items():
+            found = mapping(entry)
+            ratio = number(found.get("ratio"))
+            if found.get("verdict") == "structured":
+                marked.append(len(rows))
+            rows.append((
+                Markup("{}<small>{}</small>").format(recording, roles.get(recording, "")), symbol(output),
+                significant(number(found.get("rms"))), significant(number(found.get("noise_floor"))),
+                pretty_unit(unit_of(run, output)), significant(ratio), ratio_glyph(None, ratio),
+                probability(number(found.get("p_value"))), found.get("verdict", NOTHING),
+            ))  # fmt: skip
+    if not rows:
+        return None
+    columns = (
+        "recording", "output", Column("RMS", "right"), Column("noise floor", "right"), "unit", Column("ratio", "right"),
+        Column("floor │ residual", "centre"), Column("p (white)", "right"), "verdict",
+    )  # fmt: skip
+    return html_table(columns, rows, "Residual against noise floor", marked)
+
+
+def noise_table(run: RunDirectory) -> Markup | None:
+    """The noise model of every output."""
+    entries = mapping(run.result, "noise")
+    if not entries:
+        return None
+    rows = []
+    for output, entry in entries.items():
+        found = mapping(entry)
+        sizes = [significant(number(found.get(key))) for key in ("sd", "sd_white", "sd_ou")]
+        correlated = (duration(number(found.get("tau_s"))), significant(number(found.get("rho")), 4))
+        rows.append((symbol(output), *sizes, pretty_unit(unit_of(run, output)), *correlated))
+    columns = (
+        "output", Column("total", "right"), Column("white part", "right"), Column("correlated part", "right"), "unit",
+        Column("correlation time", "right"), Column("lag-1 correlation", "right"),
+    )  # fmt: skip
+    return html_table(columns, rows, "Noise, standard deviations")
+
+
+def sampler_table(run: RunDirectory) -> Markup | None:
+    """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
+    rows, marked = [], []
+    for name, entry in mapping(run.result, "mcmc", "per_parameter").items():
+        found = mapping(entry)
+        r_hat = number(found.get("r_hat"))
+        if r_hat is None or r_hat > 1.01:
+            marked.append(len(rows))
+        sizes = [count(number(found.get(key))) for key in ("ess_bulk", "ess_tail")]
+        shown = NOTHING if r_hat is None else f"{r_hat:.4f}"
+        rows.append((symbol(name), shown, *sizes, significant(number(found.get("tau")))))
+    if not rows:
+        return None
+    columns = (
+        "parameter", Column(Markup("R&#770;"), "right"), Column("effective draws, bulk", "right"),
+        Column("effective draws, tail", "right"), Column(Markup("<i>τ</i> (steps)"), "right"),
+    )  # fmt: skip
+    return html_table(columns, rows, "Convergence by parameter (marked: above 1.01)", marked)
+
+
+def sampler_facts(run: RunDirectory) -> list[tuple[str, str]]:
+    """The sampler's run in a few words and numbers."""
+    mcmc = mapping(run.result, "mcmc")
+    shown = {
+        "ensembles": ("independent ensembles", count), "walkers": ("walkers in each", count), "draws": ("draws", count),
+        "tau": ("autocorrelation time (steps)", significant), "acceptance": ("accepted", _percent),
+        "r_hat_max": ("largest R-hat", lambda x: f"{x:.4f}"), "ess_bulk_min": ("least effective draws, bulk", count),
+        "ess_tail_min": ("least effective draws, tail", count), "seconds": ("time", duration),
+    }  # fmt: skip
+    facts = [(label, show(x)) for key, (label, show) in shown.items() if (x := number(mcmc.get(key))) is not None]
+    if "reason" in mcmc:
+        facts.append(("stopped because", str(mcmc["reason"])))
+    return facts
+
+
+def rms_table(run: RunDirectory) -> Markup | None:
+    """RMS error of the fit by recording role and output."""
+    errors = mapping(run.result, "fit", "rms")
+    rows = [
+        (split, symbol(output), significant(number(value)), pretty_unit(unit_of(run, output)))
+        for split, outputs in errors.items()
+        for output, value in mapping(outputs).items()
+    ]
+    if not rows:
+        return None
+    return html_table(("recordings", "output", Column("RMS error", "right"), "unit"), rows, "Error of the fit")
+
+
+def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
+    """Cost and ending of the optimisers."""
+    fit = mapping(run.result, "fit")
+    facts = []
+    if (cost := number(fit.get("cost_eq6"))) is not None:
+        facts.append(("cost (sum of squared errors, Eq. 6)", significant(cost, 4)))
+    pso, local = mapping(fit, "pso"), mapping(fit, "local")
+    if pso:
+        words = f"{count(number(pso.get('evaluations')))} evaluations in {duration(number(pso.get('seconds')))}"
+        facts.append(("particle swarm", words))
+    if local:
+        ended = local.get("reason", "no reason given")
+        facts.append(("local search", f"{count(number(local.get('iterations')))} iterations; {ended}"))
+    if fit.get("stages"):
+        facts.append(("stages", str(generic_cell(fit["stages"]))))
+    return facts
+
+
+def replay_table(run: RunDirectory) -> Markup | None:
+    """Table 1 of the paper: every model's parameters and fitness, beside the paper's fitness."""
+    entries = table(run.result, "replay", "rows")
+    if not entries:
+        return None
+    names = list(dict.fromkeys(name for row in entries for name in mapping(row, "parameters")))
+    fitness = [number(row.get("fitness")) for row in entries]
+    best = min((x for x in fitness if x is not None), default=None)
+    rows = [
+        (
+            Markup("{}<small>{}</small>").format(row.get("model", NOTHING), row.get("note") or ""),
+            *(_replay_value(mapping(row, "parameters").get(name)) for name in names),
+            significant(value, 4), significant(number(row.get("paper_fitness")), 6),
+        )
+        for row, value in zip(entries, fitness, strict=True)
+    ]  # fmt: skip
+    columns = ("model", *(Column(symbol(name), "right") for name in names), Column("fitness, here", "right"),
+               Column("fitness, paper", "right"))  # fmt: skip
+    marked = [index for index, value in enumerate(fitness) if value is not None and value == best]
+    return html_table(
+        columns, rows, "Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)", marked
+    )
+
+
+def probability(p: float | None) -> str:
+    """A p-value; below 0.0001 only that."""
+    if p is None:
+        return NOTHING
+    return "< 0.0001" if p < 1e-4 else significant(p, 2)
+
+
+def _replay_value(value: Any) -> str:
+    stated = value.get("value") if isinstance(value, Mapping) else value
+    return significant(number(stated), 3)
+
+
+def _percent(share: float) -> str:
+    return f"{significant(100 * share, 2)} %"

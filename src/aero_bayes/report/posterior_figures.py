@@ -1,0 +1,165 @@
+"""Figures of the posterior: how parameters hang together, and whether the ensembles agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import contourpy
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
+from scipy.ndimage import gaussian_filter
+
+from aero_bayes.report.drawing import ACCENT, INK, MUTED, RULE, SERIES, Band, Line, Panel, Plate, draw, to_svg
+from aero_bayes.report.run_directory import FloatArray
+from aero_bayes.report.text import plain_name, pretty_unit, quantity, significant
+
+_TRACE_BINS = 60
+
+
+def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
+    """Names of at most ``most`` parameters that vary, those in the strongest rank correlations first."""
+    names = [name for name, draws in posterior.items() if np.isfinite(draws).all() and np.ptp(draws) > 0]
+    if len(names) < 2:
+        return names
+    correlation = np.abs(_rank_correlation(posterior, names))
+    np.fill_diagonal(correlation, 0)
+    order = np.argsort(-correlation.max(axis=1), kind="stable")[:most]
+    kept = [names[index] for index in order]
+    return [name for name in names if name in kept]
+
+
+def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> Plate | None:
+    """Marginal densities on the diagonal, 50 % and 90 % regions of every pair below it."""
+    names = most_correlated(posterior)
+    if len(names) < 2:
+        return None
+    draws = {name: posterior[name].ravel() for name in names}
+    correlation = _rank_correlation(posterior, names)
+    cell = 96 if len(names) > 5 else 130
+    left, foot = 14.0, 44.0
+    width, height = left + cell * len(names) + 90, foot + cell * len(names) + 22
+    figure = Figure(figsize=(width / 72, height / 72), dpi=72)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_xlim(0, width)
+    axes.set_ylim(0, height)
+    axes.set_axis_off()
+    for row, below in enumerate(names):
+        y0 = foot + cell * (len(names) - 1 - row)
+        for column, name in enumerate(names[: row + 1]):
+            x0 = left + cell * column
+            if row == column:
+                _marginal(axes, draws[name], x0, y0, cell)
+                axes.text(x0 + cell / 2, y0 + cell + 3, plain_name(name), ha="center", fontsize=12.5, color=INK)
+            else:
+                _joint(axes, draws[name], draws[below], x0, y0, cell)
+                r = correlation[row, column]
+                if abs(r) >= 0.3:
+                    axes.text(x0 + cell - 10, y0 + cell - 18, f"{r:+.2f}".replace("-", "−"), fontsize=10, ha="right",
+                              color=INK if abs(r) > 0.7 else MUTED)  # fmt: skip
+            if row == len(names) - 1:
+                _cell_scale(axes, draws[name], units.get(name, ""), x0, cell, foot)
+    strongest = _strongest(names, correlation)
+    alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {strongest}."
+    caption = Markup(
+        "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlation where it is above 0.3. "
+        "Every cell spans the central 99 % of its parameter. Strongest: {}."
+    ).format(strongest)
+    return Plate(to_svg(figure, alt), None, alt, caption)
+
+
+def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
+    """For every parameter the running median and 90 % range of each ensemble, over its draws."""
+    plates = []
+    for name, draws in posterior.items():
+        if draws.shape[1] < 8 or not np.isfinite(draws).all():
+            continue
+        scale = quantity(float(np.median(draws)), *map(float, np.quantile(draws, (0.05, 0.95))), units.get(name, ""))
+        power = _power(draws)
+        bins = np.array_split(np.arange(draws.shape[1]), min(_TRACE_BINS, draws.shape[1] // 4))
+        where = np.array([float(index.mean()) for index in bins]) / draws.shape[1] * 100
+        layers: list[Line | Band] = []
+        for index, ensemble in enumerate(draws / power):
+            colour = SERIES[index % len(SERIES)]
+            low, middle, high = np.transpose([np.quantile(ensemble[part], (0.05, 0.5, 0.95)) for part in bins])
+            layers += [Band(where, low, high, colour, 0.07), Line(where, middle, colour, 1.2)]
+        title = f"{plain_name(name)} ({scale.unit})" if scale.unit else plain_name(name)
+        alt = f"Traces of {name}: running median of {len(draws)} ensembles."
+        panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
+        plates.append(Plate(draw([panel], 300, alt, "draws kept (%)"), None, alt, Markup("")))
+    return plates
+
+
+def history_plate(history: Sequence[float], label: str) -> Plate | None:
+    """Best cost over the iterations of the particle swarm."""
+    best = np.array([cost if cost is not None else np.nan for cost in history], dtype=np.float64)
+    if np.count_nonzero(np.isfinite(best)) < 2:
+        return None
+    log = bool(np.nanmin(best) > 0 and np.nanmax(best) / np.nanmin(best) > 10)
+    panel = Panel(label, (Line(np.arange(1.0, len(best) + 1), best, ACCENT),), 120, log_y=log)
+    first, last = best[np.isfinite(best)][[0, -1]]
+    alt = f"Best cost of the particle swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
+    return Plate(draw([panel], 320, alt, "iteration"), None, alt, Markup("Particle swarm: best cost so far."))
+
+
+def _power(draws: FloatArray) -> float:
+    largest = float(np.max(np.abs(np.quantile(draws, (0.05, 0.5, 0.95)))))
+    return 1.0 if largest == 0 or 1e-3 <= largest < 1e5 else 10.0 ** (3 * np.floor(np.log10(largest) / 3))
+
+
+def _rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
+    ranks = np.array([np.argsort(np.argsort(posterior[name].ravel())) for name in names], dtype=np.float64)
+    return np.asarray(np.corrcoef(ranks), dtype=np.float64)
+
+
+def _strongest(names: Sequence[str], correlation: FloatArray) -> str:
+    lower = np.tril(correlation, -1)
+    row, column = np.unravel_index(np.argmax(np.abs(lower)), lower.shape)
+    return f"{names[column]} with {names[row]}, {lower[row, column]:+.2f}".replace("-", "−")
+
+
+def _range(draws: FloatArray) -> tuple[float, float]:
+    low, high = np.quantile(draws, (0.005, 0.995))
+    return float(low), float(high) if high > low else float(low) + 1e-12
+
+
+def _marginal(axes: Axes, draws: FloatArray, x0: float, y0: float, cell: float) -> None:
+    side = cell - 8
+    counts, _ = np.histogram(draws, bins=40, range=_range(draws))
+    smooth = gaussian_filter(counts.astype(np.float64), 1.2, mode="nearest")
+    x = x0 + np.linspace(0, side, 40)
+    axes.fill_between(x, y0, y0 + 0.9 * side * smooth / smooth.max(), color=ACCENT, alpha=0.35, linewidth=0)
+    axes.plot([x0, x0 + side], [y0, y0], color=MUTED, linewidth=0.8)
+
+
+def _joint(axes: Axes, across: FloatArray, up: FloatArray, x0: float, y0: float, cell: float) -> None:
+    side, bins = cell - 8, 44
+    counts, _, _ = np.histogram2d(up, across, bins=bins, range=(_range(up), _range(across)))
+    smooth = gaussian_filter(counts, 1.6, mode="nearest")
+    ranked = np.sort(smooth.ravel())[::-1]
+    held = np.cumsum(ranked) / ranked.sum()
+    grid = (np.arange(bins) + 0.5) / bins * side
+    contours = contourpy.contour_generator(x0 + grid, y0 + grid, smooth, fill_type="OuterOffset")
+    axes.plot([x0, x0, x0 + side], [y0 + side, y0, y0], color=RULE, linewidth=0.8)
+    for share, opacity in ((0.9, 0.25), (0.5, 0.5)):
+        level = ranked[min(int(np.searchsorted(held, share)), len(ranked) - 1)]
+        points, offsets = contours.filled(float(level), float(ranked[0]) + 1.0)
+        outlines = [_outline(ring, np.asarray(cuts)) for ring, cuts in zip(points, offsets, strict=True) if len(ring)]
+        axes.add_collection(PathCollection(outlines, facecolor=ACCENT, edgecolor="none", alpha=opacity))
+
+
+def _outline(points: FloatArray, offsets: FloatArray) -> Outline:
+    codes = np.full(len(points), Outline.LINETO, dtype=Outline.code_type)
+    codes[offsets[:-1].astype(int)] = Outline.MOVETO
+    return Outline(points, codes)
+
+
+def _cell_scale(axes: Axes, draws: FloatArray, unit: str, x0: float, cell: float, foot: float) -> None:
+    low, high = _range(draws)
+    shown = quantity(0.5 * (low + high), low, high, unit)
+    axes.text(x0, foot - 14, shown.low, fontsize=9.5, color=MUTED, ha="left")
+    axes.text(x0 + cell - 8, foot - 14, shown.high, fontsize=9.5, color=MUTED, ha="right")
+    axes.text(x0 + (cell - 8) / 2, foot - 29, shown.unit or pretty_unit(unit), fontsize=9.5, color=MUTED, ha="center")

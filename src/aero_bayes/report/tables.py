@@ -1,0 +1,191 @@
+"""Tables of the page, and the little drawings within them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from markupsafe import Markup
+
+from aero_bayes.report.run_directory import mapping, number
+from aero_bayes.report.text import NOTHING, Quantity, quantity, sentence, significant, symbol
+
+_STATUS_WORDS = {
+    "identified": "the data determine it",
+    "weak": "the data say little more than the prior",
+    "unidentified": "the data do not determine it",
+    "fixed": "held, not fitted",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Heading and alignment of a table's column; numbers go to the right."""
+
+    title: str | Markup
+    align: Literal["left", "right", "centre"] = "left"
+
+
+def html_table(
+    columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
+) -> Markup:
+    """A table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
+
+    Parameters
+    ----------
+    columns : sequence of Column or str
+        Headings; a plain text is a left-aligned column.
+    rows : sequence of sequences
+        Cells; the first of each row is its heading.
+    caption : str
+        What the table holds, for screen readers and as its visible title.
+    marked : sequence of int
+        Rows to emphasise.
+
+    Returns
+    -------
+    Markup
+        The table within its scrolling frame.
+    """
+    heads = [column if isinstance(column, Column) else Column(column) for column in columns]
+    head = Markup("").join(Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) for c in heads)
+    body = Markup("")
+    for index, row in enumerate(rows):
+        cells = Markup("")
+        for column, cell in zip(heads, row, strict=True):
+            tag = (
+                Markup('<th scope="row" class="{}">{}</th>') if column is heads[0] else Markup('<td class="{}">{}</td>')
+            )
+            cells += tag.format(column.align, NOTHING if cell is None else cell)
+        body += Markup('<tr class="marked">{}</tr>' if index in marked else "<tr>{}</tr>").format(cells)
+    title = Markup("<caption>{}</caption>").format(caption) if caption else Markup("")
+    return Markup(
+        '<div class="scroll" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
+        "<tbody>{}</tbody></table></div>"
+    ).format(caption or "table", title, head, body)
+
+
+def parameter_table(parameters: Mapping[str, Any]) -> Markup:
+    """Value, 90 % interval, unit, prior and status of every parameter.
+
+    What was fixed, or what the data do not determine, never shows an interval.
+    """
+    rows = []
+    for name, entry in sorted(parameters.items(), key=lambda item: _rank(mapping(item[1]).get("status"))):
+        stated = mapping(entry)
+        status = str(stated.get("status", ""))
+        shown, sure = parameter_quantity(stated)
+        interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NOTHING
+        about = Markup("{}<small>{}</small>").format(symbol(name), stated.get("description", ""))
+        glyph = interval_glyph(stated, str(name)) if sure else Markup("")
+        note = stated.get("note") or ""
+        prior = Markup("{}<small>{}</small>").format(stated.get("prior") or NOTHING, note)
+        value = shown.value if status != "unidentified" else Markup('<span class="held">{}</span>').format(shown.value)
+        rows.append((about, value, interval, shown.unit, glyph, prior, status_pill(status)))
+    columns = (
+        "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit",
+        Column("interval in prior", "centre"), "prior", "status",
+    )  # fmt: skip
+    return html_table(columns, rows, "Parameters")
+
+
+def parameter_quantity(stated: Mapping[str, Any]) -> tuple[Quantity, bool]:
+    """A parameter's texts, and whether it may show an interval at all."""
+    value, low, high = (number(stated.get(key)) for key in ("value", "q05", "q95"))
+    sure = stated.get("status") not in {"unidentified", "fixed"} and low is not None and high is not None
+    if not sure:
+        low = high = None
+    return quantity(value, low, high, str(stated.get("unit") or "")), sure
+
+
+def status_pill(status: str) -> Markup:
+    """A status as a small label with its meaning."""
+    if not status:
+        return Markup(NOTHING)
+    known = status if status in _STATUS_WORDS else "other"
+    return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
+
+
+def interval_glyph(stated: Mapping[str, Any], name: str) -> Markup:
+    """The 90 % interval (bar) within that of the prior (track), else within the bounds; logarithmic where wide."""
+    low, high, middle = (number(stated.get(key)) for key in ("q05", "q95", "value"))
+    wide = [number(stated.get(key)) for key in ("prior_q05", "prior_q95")]
+    if None in wide:
+        wide = [number(stated.get(key)) for key in ("lower", "upper")]
+    first, last = wide
+    if None in (low, high, middle, first, last) or last <= first:  # type: ignore[operator]
+        return Markup("")
+    assert low is not None and high is not None and middle is not None and first is not None and last is not None
+    ends = min(first, low), max(last, high)
+    log = ends[0] > 0 and ends[1] / ends[0] > 3
+
+    def at(x: float) -> float:
+        a, b, c = (math.log(v) if log else v for v in (ends[0], x, ends[1]))
+        return 6 + 108 * (b - a) / (c - a)
+
+    left, right = at(low), at(high)
+    grown = max(right - left, 2.0)
+    return Markup(
+        '<svg class="glyph" viewBox="0 0 120 16" role="img" aria-label="{}">'
+        '<rect class="track" x="{:.1f}" y="5" width="{:.1f}" height="6" rx="3"/>'
+        '<rect class="bar" x="{:.1f}" y="5" width="{:.1f}" height="6" rx="1"/>'
+        '<line class="mark" x1="{:.1f}" x2="{:.1f}" y1="1.5" y2="14.5"/></svg>'
+    ).format(
+        f"{name}: 90 % interval within the range of its prior", at(first), at(last) - at(first),
+        0.5 * (left + right - grown), grown, at(middle), at(middle),
+    )  # fmt: skip
+
+
+def ratio_glyph(before: float | None, after: float | None) -> Markup:
+    """Errors before (ring) and after (dot) in multiples of the noise floor (line at 1), on a logarithmic axis."""
+    known = [ratio for ratio in (before, after) if ratio is not None and ratio > 0]
+    if not known:
+        return Markup("")
+    least, most = min(0.8, *known), max(4.0, *known)
+
+    def at(ratio: float) -> float:
+        return 8 + 124 * math.log(ratio / least) / math.log(most / least)
+
+    marks = Markup("")
+    if before and after:
+        marks += Markup('<line class="way" x1="{:.1f}" x2="{:.1f}" y1="8" y2="8"/>').format(at(before), at(after))
+    if before:
+        marks += Markup('<circle class="before" cx="{:.1f}" cy="8" r="4.5"/>').format(at(before))
+    if after:
+        marks += Markup('<circle class="after" cx="{:.1f}" cy="8" r="4.5"/>').format(at(after))
+    words = "error in multiples of the noise floor: " + ", ".join(
+        f"{label} {significant(ratio)}" for label, ratio in (("before", before), ("after", after)) if ratio
+    )
+    return Markup(
+        '<svg class="glyph" viewBox="0 0 140 16" role="img" aria-label="{}">'
+        '<line class="floor" x1="{:.1f}" x2="{:.1f}" y1="0" y2="16"/>{}</svg>'
+    ).format(words, at(1.0), at(1.0), marks)
+
+
+def bar(share: float, words: str) -> Markup:
+    """A horizontal bar, ``share`` of 1 of its column wide."""
+    return Markup(
+        '<svg class="glyph" viewBox="0 0 140 12" role="img" aria-label="{}">'
+        '<rect class="track" x="0" y="5" width="140" height="2"/>'
+        '<rect class="bar" x="0" y="1" width="{:.1f}" height="10" rx="1"/></svg>'
+    ).format(words, 140 * min(1.0, max(0.0, share)))
+
+
+def generic_cell(value: object) -> object:
+    """Whatever a run stated, as a cell: numbers rounded, mappings and lists spelt out."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return significant(number(value), 4)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {generic_cell(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(str(generic_cell(item)) for item in value)
+    return NOTHING if value is None else sentence(value)
+
+
+def _rank(status: object) -> int:
+    order = ("identified", "weak", "unidentified", "fixed")
+    return order.index(str(status)) if status in order else 1

@@ -1,0 +1,159 @@
+"""Numbers, units and names as a person reads them."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from markupsafe import Markup, escape
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "zeta": "ζ", "eta": "η", "theta": "θ", "kappa": "κ",
+    "lambda": "λ", "mu": "μ", "nu": "ν", "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "psi": "ψ", "omega": "ω",
+}  # fmt: skip
+_SIGNALS = {
+    "V_m": "motor voltage", "i_m": "motor current", "omega_m": "rotor speed", "theta": "pitch angle",
+}  # fmt: skip
+_PREFIXED = {"V", "A", "rad", "rad/s", "N", "N·m", "s", "m", "Ω", "H"}
+NOTHING = "–"
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """``digits`` significant digits, a power of ten only where the number would be unreadable without."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value == 0:
+        return "0"
+    if not 1e-3 <= abs(value) < 1e5:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return minus(f"{mantissa}×10{str(int(exponent)).translate(_SUPERSCRIPT)}")
+    rounded = float(f"{value:.{digits - 1}e}")
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    return minus(f"{rounded:.{decimals}f}")
+
+
+def minus(text: str) -> str:
+    """A true minus sign in place of the hyphen."""
+    return text.replace("-", "−")
+
+
+def count(value: float | None) -> str:
+    """A whole number in groups of three digits, set apart by thin spaces."""
+    return NOTHING if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
+
+
+def duration(seconds: float | None) -> str:
+    """A time span in the unit a person would say."""
+    if seconds is None:
+        return NOTHING
+    if seconds < 1:
+        return f"{significant(1e3 * seconds, 2)} ms"
+    if seconds < 120:
+        return f"{significant(seconds, 3)} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value and its interval, rounded to what the interval justifies, over a common power of ten."""
+
+    value: str
+    low: str
+    high: str
+    unit: str
+
+
+def quantity(value: float | None, low: float | None, high: float | None, unit: str) -> Quantity:
+    """Round a value to two digits of its interval's half-width; without an interval, to four digits.
+
+    Parameters
+    ----------
+    value, low, high : float or None
+        Estimate and the ends of its interval.
+    unit : str
+        Unit as a model writes it (``kg.m2``, ``ohm``).
+
+    Returns
+    -------
+    Quantity
+        Texts; ``unit`` carries the power of ten, if one is needed.
+    """
+    sizes = [abs(x) for x in (value, low, high) if x is not None and math.isfinite(x) and x != 0]
+    largest = max(sizes, default=1.0)
+    power = 0 if 1e-3 <= largest < 1e5 else 3 * math.floor(math.log10(largest) / 3)
+    scale = 10.0**power
+    decimals = max(0, min(9, 3 - math.floor(math.log10(largest / scale))))
+    if low is not None and high is not None and high > low:
+        decimals = max(0, min(9, 1 - math.floor(math.log10((high - low) / 2 / scale))))
+    label = pretty_unit(unit)
+    if power:
+        label = f"10{str(power).translate(_SUPERSCRIPT)} {label}".strip()
+
+    def show(x: float | None) -> str:
+        if x is None or not math.isfinite(x):
+            return NOTHING
+        return minus(f"{x / scale + 0.0:.{decimals}f}")
+
+    exact = low is None or high is None
+    shown = show(value)
+    if exact and "." in shown:
+        shown = shown.rstrip("0").rstrip(".")
+    return Quantity(shown, show(low), show(high), label)
+
+
+def pretty_unit(unit: object) -> str:
+    """``kg.m2`` and ``kg m^2`` become kg·m², ``ohm`` becomes Ω; what is not understood stays as it is."""
+    text = "" if unit is None else str(unit).strip()
+    if text in {"1", "-"}:
+        return ""
+    text = re.sub(r"\b[Oo]hms?\b", "Ω", text)
+    text = re.sub(r"(?<=[A-Za-zΩ)])\^?\(?(-?\d+)\)?", lambda match: match[1].translate(_SUPERSCRIPT), text)
+    return re.sub(r"(?<=[\w⁰¹²³⁴⁵⁶⁷⁸⁹Ω)])\s*[ .*·]\s*(?=[A-Za-zΩ(])", "·", text)
+
+
+def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
+    """Factor and unit for an axis whose greatest magnitude is ``largest``: 0.002 rad reads better as 2 mrad."""
+    label = pretty_unit(unit)
+    if label not in _PREFIXED or not 0 < largest < 0.1:
+        return 1.0, label
+    return (1e3, f"m{label}") if largest >= 1e-4 else (1e6, f"µ{label}")
+
+
+def plain_name(name: str) -> str:
+    """A name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
+    head, separator, tail = name.partition("_")
+    return f"{_GREEK.get(head, head)}{separator}{tail}"
+
+
+def symbol(name: str) -> Markup:
+    """A name as mathematics where it is a symbol (R_a, theta), else as code; always safe to put in the page."""
+    head, separator, tail = name.partition("_")
+    letter = _GREEK.get(head, head)
+    if len(letter) > 2 or not letter.isalpha() or "_" in tail or not (tail.isalnum() or not separator):
+        return Markup("<code>{}</code>").format(name)
+    subscript = Markup("<sub>{}</sub>").format(tail) if separator else Markup("")
+    return Markup('<span class="symbol"><i>{}</i>{}</span>').format(letter, subscript)
+
+
+def describe_signal(name: str) -> str:
+    """What a signal is, where the name is a known one."""
+    return _SIGNALS.get(name, "")
+
+
+def signal_title(name: str, unit: str) -> str:
+    """Title of a panel: symbol, meaning, unit."""
+    meaning = describe_signal(name)
+    title = f"{plain_name(name)}  {meaning}" if meaning else plain_name(name)
+    return f"{title} ({unit})" if unit else title
+
+
+def sentence(text: object) -> Markup:
+    """Escaped text in which ``backquoted`` names are set as symbols."""
+    parts = str(text).split("`")
+    if len(parts) % 2 == 0:
+        return escape(str(text))
+    return Markup("").join(symbol(part) if index % 2 else escape(part) for index, part in enumerate(parts))

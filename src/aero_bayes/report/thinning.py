@@ -1,0 +1,72 @@
+"""Long series made light enough to draw without losing their extremes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def envelope(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """Thin a series to the least and the greatest value of every time column.
+
+    A dropped sample can hide a spike; the extremes of each column, joined by lines, look as the whole series does.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        Increasing times and values; NaN values are gaps.
+    columns : int
+        Number of equal time columns, about one for each pixel.
+
+    Returns
+    -------
+    time, values : ndarray, shape (<= 2 * columns,)
+        Unchanged where the series is already that short. A column without any value is one NaN (a gap).
+    """
+    if len(time) <= 2 * columns:
+        return time, values
+    starts = _column_starts(time, columns)
+    low = np.fmin.reduceat(values, starts)
+    high = np.fmax.reduceat(values, starts)
+    ends = np.append(starts[1:], len(time)) - 1
+    falling = values[ends] < values[starts]
+    thinned = np.empty(2 * len(starts))
+    thinned[0::2] = np.where(falling, high, low)
+    thinned[1::2] = np.where(falling, low, high)
+    times = np.empty_like(thinned)
+    times[0::2] = time[starts]
+    times[1::2] = time[ends]
+    return times, thinned
+
+
+def band_envelope(
+    time: FloatArray, low: FloatArray, high: FloatArray, columns: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Thin a band to its least lower and greatest upper edge of every time column.
+
+    Parameters
+    ----------
+    time, low, high : ndarray, shape (n,)
+        Increasing times and the band's edges.
+    columns : int
+        Number of equal time columns.
+
+    Returns
+    -------
+    time, low, high : ndarray, shape (<= columns,)
+    """
+    if len(time) <= columns:
+        return time, low, high
+    starts = _column_starts(time, columns)
+    ends = np.append(starts[1:], len(time)) - 1
+    middle = 0.5 * (time[starts] + time[ends])
+    middle[0], middle[-1] = time[0], time[-1]
+    return middle, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
+
+
+def _column_starts(time: FloatArray, columns: int) -> NDArray[np.intp]:
+    span = time[-1] - time[0]
+    column = np.minimum(((time - time[0]) / span * columns).astype(np.intp), columns - 1)
+    return np.flatnonzero(np.diff(column, prepend=-1))
