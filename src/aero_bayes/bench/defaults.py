@@ -1,0 +1,87 @@
+"""The recordings that plain ``make`` uses: simulated, said to be so, and carrying an effect the fit is not told of."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aero_bayes.bench.inputs import paper_step, random_levels, staircase
+from aero_bayes.bench.rig import effect, simulate_recording
+from aero_bayes.bench.sensors import Sensors, real, white
+from aero_bayes.bench.truth import Parameters, Truth
+from aero_bayes.data import Recording, write_csv
+
+
+@dataclass(frozen=True)
+class SimulatedSet:
+    """Recordings of one simulated rig, for fitting and for judging, and what it truly is."""
+
+    train: tuple[Recording, ...]
+    test: tuple[Recording, ...]
+    truth: Truth
+    sensors: Sensors
+
+    def write(self, folder: Path | str) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+        """Write ``<name>.csv`` for every recording and ``simulated.json``, which holds the truth.
+
+        Returns the paths of the training and of the test recordings. Nothing in the CSV files tells that they are
+        simulated or what they carry.
+        """
+        root = Path(folder)
+        train = tuple(write_csv(recording, root / f"{recording.name}.csv") for recording in self.train)
+        test = tuple(write_csv(recording, root / f"{recording.name}.csv") for recording in self.test)
+        write_truth(root / "simulated.json", self.truth, self.sensors, [*self.train, *self.test])
+        return train, test
+
+
+def write_truth(path: Path, truth: Truth, sensors: Sensors, recordings: list[Recording]) -> None:
+    """The label that goes beside simulated recordings."""
+    label: dict[str, Any] = {
+        "simulated": True,
+        "recordings": [recording.name for recording in recordings],
+        "truth": truth.to_dict(),
+        "noise": sensors.label,
+    }
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(json.dumps(label, indent=1) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def default_truth() -> Truth:
+    """A rig a few percent off its data sheet whose pivot rubs: 1.2 mN m of dry friction, and a 6 ms input delay."""
+    parameters = Parameters().scaled(
+        {"R_a": 1.07, "c_m": 0.98, "J": 0.93, "k_d": 1.08, "k_t": 0.95, "D_p": 0.9, "K_sp": 1.05}
+    )
+    return Truth("one_dof", parameters, (effect("pivot_coulomb_friction", tau_c=1.2e-3),), 0.006)
+
+
+def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
+    """Two training recordings and one test recording, 60 s at 100 Hz each, all three outputs.
+
+    ``noise`` is ``white`` (5 mA, 1 rad/s, 2 mrad) or ``real`` (see :func:`aero_bayes.bench.sensors.real`).
+    """
+    streams = np.random.default_rng([seed, 1]).spawn(5)
+    truth, sensors = default_truth(), real() if noise == "real" else white()
+    designs = (
+        ("train_1", random_levels(streams[0], 20.0, 60.0)),
+        ("train_2", staircase([6.0, 12.0, 18.0, 24.0, 12.0, 0.0, -6.0, -12.0, -18.0, -6.0, 0.0], 5.0)),
+        ("test_1", random_levels(streams[1], 20.0, 60.0)),
+    )
+    made = [
+        simulate_recording(truth, design, sensors, stream, name=name)
+        for (name, design), stream in zip(designs, streams[2:], strict=True)
+    ]
+    return SimulatedSet((made[0], made[1]), (made[2],), truth, sensors)
+
+
+def paper_recording(seed: int = 0, truth: Truth | None = None, sensors: Sensors | None = None) -> Recording:
+    """The paper's experiment on the same rig: 24 V for 20 s, 0 V for 20 s, 2,001 samples."""
+    rng = np.random.default_rng([seed, 2])
+    return simulate_recording(
+        truth or default_truth(), paper_step(), sensors or white(), rng, duration=40.0, rate_hz=50.0, name="paper_step"
+    )

@@ -1,0 +1,169 @@
+"""The 18 effects of the catalogue as the bench has them: exact and, where the physics is, not smooth.
+
+Each kind knows its port, its parameters and how it changes a rig. All vanish when the first parameter is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import copysign, cos
+
+from aero_bayes.bench.plan import ExtraState, Plan
+from aero_bayes.bench.truth import EffectTruth
+from aero_bayes.errors import InputError
+
+Install = Callable[[Plan, Mapping[str, float]], None]
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class EffectKind:
+    """One kind of effect.
+
+    Parameters
+    ----------
+    id, port : str
+    ranges : mapping of str to (float, float)
+        Per parameter (SI) the smallest and largest value that trials draw, uniform in the logarithm. The first is the
+        magnitude.
+    install : callable
+        Puts the effect with given parameters into a rig.
+    signed : bool
+        Whether the magnitude is drawn with either sign.
+    """
+
+    id: str
+    port: str
+    ranges: Mapping[str, Range]
+    install: Install
+    signed: bool = False
+
+    @property
+    def magnitude(self) -> str:
+        """Name of the parameter that is zero where there is no effect."""
+        return next(iter(self.ranges))
+
+    def truth(self, **parameters: float) -> EffectTruth:
+        """An effect of this kind. Raises InputError for missing or unknown parameters."""
+        if set(parameters) != set(self.ranges):
+            raise InputError(f"bench: {self.id} takes {', '.join(self.ranges)}, not {', '.join(parameters) or 'none'}")
+        return EffectTruth(self.id, self.port, parameters)
+
+
+def _supply_resistance(plan: Plan, p: Mapping[str, float]) -> None:
+    plan.resistance += p["R_s"]
+
+
+def _brush_drop(plan: Plan, p: Mapping[str, float]) -> None:
+    drop = p["V_b"]
+    plan.brush.append(lambda t, i, w, th, q, z: drop)
+
+
+def _winding_heating(plan: Plan, p: Mapping[str, float]) -> None:
+    gain, rate = p["r_h"], 1.0 / p["T_h"]
+    index = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * gain * i * i))
+    plan.volts.append(lambda t, i, w, th, q, z: -z[index] * i)
+    plan.slopes.append(lambda i, z: z[index])
+
+
+def _amplifier_deadzone(plan: Plan, p: Mapping[str, float]) -> None:
+    width = p["V_dz"]
+    plan.amplifier.append(lambda v: copysign(max(abs(v) - width, 0.0), v))
+
+
+def _amplifier_saturation(plan: Plan, p: Mapping[str, float]) -> None:
+    if p["s_sat"] > 0.0:
+        limit = 1.0 / p["s_sat"]
+        plan.amplifier.append(lambda v: min(max(v, -limit), limit))
+
+
+def _rotor_coulomb_friction(plan: Plan, p: Mapping[str, float]) -> None:
+    level = p["tau_r"]
+    plan.rotor_friction.append(lambda t, i, w, th, q, z: level)
+
+
+def _rotor_viscous_friction(plan: Plan, p: Mapping[str, float]) -> None:
+    plan.viscous += p["d_r"]
+
+
+def _thrust_inflow_loss(plan: Plan, p: Mapping[str, float]) -> None:
+    loss = p["k_v"] * plan.truth.parameters.D_t
+    plan.thrust.append(lambda F, t, i, w, th, q, z: F - loss * abs(w) * q)
+
+
+def _thrust_lag(plan: Plan, p: Mapping[str, float]) -> None:
+    if p["T_f"] <= 0.0:
+        return
+    rate = 1.0 / p["T_f"]
+    plan.lag = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * F))
+
+
+def _thrust_asymmetry(plan: Plan, p: Mapping[str, float]) -> None:
+    share = p["a_f"]
+    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + copysign(share, F)))
+
+
+def _pivot_coulomb_friction(plan: Plan, p: Mapping[str, float]) -> None:
+    level = p["tau_c"]
+    plan.pivot_friction.append(lambda t, i, w, th, q, z: level)
+
+
+def _body_quadratic_drag(plan: Plan, p: Mapping[str, float]) -> None:
+    drag = p["c_b"]
+    plan.body.append(lambda t, i, w, th, q, z: -drag * q * abs(q))
+
+
+def _gravity_offset(plan: Plan, p: Mapping[str, float]) -> None:
+    torque = p["tau_g"]
+    plan.body.append(lambda t, i, w, th, q, z: torque * cos(th))
+
+
+def _cubic_stiffness(plan: Plan, p: Mapping[str, float]) -> None:
+    stiffness = p["k_3"]
+    plan.body.append(lambda t, i, w, th, q, z: -stiffness * th**3)
+
+
+def _current_offset(plan: Plan, p: Mapping[str, float]) -> None:
+    plan.current_offset += p["b_i"]
+
+
+def _speed_lag(plan: Plan, p: Mapping[str, float]) -> None:
+    if p["T_w"] <= 0.0:
+        return
+    rate = 1.0 / p["T_w"]
+    plan.speed_state = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * w))
+
+
+def _pitch_delay(plan: Plan, p: Mapping[str, float]) -> None:
+    plan.pitch_delay += p["T_d"]
+
+
+def _pitch_offset(plan: Plan, p: Mapping[str, float]) -> None:
+    plan.pitch_offset += p["b_th"]
+
+
+#: Sizes from barely visible to plain on a 60 s recording with a few hundredths of the range as noise.
+KINDS: dict[str, EffectKind] = {
+    kind.id: kind
+    for kind in (
+        EffectKind("supply_resistance", "electrical", {"R_s": (0.2, 3.0)}, _supply_resistance),
+        EffectKind("brush_drop", "electrical", {"V_b": (0.1, 1.5)}, _brush_drop),
+        EffectKind("winding_heating", "electrical", {"r_h": (5.0, 150.0), "T_h": (4.0, 20.0)}, _winding_heating),
+        EffectKind("amplifier_deadzone", "electrical", {"V_dz": (0.1, 2.0)}, _amplifier_deadzone),
+        EffectKind("amplifier_saturation", "electrical", {"s_sat": (1.0 / 19.0, 1.0 / 10.0)}, _amplifier_saturation),
+        EffectKind("rotor_coulomb_friction", "rotor", {"tau_r": (1e-4, 3e-3)}, _rotor_coulomb_friction),
+        EffectKind("rotor_viscous_friction", "rotor", {"d_r": (3e-7, 1e-5)}, _rotor_viscous_friction),
+        EffectKind("thrust_inflow_loss", "thrust", {"k_v": (1e-5, 1e-3)}, _thrust_inflow_loss),
+        EffectKind("thrust_lag", "thrust", {"T_f": (0.01, 0.3)}, _thrust_lag),
+        EffectKind("thrust_asymmetry", "thrust", {"a_f": (0.01, 0.3)}, _thrust_asymmetry, signed=True),
+        EffectKind("pivot_coulomb_friction", "body", {"tau_c": (1e-4, 3e-3)}, _pivot_coulomb_friction),
+        EffectKind("body_quadratic_drag", "body", {"c_b": (1e-3, 3e-2)}, _body_quadratic_drag),
+        EffectKind("gravity_offset", "body", {"tau_g": (2e-4, 5e-3)}, _gravity_offset, signed=True),
+        EffectKind("cubic_stiffness", "body", {"k_3": (3e-3, 0.1)}, _cubic_stiffness),
+        EffectKind("current_offset", "sensor", {"b_i": (1e-3, 0.1)}, _current_offset, signed=True),
+        EffectKind("speed_lag", "sensor", {"T_w": (3e-3, 0.1)}, _speed_lag),
+        EffectKind("pitch_delay", "sensor", {"T_d": (5e-3, 0.1)}, _pitch_delay),
+        EffectKind("pitch_offset", "sensor", {"b_th": (2e-3, 0.1)}, _pitch_offset, signed=True),
+    )
+}

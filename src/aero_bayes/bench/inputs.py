@@ -1,0 +1,112 @@
+"""Voltage signals for experiments, sampled and held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class InputDesign(Protocol):
+    """A voltage in V as a function of time in s."""
+
+    def volts(self, time: FloatArray) -> FloatArray:
+        """Values at ``time``, shape (n,); each is held to the next sample."""
+        ...
+
+
+@dataclass(frozen=True)
+class Levels:
+    """A staircase: ``levels[k]`` from ``starts[k]`` on, zero before. Steps, pulses and PRBS are all of this kind."""
+
+    starts: tuple[float, ...]
+    levels: tuple[float, ...]
+
+    def volts(self, time: FloatArray) -> FloatArray:
+        index = np.searchsorted(np.array(self.starts) - 1e-9, time, side="right")
+        values: FloatArray = np.concatenate(([0.0], self.levels))[index]
+        return values
+
+
+@dataclass(frozen=True)
+class MultiSine:
+    """A sum of sines: amplitudes in V, frequencies in Hz, phases in rad, around ``offset`` V."""
+
+    amplitudes: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    phases: tuple[float, ...]
+    offset: float = 0.0
+
+    def volts(self, time: FloatArray) -> FloatArray:
+        waves = np.outer(time, 2.0 * np.pi * np.array(self.frequencies)) + np.array(self.phases)
+        values: FloatArray = self.offset + np.sin(waves) @ np.array(self.amplitudes)
+        return values
+
+
+@dataclass(frozen=True)
+class Chirp:
+    """A sine whose frequency rises linearly from ``low`` to ``high`` Hz over ``duration`` s, then starts again."""
+
+    amplitude: float
+    low: float
+    high: float
+    duration: float
+    offset: float = 0.0
+
+    def volts(self, time: FloatArray) -> FloatArray:
+        t = np.mod(time, self.duration)
+        return self.offset + self.amplitude * np.sin(
+            2.0 * np.pi * (self.low * t + 0.5 * (self.high - self.low) / self.duration * t * t)
+        )
+
+
+def paper_step() -> Levels:
+    """The paper's experiment: 24 V for 20 s, then 0 V for 20 s."""
+    return Levels((0.0, 20.0), (24.0, 0.0))
+
+
+def pulse(height: float, start: float, width: float) -> Levels:
+    """One pulse of ``height`` V from ``start`` s, ``width`` s long."""
+    return Levels((start, start + width), (height, 0.0))
+
+
+def staircase(levels: Sequence[float], dwell: float, start: float = 1.0) -> Levels:
+    """``levels`` in V one after the other, ``dwell`` s each, from ``start`` s on."""
+    return Levels(tuple(start + dwell * k for k in range(len(levels))), tuple(float(level) for level in levels))
+
+
+def random_levels(
+    rng: Generator, height: float, duration: float, dwell: tuple[float, float] = (0.5, 4.0), start: float = 1.0
+) -> Levels:
+    """Levels uniform within +-``height`` V, each held for a time drawn from ``dwell`` s, zero for the last sixth."""
+    starts, levels, t = [], [], start
+    while t < duration * 5.0 / 6.0:
+        starts.append(round(t, 2))
+        levels.append(round(float(rng.uniform(-height, height)), 2))
+        t += float(rng.uniform(*dwell))
+    return Levels((*starts, round(duration * 5.0 / 6.0, 2)), (*levels, 0.0))
+
+
+def prbs(rng: Generator, height: float, duration: float, clock: float = 0.5, start: float = 1.0) -> Levels:
+    """A pseudo-random binary signal of +-``height`` V that may change every ``clock`` s."""
+    count = int((duration - start) / clock)
+    bits = rng.integers(0, 2, count)
+    return Levels(
+        tuple(round(start + clock * k, 6) for k in range(count)), tuple(float(height * (2 * b - 1)) for b in bits)
+    )
+
+
+def multi_sine(rng: Generator, height: float, low: float = 0.05, high: float = 2.0, count: int = 12) -> MultiSine:
+    """``count`` sines between ``low`` and ``high`` Hz with random phases whose sum stays within ``height`` V."""
+    frequencies = np.geomspace(low, high, count)
+    phases = rng.uniform(0.0, 2.0 * np.pi, count)
+    shape = frequencies**-0.25
+    t = np.arange(0.0, 4.0 / low, 0.05 / high)
+    peak = float(np.abs(np.sin(np.outer(t, 2.0 * np.pi * frequencies) + phases) @ shape).max())
+    return MultiSine(tuple(shape * height / peak), tuple(frequencies), tuple(phases))

@@ -1,0 +1,126 @@
+"""Effects that no catalogue lists: what a real rig may do and no one thought of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import copysign, exp, pi, sin, tanh
+
+from aero_bayes.bench.effects import EffectKind
+from aero_bayes.bench.plan import ExtraState, Plan
+
+
+def _battery_sag(plan: Plan, p: Mapping[str, float]) -> None:
+    """The supply runs down: its voltage falls by a share, with a time constant."""
+    share, tau = p["share"], p["tau"]
+    plan.supply.append(lambda t: 1.0 - share * (1.0 - exp(-max(t, 0.0) / tau)))
+
+
+def _contact_film(plan: Plan, p: Mapping[str, float]) -> None:
+    """A brush contact whose resistance falls with current: v = V_f i / (|i| + i_f)."""
+    drop, scale = p["V_f"], p["i_f"]
+    plan.volts.append(lambda t, i, w, th, q, z: -drop * i / (abs(i) + scale))
+    plan.slopes.append(lambda i, z: drop * scale / (abs(i) + scale) ** 2)
+
+
+def _cogging(plan: Plan, p: Mapping[str, float]) -> None:
+    """Torque over the rotor's angle with a fixed number of periods a turn."""
+    torque, periods = p["tau_g"], p["periods"]
+    plan.rotor.append(lambda t, i, w, th, q, z: -torque * sin(periods * z[0]))
+    plan.max_step = min(plan.max_step, 5e-4)
+
+
+def _eddy_drag(plan: Plan, p: Mapping[str, float]) -> None:
+    """A brake that saturates with speed."""
+    torque, scale = p["tau_e"], p["w_e"]
+    plan.rotor.append(lambda t, i, w, th, q, z: -torque * tanh(w / scale))
+
+
+def _propeller_stall(plan: Plan, p: Mapping[str, float]) -> None:
+    """Thrust that bends away from the square of speed: k_t w |w| (1 - s |w|)."""
+    loss = p["s"]
+    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - loss * abs(w)))
+
+
+def _ground_effect(plan: Plan, p: Mapping[str, float]) -> None:
+    """Thrust that grows as the body comes near the table, on one side only."""
+    gain, scale = p["gain"], p["angle"]
+    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + gain * exp(min(-th / scale, 2.0))))
+
+
+def _thrust_drift(plan: Plan, p: Mapping[str, float]) -> None:
+    """Thrust that falls over the recording as the blades warm and flatten."""
+    share, tau = p["share"], p["tau"]
+    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - share * (1.0 - exp(-max(t, 0.0) / tau))))
+
+
+def _friction_patch(plan: Plan, p: Mapping[str, float]) -> None:
+    """Dry friction at the pivot in a band of angles only (a worn bearing)."""
+    torque, centre, width = p["tau_p"], p["centre"], p["width"]
+    plan.pivot_friction.append(lambda t, i, w, th, q, z: torque * exp(-(((th - centre) / width) ** 2)))
+
+
+def _spring_backlash(plan: Plan, p: Mapping[str, float]) -> None:
+    """A spring that does not act within a band of angles: the missing part of the linear one."""
+    gap, stiffness = p["gap"], plan.truth.parameters.K_sp
+    plan.body.append(lambda t, i, w, th, q, z: stiffness * min(max(th, -gap), gap))
+
+
+def _spring_asymmetry(plan: Plan, p: Mapping[str, float]) -> None:
+    """A spring that softens with the square of the angle on one side and stiffens on the other."""
+    stiffness = p["k_2"]
+    plan.body.append(lambda t, i, w, th, q, z: -stiffness * th * abs(th) * (0.5 + copysign(0.5, th)))
+
+
+def _cable_hysteresis(plan: Plan, p: Mapping[str, float]) -> None:
+    """A cable that creeps: a spring in series with a dry slider (Dahl's model)."""
+    torque, stiffness = p["tau_h"], p["stiffness"]
+    if torque <= 0.0:
+        return
+    index = len(plan.extra)
+    plan.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: stiffness * (q - abs(q) * z[index] / torque)))
+    plan.body.append(lambda t, i, w, th, q, z: -z[index])
+
+
+def _gust(plan: Plan, p: Mapping[str, float]) -> None:
+    """A breath of wind on the body at a moment."""
+    torque, moment, width = p["tau"], p["time"], p["width"]
+    plan.body.append(lambda t, i, w, th, q, z: torque * exp(-(((t - moment) / width) ** 2)))
+
+
+def _touch(plan: Plan, p: Mapping[str, float]) -> None:
+    """A hand that pushes against the body for a short while."""
+    torque, moment, width = p["tau"], p["time"], p["width"]
+
+    def push(t: float) -> float:
+        return torque * sin(pi * (t - moment) / width) ** 2 if moment < t < moment + width else 0.0
+
+    plan.body.append(lambda t, i, w, th, q, z: push(t))
+
+
+KINDS: dict[str, EffectKind] = {
+    kind.id: kind
+    for kind in (
+        EffectKind("battery_sag", "electrical", {"share": (0.02, 0.2), "tau": (10.0, 60.0)}, _battery_sag),
+        EffectKind("contact_film", "electrical", {"V_f": (0.2, 2.0), "i_f": (0.05, 0.3)}, _contact_film),
+        EffectKind("cogging", "rotor", {"tau_g": (5e-4, 5e-3), "periods": (4.0, 4.0)}, _cogging),
+        EffectKind("eddy_drag", "rotor", {"tau_e": (3e-4, 3e-3), "w_e": (40.0, 150.0)}, _eddy_drag),
+        EffectKind("propeller_stall", "thrust", {"s": (1e-4, 1e-3)}, _propeller_stall),
+        EffectKind("ground_effect", "thrust", {"gain": (0.02, 0.3), "angle": (0.1, 0.4)}, _ground_effect),
+        EffectKind("thrust_drift", "thrust", {"share": (0.02, 0.3), "tau": (10.0, 60.0)}, _thrust_drift),
+        EffectKind(
+            "friction_patch",
+            "body",
+            {"tau_p": (5e-4, 5e-3), "centre": (0.1, 0.3), "width": (0.05, 0.15)},
+            _friction_patch,
+        ),
+        EffectKind("spring_backlash", "body", {"gap": (0.01, 0.1)}, _spring_backlash),
+        EffectKind("spring_asymmetry", "body", {"k_2": (3e-3, 5e-2)}, _spring_asymmetry, signed=True),
+        EffectKind("cable_hysteresis", "body", {"tau_h": (5e-4, 5e-3), "stiffness": (0.02, 0.1)}, _cable_hysteresis),
+        EffectKind(
+            "gust", "moment", {"tau": (2e-3, 2e-2), "time": (15.0, 45.0), "width": (0.3, 2.0)}, _gust, signed=True
+        ),
+        EffectKind(
+            "touch", "moment", {"tau": (2e-3, 2e-2), "time": (15.0, 45.0), "width": (0.5, 3.0)}, _touch, signed=True
+        ),
+    )
+}

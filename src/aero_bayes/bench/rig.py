@@ -1,0 +1,158 @@
+"""The simulated AERO: a truth, a voltage and sensors become a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from aero_bayes.bench import effects, outside
+from aero_bayes.bench.inputs import InputDesign
+from aero_bayes.bench.integrate import Integrator
+from aero_bayes.bench.plan import Plan
+from aero_bayes.bench.sensors import Noise, Sensors, clean, quantise
+from aero_bayes.bench.truth import EffectTruth, Truth
+from aero_bayes.data import AERO, Recording
+from aero_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrueRun:
+    """Undisturbed signals of a run, shape (n,) each, and the rotor's angle in rad for ripple."""
+
+    time: FloatArray
+    volts: FloatArray
+    i_m: FloatArray
+    omega_m: FloatArray
+    theta: FloatArray
+    angle: FloatArray
+    speed: FloatArray
+
+
+def sample_times(duration: float, rate_hz: float) -> FloatArray:
+    """Even sample times from 0 to ``duration`` s, both ends included."""
+    return np.arange(round(duration * rate_hz) + 1) / rate_hz
+
+
+def plan_of(truth: Truth) -> Plan:
+    """The equations of a rig. Raises InputError for an effect that the bench does not have."""
+    plan = Plan.of(truth)
+    for effect in truth.effects:
+        kind = effects.KINDS.get(effect.id) or outside.KINDS.get(effect.id)
+        if kind is None:
+            raise InputError(f"bench: no effect {effect.id}")
+        kind.truth(**effect.parameters)
+        kind.install(plan, effect.parameters)
+    return plan
+
+
+def simulate(truth: Truth, design: InputDesign, time: FloatArray, theta_start: float | None = None) -> TrueRun:
+    """What a rig truly does, without noise.
+
+    Parameters
+    ----------
+    truth : Truth
+    design : InputDesign
+        Commanded voltage, held from each sample to the next and applied ``truth.input_delay`` s late.
+    time : ndarray, shape (n,)
+        Sample times in s.
+    theta_start : float, optional
+        Pitch in rad from which the body is let go; by default where it rests undriven. Rotor and body start at rest.
+    """
+    plan = plan_of(truth)
+    commands = design.volts(time)
+    changes = np.concatenate(([True], commands[1:] != commands[:-1]))
+    jump_times = time[changes] + truth.input_delay
+    jump_volts = np.array([plan.applied(command) for command in commands[changes].tolist()])
+    delayed = np.maximum(time - plan.pitch_delay, time[0])
+    grid = _union(time, delayed, jump_times, end=time[-1])
+    index = np.searchsorted(jump_times, grid + 1e-10, side="right")
+    volts = np.concatenate(([plan.applied(0.0)], jump_volts))[index]
+    integrator = Integrator(plan)
+    start = integrator.rest_angle() if theta_start is None else theta_start
+    states = integrator.run(grid, volts, integrator.start(start))
+    at, late = np.searchsorted(grid, time - 1e-10), np.searchsorted(grid, delayed - 1e-10)
+    speed = states[at, 1]
+    return TrueRun(
+        time=time,
+        volts=commands,
+        i_m=states[at, 0] + plan.current_offset,
+        omega_m=speed if plan.speed_state is None else states[at, 4 + plan.speed_state],
+        theta=states[late, 2] + plan.pitch_offset,
+        angle=states[at, 4],
+        speed=speed,
+    )
+
+
+def measure(run: TrueRun, sensors: Sensors, rng: Generator, name: str = "simulated") -> Recording:
+    """What sensors make of a run."""
+    streams = rng.spawn(4)
+    readings: dict[str, FloatArray] = {}
+    channels: tuple[tuple[str, FloatArray, Noise], ...] = (
+        ("i_m", run.i_m, sensors.i_m),
+        ("omega_m", _tachometer(run, sensors), sensors.omega_m),
+        ("theta", run.theta, sensors.theta),
+    )
+    for stream, (output, values, noise) in zip(streams, channels, strict=False):
+        measured = values + noise.sample(stream, run.time, run.angle, run.speed)
+        if output == "theta" and sensors.encoder_counts:
+            measured = quantise(measured, sensors.encoder_counts)
+        if noise.missing:
+            measured = np.where(streams[3].random(measured.size) < noise.missing, np.nan, measured)
+        readings[output] = measured
+    return Recording(name, run.time, {"V_m": run.volts}, readings, AERO.units)
+
+
+def simulate_recording(
+    truth: Truth,
+    design: InputDesign,
+    sensors: Sensors | None = None,
+    rng: Generator | None = None,
+    *,
+    duration: float = 60.0,
+    rate_hz: float = 100.0,
+    name: str = "simulated",
+) -> Recording:
+    """One recording of a simulated rig, ``duration`` s at ``rate_hz``; see :func:`simulate` and :func:`measure`.
+
+    ``rng`` is needed where ``sensors`` has noise.
+    """
+    run = simulate(truth, design, sample_times(duration, rate_hz))
+    chosen = sensors or clean()
+    if rng is None:
+        if chosen != clean():
+            raise InputError("bench: noise needs a random generator")
+        rng = np.random.default_rng(0)
+    return measure(run, chosen, rng, name)
+
+
+def effect(id: str, **parameters: float) -> EffectTruth:
+    """An effect of the catalogue or outside it, by id. Raises InputError for unknown names."""
+    kind = effects.KINDS.get(id) or outside.KINDS.get(id)
+    if kind is None:
+        raise InputError(f"bench: no effect {id}")
+    return kind.truth(**parameters)
+
+
+def _tachometer(run: TrueRun, sensors: Sensors) -> FloatArray:
+    if not sensors.tachometer_counts:
+        return run.omega_m
+    step = 2.0 * np.pi / sensors.tachometer_counts
+    counts = np.floor(run.angle / step)
+    window = max(1, round(sensors.tachometer_window / float(np.median(np.diff(run.time)))))
+    earlier = np.maximum(np.arange(run.time.size) - window, 0)
+    elapsed = np.maximum(run.time - run.time[earlier], np.diff(run.time).min())
+    speed: FloatArray = (counts - counts[earlier]) * step / elapsed
+    return speed
+
+
+def _union(*parts: FloatArray, end: float) -> FloatArray:
+    """Times of all parts up to ``end``, sorted, those closer than 1e-10 s taken as one."""
+    grid = np.sort(np.concatenate(parts))
+    grid = grid[(grid >= parts[0][0]) & (grid <= end)]
+    distinct: FloatArray = grid[np.concatenate(([True], np.diff(grid) > 1e-10))]
+    return distinct
