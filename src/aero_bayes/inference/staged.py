@@ -1,0 +1,57 @@
+"""Fitting in the direction of causality: first what moves few outputs, then what depends on it.
+
+The paper fits the electrical parameters on current, the mechanical ones on speed and the aerodynamic ones on pitch
+(:data:`PAPER_STAGES`). A badly wrong pitch model otherwise drags the motor's parameters along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step: which parameters move, on which outputs they are judged."""
+
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+PAPER_STAGES = (
+    Stage(("R_a", "L_a"), ("i_m",)),
+    Stage(("J_r", "J_s"), ("omega_m",)),
+    Stage(("k_d", "k_t"), ("theta",)),
+)
+
+
+def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
+    """Stages from who moves what.
+
+    Parameters
+    ----------
+    names, outputs : sequences of str, lengths p and m
+    effect : ndarray, shape (p, m)
+        Size of each parameter's effect on each output in any common measure; zero for none.
+
+    Returns
+    -------
+    tuple of Stage
+        Outputs that the same parameters move form a stage; its parameters are those that no earlier stage had.
+    """
+    moved = [frozenset(np.flatnonzero(effect[:, k] > 0.0).tolist()) for k in range(len(outputs))]
+    stages: list[Stage] = []
+    settled: set[int] = set()
+    for members in sorted(set(moved), key=lambda s: (len(s), sorted(s))):
+        new = sorted(members - settled)
+        if not new:
+            continue
+        settled |= set(new)
+        group = tuple(out for out, m in zip(outputs, moved, strict=True) if m == members)
+        stages.append(Stage(tuple(names[j] for j in new), group))
+    return tuple(stages)

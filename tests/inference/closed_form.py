@@ -1,0 +1,126 @@
+"""A simulator of formulas, written for these tests alone: dense covariances, complex-step derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from aero_bayes.inference import Calibration, NoiseModel, Parameter, ParameterSet, Prior
+from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation.model import Model, Variable
+
+Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def model(outputs: Sequence[str], parameters: Sequence[str]) -> Model:
+    """A model that exists only on paper."""
+
+    def variables(names: Sequence[str]) -> tuple[Variable, ...]:
+        return tuple(Variable(n, "1", n, 1.0, None, None, None, k) for k, n in enumerate(names))
+
+    return Model(
+        Path("none.fmu"), "0", "paper", "0", "paper", variables(parameters), (), variables(outputs), (), 0, True, False
+    )
+
+
+def calibration(
+    experiments: Sequence[tuple[np.ndarray, np.ndarray]],
+    outputs: Sequence[str],
+    parameters: Sequence[Parameter],
+    noise: NoiseModel | None = None,
+) -> Calibration:
+    runs = tuple(Experiment(t, tuple(outputs), measured=y) for t, y in experiments)
+    return Calibration(
+        model(outputs, [p.name for p in parameters]),
+        runs,
+        tuple(f"run {k}" for k in range(len(runs))),
+        ParameterSet(tuple(parameters)),
+        noise=noise or NoiseModel("white"),
+    )
+
+
+def parameter(
+    name: str, start: float, lower: float, upper: float, prior: Prior, scale: str = "linear", **more: object
+) -> Parameter:
+    return Parameter(name, "1", start, lower, upper, prior, scale, name, ParameterTarget(name), **more)
+
+
+class FormulaSimulator:
+    """``formula(time, values)`` gives outputs (n, m) and must accept complex values."""
+
+    def __init__(self, problem: Problem, formula: Formula) -> None:
+        self.problem, self.formula = problem, formula
+        self.runs = 0
+
+    def __enter__(self) -> FormulaSimulator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        pass
+
+    def _outputs(self, values: np.ndarray, e: int) -> np.ndarray:
+        return np.asarray(self.formula(self.problem.experiments[e].time, values))
+
+    def _slopes(self, values: np.ndarray, e: int, active: Sequence[int]) -> np.ndarray:
+        columns = []
+        for j in active:
+            shifted = values.astype(complex)
+            shifted[j] += 1e-30j
+            columns.append(self._outputs(shifted, e).imag / 1e-30)
+        return np.stack(columns, axis=-1)
+
+    def simulate(self, values: np.ndarray, *, active: Sequence[int] | None = None) -> Trajectories:
+        count = range(len(self.problem.experiments))
+        outputs = tuple(np.stack([self._outputs(v, e) for v in values]) for e in count)
+        slopes = None
+        if active is not None:
+            slopes = tuple(np.stack([self._slopes(v, e, active) for v in values]) for e in count)
+        finite = np.stack([np.isfinite(y).all(axis=(1, 2)) for y in outputs], axis=1)
+        return Trajectories(outputs, slopes, np.where(finite, 0, 2).astype(np.uint8))
+
+    def _reduced(
+        self, values: np.ndarray, noise: np.ndarray, active: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        experiments = self.problem.experiments
+        m = len(experiments[0].outputs)
+        noise = np.broadcast_to(noise, (len(values), len(experiments), m, 3))
+        like = np.zeros((len(values), len(experiments)))
+        gradient, hessian = np.zeros((len(values), len(active))), np.zeros((len(values), len(active), len(active)))
+        for k, v in enumerate(values):
+            self.runs += 1
+            for e, experiment in enumerate(experiments):
+                fitted = self._outputs(v, e)
+                if not np.isfinite(fitted).all():
+                    like[k, e] = -np.inf
+                    continue
+                slope = self._slopes(v, e, active) if active else np.zeros((*fitted.shape, 0))
+                for c in range(m):
+                    seen = np.isfinite(experiment.measured[:, c])
+                    t, r = experiment.time[seen], (fitted - experiment.measured)[seen, c]
+                    white, ou, tau = noise[k, e, c]
+                    s = slope[seen, c]
+                    if ou > 0.0:
+                        cov = ou**2 * np.exp(-np.abs(t[:, None] - t) / tau) + white**2 * np.eye(t.size)
+                        inverse, log_det = np.linalg.inv(cov), np.linalg.slogdet(cov)[1]
+                        right = inverse @ r, inverse @ s
+                    else:
+                        right, log_det = (r / white**2, s / white**2), t.size * np.log(white**2)
+                    like[k, e] -= 0.5 * (r @ right[0] + log_det + t.size * np.log(2 * np.pi))
+                    gradient[k] += s.T @ right[0]
+                    hessian[k] += s.T @ right[1]
+        return like, gradient, hessian
+
+    def log_likelihood(self, values: np.ndarray, noise: np.ndarray) -> Likelihoods:
+        like = self._reduced(values, noise, ())[0]
+        return Likelihoods(like, np.where(np.isfinite(like), 0, 2).astype(np.uint8))
+
+    def gauss_newton(self, values: np.ndarray, noise: np.ndarray, *, active: Sequence[int]) -> GaussNewton:
+        like, gradient, hessian = self._reduced(values, noise, tuple(active))
+        total = like.sum(axis=1)
+        codes = np.where(np.isfinite(like), 0, 2).astype(np.uint8)
+        return GaussNewton(-total, gradient, hessian, total, codes)
