@@ -1,1 +1,56 @@
+"""Modelica source to FMU: OpenModelica where it is installed, else the embedded exporter.
 
+>>> from pathlib import Path
+>>> from aero_bayes.export import export_fmu
+>>> export_fmu("Aero.Systems.OneDof", Path("OneDof.fmu"))  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.library import modelica_root
+
+Compiler = Literal["auto", "omc", "embedded"]
+
+__all__ = ["Compiler", "export_fmu", "modelica_root"]
+
+
+def export_fmu(model: str, out: Path | str, *, compiler: Compiler = "auto", sources: Sequence[Path] = ()) -> Path:
+    """Export a Modelica model as an FMI 2.0 FMU for Model Exchange and Co-Simulation.
+
+    Parameters
+    ----------
+    model : str
+        Full name, such as ``Aero.Systems.OneDof``. The shipped package ``Aero`` is always loaded.
+    out : Path
+        The FMU to write; it appears whole or not at all.
+    compiler : {"auto", "omc", "embedded"}
+        ``auto``: ``omc`` where it is on the PATH, else the embedded exporter.
+    sources : sequence of Path
+        Further ``.mo`` files or package folders, loaded beside ``Aero``.
+
+    Returns
+    -------
+    Path
+        ``out``.
+
+    Raises
+    ------
+    InputError
+        For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
+    """
+    out = Path(out)
+    if compiler == "omc" or (compiler == "auto" and shutil.which("omc") is not None):
+        from aero_bayes.export.openmodelica import export_openmodelica
+
+        return export_openmodelica(model, out, sources)
+    if compiler not in ("auto", "embedded"):
+        raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
+    from aero_bayes.export.embedded import export_embedded
+
+    return export_embedded(model, out, sources)

@@ -1,0 +1,274 @@
+"""Residuals -> explicit equations: which variables are states, in what order to solve, and each one's expression.
+
+Equations and unknowns are matched, sorted into blocks (Tarjan), and each block is solved symbolically; blocks must be
+linear in their unknowns. Where an equation holds between states only, one of them is expressed by the others and its
+derivative follows by differentiation (index reduction by one).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.translate import System
+
+
+@dataclass(frozen=True)
+class ExplicitModel:
+    """``der(states) = rates``; every other variable's expression in ``solved``. ``starts`` in terms of parameters."""
+
+    system: System
+    states: tuple[str, ...]
+    rates: tuple[Node, ...]
+    solved: dict[str, Node]
+    starts: tuple[Node, ...]
+
+
+def causalise(system: System) -> ExplicitModel:
+    """Solve the residuals for the derivatives and the algebraic variables.
+
+    Raises
+    ------
+    InputError
+        For a structurally singular model or an algebraic loop that is not linear; names the variables.
+    """
+    b = system.builder
+    residuals = [r for r in system.residuals if r is not b.zero]
+    by_name = {v.name: v for v in system.variables}
+    dynamic = [v.name for v in system.variables if v.name in system.derivatives]
+    for name in system.derivatives:
+        if name not in by_name:
+            raise InputError(f"model {system.name}: the derivative of the input {name!r} is needed, which is not known")
+    extra: list[Node] = []
+    while True:
+        states = set(dynamic)
+        unknowns = [b.symbol(v.name) for v in system.variables if v.name not in states]
+        unknowns += [d for n, d in system.derivatives.items() if n in by_name]
+        equations = residuals + extra
+        if len(equations) != len(unknowns):
+            raise InputError(f"model {system.name}: {len(equations)} equations for {len(unknowns)} unknowns")
+        matched, free = _match(b, equations, unknowns)
+        if free is None:
+            break
+        _demote(system, equations[free], dynamic, extra)
+    solved = _solve(system, equations, unknowns, matched)
+    states_in_order = tuple(v.name for v in system.variables if v.name in states)
+    rates = tuple(solved[system.derivatives[n]] for n in states_in_order)
+    named = {n.name: e for n, e in solved.items()}
+    starts = _starts(system, states_in_order, solved)
+    return ExplicitModel(system, states_in_order, rates, named, starts)
+
+
+def _demote(system: System, equation: Node, dynamic: list[str], extra: list[Node]) -> None:
+    """Take one state of ``equation`` out of ``dynamic``; its derivative becomes the time derivative of the others."""
+    b = system.builder
+    by_name = {v.name: v for v in system.variables}
+    present = b.symbols(equation)
+    candidates = [n for n in dynamic if b.symbol(n) in present]
+    candidates.sort(key=lambda n: by_name[n].fixed)
+    for name in candidates:
+        symbol = b.symbol(name)
+        slope = b.derivative(equation, symbol)
+        if slope.op != "const" or slope.value == 0.0:
+            continue
+        others = b.neg(b.div(b.substitute(equation, {symbol: b.zero}), slope))
+        inputs = [v.name for v in system.inputs if b.symbol(v.name) in b.symbols(others)]
+        if inputs:
+            raise InputError(f"model {system.name}: the derivative of {name!r} needs that of the input {inputs[0]!r}")
+        rate = b.derivative(others, system.time)
+        for n, d in list(system.derivatives.items()):
+            if n != name:
+                rate = b.add(rate, b.mul(b.derivative(others, b.symbol(n)), d))
+        unknown = [s.name for s in b.symbols(others) if s.name in by_name and s.name not in system.derivatives]
+        if unknown:
+            continue
+        dynamic.remove(name)
+        extra.append(b.sub(system.derivatives[name], rate))
+        return
+    names = ", ".join(sorted(s.name for s in present)) or "no variable"
+    raise InputError(
+        f"model {system.name}: structurally singular: an equation that determines nothing new among {names}"
+    )
+
+
+def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tuple[list[int], int | None]:
+    """Give each equation an unknown (index), by augmenting paths; also the first equation left without, if any."""
+    index = {u: i for i, u in enumerate(unknowns)}
+    incidence = [sorted(index[s] for s in b.symbols(e) if s in index) for e in equations]
+    owner: list[int | None] = [None] * len(unknowns)
+    for start in range(len(equations)):
+        came_from: dict[int, tuple[int, int | None]] = {}
+        queue: deque[tuple[int, int | None]] = deque([(start, None)])
+        end = None
+        while queue and end is None:
+            equation, via = queue.popleft()
+            for u in incidence[equation]:
+                if u not in came_from:
+                    came_from[u] = (equation, via)
+                    holder = owner[u]
+                    if holder is None:
+                        end = u
+                        break
+                    queue.append((holder, u))
+        if end is None:
+            return [], start
+        step: int | None = end
+        while step is not None:
+            equation, via = came_from[step]
+            owner[step] = equation
+            step = via
+    matched = [0] * len(equations)
+    for u, holder in enumerate(owner):
+        if holder is not None:
+            matched[holder] = u
+    return matched, None
+
+
+def _solve(
+    system: System, equations: Sequence[Node], unknowns: Sequence[Node], matched: Sequence[int]
+) -> dict[Node, Node]:
+    b = system.builder
+    equation_of = {unknowns[u]: e for e, u in enumerate(matched)}
+    needs = [[equation_of[s] for s in _ordered(b, e) if s in equation_of] for e in equations]
+    solved: dict[Node, Node] = {}
+    memo: dict[Node, Node] = {}
+    for block in _components(needs):
+        block = sorted(block)
+        symbols = [unknowns[matched[e]] for e in block]
+        zeros = {s: b.zero for s in symbols}
+        constants = [b.substitute(equations[e], dict(zeros)) for e in block]
+        matrix = [[b.derivative(equations[e], s) for s in symbols] for e in block]
+        if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
+            names = ", ".join(s.name for s in symbols)
+            raise InputError(f"model {system.name}: the algebraic loop over {names} is not linear")
+        matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
+        right = [b.neg(b.substitute(c, memo)) for c in constants]
+        for symbol, value in zip(symbols, _linear_solve(system, matrix, right, symbols), strict=True):
+            solved[symbol] = value
+            memo[symbol] = value
+    return solved
+
+
+def _ordered(b: Builder, node: Node) -> list[Node]:
+    return sorted(b.symbols(node), key=lambda n: n.index)
+
+
+def _components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
+    """Strongly connected components, each after those that it needs (Tarjan 1972, without recursion)."""
+    index: dict[int, int] = {}
+    low: dict[int, int] = {}
+    on_stack: set[int] = set()
+    stack: list[int] = []
+    found: list[list[int]] = []
+    for root in range(len(needs)):
+        if root in index:
+            continue
+        work = [(root, iter(needs[root]))]
+        index[root] = low[root] = len(index)
+        stack.append(root)
+        on_stack.add(root)
+        while work:
+            node, successors = work[-1]
+            for s in successors:
+                if s not in index:
+                    index[s] = low[s] = len(index)
+                    stack.append(s)
+                    on_stack.add(s)
+                    work.append((s, iter(needs[s])))
+                    break
+                if s in on_stack:
+                    low[node] = min(low[node], index[s])
+            else:
+                work.pop()
+                if work:
+                    low[work[-1][0]] = min(low[work[-1][0]], low[node])
+                if low[node] == index[node]:
+                    component = []
+                    while True:
+                        member = stack.pop()
+                        on_stack.discard(member)
+                        component.append(member)
+                        if member == node:
+                            break
+                    found.append(component)
+    return found
+
+
+def _linear_solve(system: System, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]) -> list[Node]:
+    """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone."""
+    b = system.builder
+    n = len(right)
+    parameters = {b.symbol(p.name) for p in system.parameters}
+    matrix = [list(row) for row in matrix]
+    right = list(right)
+    rows = list(range(n))
+    pivots: list[tuple[int, int]] = []
+
+    def rank(node: Node) -> tuple[int, int]:
+        if node.op == "const":
+            return (0, 0 if abs(node.value) == 1.0 else 1)
+        return (1 if b.symbols(node) <= parameters else 2, len(b.symbols(node)))
+
+    columns = list(range(n))
+    while columns:
+        options = [(rank(matrix[i][j]), i, j) for i in rows for j in columns if matrix[i][j] is not b.zero]
+        if not options:
+            names = ", ".join(symbols[j].name for j in columns)
+            raise InputError(f"model {system.name}: singular equations for {names}")
+        fill = {(i, j): _fill(b, matrix, rows, columns, i, j) for _, i, j in options}
+        _, i, j = min(options, key=lambda o: (o[0], fill[o[1], o[2]], o[1], o[2]))
+        rows.remove(i)
+        columns.remove(j)
+        pivots.append((i, j))
+        for k in rows:
+            if matrix[k][j] is b.zero:
+                continue
+            factor = b.div(matrix[k][j], matrix[i][j])
+            for c in columns:
+                matrix[k][c] = b.sub(matrix[k][c], b.mul(factor, matrix[i][c]))
+            right[k] = b.sub(right[k], b.mul(factor, right[i]))
+            matrix[k][j] = b.zero
+    solution: list[Node] = [b.zero] * n
+    known: list[int] = []
+    for i, j in reversed(pivots):
+        total = right[i]
+        for c in known:
+            total = b.sub(total, b.mul(matrix[i][c], solution[c]))
+        solution[j] = b.div(total, matrix[i][j])
+        known.append(j)
+    return solution
+
+
+def _fill(b: Builder, matrix: list[list[Node]], rows: list[int], columns: list[int], i: int, j: int) -> int:
+    """Markowitz count: how many entries a pivot could fill."""
+    in_row = sum(matrix[i][c] is not b.zero for c in columns) - 1
+    in_column = sum(matrix[k][j] is not b.zero for k in rows) - 1
+    return in_row * in_column
+
+
+def _starts(system: System, states: Sequence[str], solved: dict[Node, Node]) -> tuple[Node, ...]:
+    """Initial value of each state: its start attribute, or what the initial equations give."""
+    b = system.builder
+    by_name = {v.name: v for v in system.variables}
+    starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
+    memo = dict(solved)
+    residuals = [r for r in (b.substitute(e, memo) for e in system.initial_residuals) if r is not b.zero]
+    open_states = [b.symbol(n) for n in states if not by_name[n].fixed]
+    used: list[Node] = []
+    for r in residuals:
+        choice = [s for s in open_states if s in b.symbols(r) and s not in used]
+        if not choice:
+            raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
+        used.append(choice[0])
+    if residuals:
+        fixed = {s: e for s, e in starts.items() if s not in used}
+        residuals = [b.substitute(r, dict(fixed)) for r in residuals]
+        matrix = [[b.derivative(r, s) for s in used] for r in residuals]
+        if any(b.symbols(a) & set(used) for row in matrix for a in row):
+            raise InputError(f"model {system.name}: the initial equations are not linear in the states")
+        right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
+        starts.update(zip(used, _linear_solve(system, matrix, right, used), strict=True))
+    return tuple(starts[b.symbol(n)] for n in states)

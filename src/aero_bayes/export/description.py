@@ -1,0 +1,180 @@
+"""modelDescription.xml of an exported model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from xml.etree import ElementTree as ET
+
+from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.codegen import Layout
+from aero_bayes.export.expression import Node, evaluate
+from aero_bayes.export.translate import Variable
+from aero_bayes.export.units import base_units
+
+
+def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifier: str, guid: str) -> bytes:
+    """The description as bytes, the same for the same model."""
+    b = model.system.builder
+    values = {b.symbol(p.name): _number(p.binding, {}) for p in layout.parameters if p.binding is not None}
+    for p in model.system.parameters:
+        if p.binding is not None and p.binding.op == "const":
+            values.setdefault(b.symbol(p.name), p.binding.value)
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
+        variableNamingConvention="structured", numberOfEventIndicators="0",
+    )  # fmt: skip
+    common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
+    ET.SubElement(
+        root, "ModelExchange", common, completedIntegratorStepNotNeeded="true", providesDirectionalDerivative="true"
+    )
+    ET.SubElement(
+        root,
+        "CoSimulation",
+        common,
+        canHandleVariableCommunicationStepSize="true",
+        providesDirectionalDerivative="true",
+    )
+    _units(root, layout)
+    ET.SubElement(
+        ET.SubElement(root, "LogCategories"), "Category", name="logStatusError", description="Calls that failed"
+    )
+    ET.SubElement(root.find("LogCategories"), "Category", name="logStatusWarning", description="Calls to look at")  # type: ignore[arg-type]
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="40", tolerance="1e-6")
+    writer = _Variables(root, values)
+    nx = len(layout.states)
+    for i, v in enumerate(layout.inputs):
+        writer.add(
+            v, 2 * nx + i, causality="input", variability="continuous", start=_attribute(v, "start", values, 0.0)
+        )
+    states = []
+    for i, v in enumerate(layout.states):
+        start = model.starts[i]
+        exact = start.op == "const"
+        causality = "output" if "output" in v.prefixes and "." not in v.name else "local"
+        states.append(
+            writer.add(
+                v,
+                i,
+                causality=causality,
+                variability="continuous",
+                initial="exact" if exact else "approx",
+                start=_number(start, values),
+            )
+        )
+    outputs: list[int] = []
+    for i, v in enumerate(layout.outputs):
+        outputs.append(
+            writer.add(v, layout.first_output + i, causality="output", variability="continuous", initial="calculated")
+        )
+    top = {v.name: v for v in model.system.variables}
+    for name, vr in layout.aliases.items():
+        v = top[name]
+        is_output = "output" in v.prefixes and "." not in name
+        index = writer.add(
+            v, vr, causality="output" if is_output else "local", variability="continuous", initial="calculated"
+        )
+        if is_output:
+            outputs.append(index)
+    for i, v in enumerate(layout.parameters):
+        writer.add(
+            v, layout.first_parameter + i, causality="parameter", variability="tunable", initial="exact",
+            start=values[b.symbol(v.name)],
+        )  # fmt: skip
+    dependent = [
+        writer.add(
+            v, layout.first_dependent + i, causality="calculatedParameter", variability="tunable", initial="calculated"
+        )
+        for i, v in enumerate(layout.dependent)
+    ]
+    rates = [_add_rate(writer, v, nx + i, states[i]) for i, v in enumerate(layout.states)]
+    outputs = sorted(outputs + [s for s in states if writer.causality(s) == "output"])
+    structure = ET.SubElement(root, "ModelStructure")
+    open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
+    for tag, indices in (
+        ("Outputs", outputs),
+        ("Derivatives", rates),
+        ("InitialUnknowns", sorted({*(o for o in outputs if o not in states), *rates, *dependent, *open_states})),
+    ):
+        if indices:
+            group = ET.SubElement(structure, tag)
+            for index in indices:
+                ET.SubElement(group, "Unknown", index=str(index))
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+
+
+def _units(root: ET.Element, layout: Layout) -> None:
+    names = {
+        v.unit
+        for group in (layout.states, layout.inputs, layout.parameters, layout.dependent, layout.outputs)
+        for v in group
+    }
+    names |= {_rate_unit(v.unit) for v in layout.states}
+    names.discard("")
+    if not names:
+        return
+    group = ET.SubElement(root, "UnitDefinitions")
+    for name in sorted(names):
+        unit = ET.SubElement(group, "Unit", name=name)
+        known = base_units(name)
+        if known is not None:
+            exponents = {k: str(v) for k, v in known[1].items()}
+            if known[0] != 1.0:
+                exponents["factor"] = repr(known[0])
+            ET.SubElement(unit, "BaseUnit", exponents)
+
+
+def _rate_unit(unit: str) -> str:
+    if not unit:
+        return ""
+    above, _, below = unit.partition("/")
+    parts = below.removeprefix("(").removesuffix(")").split(".") if below else []
+    seconds = [p for p in parts if p == "s" or (p.startswith("s") and p[1:].isdigit())]
+    if seconds:
+        parts[parts.index(seconds[0])] = f"s{int(seconds[0][1:] or 1) + 1}"
+    else:
+        parts.append("s")
+    return f"{above}/{parts[0]}" if len(parts) == 1 else f"{above}/({'.'.join(parts)})"
+
+
+def _number(node: Node | None, values: Mapping[Node, float]) -> float:
+    return 0.0 if node is None else evaluate([node], values)[0]
+
+
+def _attribute(v: Variable, key: str, values: Mapping[Node, float], otherwise: float) -> float:
+    return _number(v.attributes[key], values) if key in v.attributes else otherwise
+
+
+class _Variables:
+    def __init__(self, root: ET.Element, values: Mapping[Node, float]) -> None:
+        self.group = ET.SubElement(root, "ModelVariables")
+        self.values = values
+
+    def causality(self, index: int) -> str:
+        return self.group[index - 1].get("causality", "local")
+
+    def add(self, v: Variable, reference: int, *, start: float | None = None, **attributes: str) -> int:
+        """Append a variable; its index counts from one."""
+        element = ET.SubElement(self.group, "ScalarVariable", name=v.name, valueReference=str(reference))
+        if v.description:
+            element.set("description", v.description)
+        for key, value in attributes.items():
+            if key == "initial" and attributes["causality"] == "input":
+                continue
+            element.set(key, value)
+        real = {"unit": v.unit} if v.unit else {}
+        for key in ("min", "max", "nominal"):
+            if key in v.attributes:
+                real[key] = repr(_number(v.attributes[key], self.values))
+        if start is not None:
+            real["start"] = repr(start)
+        ET.SubElement(element, "Real", real)
+        return len(self.group)
+
+
+def _add_rate(writer: _Variables, v: Variable, reference: int, state: int) -> int:
+    rate = Variable(f"der({v.name})", frozenset(), "Real", "", _rate_unit(v.unit), {}, False, None)
+    index = writer.add(rate, reference, causality="local", variability="continuous", initial="calculated")
+    writer.group[index - 1][0].set("derivative", str(state))
+    return index

@@ -1,0 +1,76 @@
+"""Export by OpenModelica's compiler ``omc``.
+
+Its default co-simulation solver is forward Euler, which the stiff motor circuit makes unstable, and it emits no
+directional derivatives unless asked: hence the flags.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.build import write_archive
+from aero_bayes.export.library import check_model_name, identifier, stage
+
+FLAGS = "-d=-disableDirectionalDerivatives --fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
+TIME_LIMIT = 600.0
+
+
+def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = ()) -> Path:
+    """Write the FMU of ``model`` to ``out`` with ``omc``.
+
+    Raises
+    ------
+    InputError
+        Where ``omc`` is not on the PATH, or with the first error that it reports.
+    """
+    compiler = shutil.which("omc")
+    if compiler is None:
+        raise InputError("omc (OpenModelica) is not on the PATH; install it or use the embedded exporter")
+    check_model_name(model)
+    with tempfile.TemporaryDirectory(prefix="aero-bayes-") as name:
+        folder = Path(name)
+        files = [f.relative_to(folder).as_posix() for f in stage(folder, sources)]
+        (folder / "export.mos").write_text(script(model, files), encoding="utf-8")
+        try:
+            done = subprocess.run(
+                [compiler, "export.mos"], cwd=folder, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+            )
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{model}: omc did not finish within {TIME_LIMIT:g} s") from None
+        made = folder / f"{identifier(model)}.fmu"
+        if not made.is_file():
+            raise InputError(f"{model}: omc: {first_error(done.stdout + done.stderr)}")
+        try:
+            with zipfile.ZipFile(made) as archive:
+                members = {n: archive.read(n) for n in archive.namelist() if not n.endswith("/")}
+        except zipfile.BadZipFile:
+            raise InputError(f"{model}: omc wrote a damaged FMU") from None
+    write_archive(out, members)
+    return out
+
+
+def script(model: str, files: Sequence[str]) -> str:
+    """The ``.mos`` script: load the files in order, build the FMU, print what went wrong."""
+    lines = [f'setCommandLineOptions("{FLAGS}");', "getErrorString();"]
+    for file in files:
+        lines += [f'loadFile("{file}");', "getErrorString();"]
+    lines += [
+        f'buildModelFMU({model}, version="2.0", fmuType="me_cs", fileNamePrefix="{identifier(model)}");',
+        "getErrorString();",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def first_error(text: str) -> str:
+    """The first error line of omc's output, without its location in the temporary folder."""
+    for line in text.splitlines():
+        _, mark, message = line.partition("Error:")
+        if mark:
+            return message.strip().rstrip('"')
+    return "no FMU was written, and no error was printed"
