@@ -65,7 +65,9 @@ class Browser:
         return self.tab("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
 
     def open(self, page: Path, width: int = 1280, height: int = 900, *, dark: bool = False) -> None:
-        self.tab("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        self.tab(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.tab("Emulation.setEmulatedMedia", features=[scheme])
         self.events.clear()
@@ -78,7 +80,9 @@ class Browser:
             raise TimeoutError(f"{page} did not load")
         self.evaluate("document.body.offsetHeight")
 
-    def screenshot(self, target: Path, *, whole: bool = True, clip: tuple[float, float, float, float] | None = None) -> None:
+    def screenshot(
+        self, target: Path, *, whole: bool = True, clip: tuple[float, float, float, float] | None = None
+    ) -> None:
         options: dict[str, Any] = {"captureBeyondViewport": whole}
         if clip:
             options["clip"] = dict(zip(("x", "y", "width", "height", "scale"), (*clip, 1), strict=True))

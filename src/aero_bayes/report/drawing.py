@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from aero_bayes.report.thinning import band_envelope, envelope
+from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +50,7 @@ class Band:
     high: FloatArray
     colour: str
     opacity: float = 0.22
+    edge: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,16 @@ class Panel:
     """
 
     title: str
-    layers: tuple[Line | Band | Dots, ...]
+    layers: tuple[Layer, ...]
     height: float = 150
     y_limits: tuple[float, float] | None = None
     x_limits: tuple[float, float] | None = None
     levels: tuple[float, ...] = ()
     log_y: bool = False
     ticks: int = 4
+
+
+Layer = Line | Band | Dots
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,15 @@ class Plate:
 def line(time: FloatArray, values: FloatArray, colour: str, columns: int, width: float = 1.4) -> Line:
     """A curve thinned to its envelope over ``columns`` columns."""
     return Line(*envelope(time, values, columns), colour, width)
+
+
+def cloud(time: FloatArray, values: FloatArray, colour: str, columns: int, *, trend: bool = False) -> tuple[Layer, ...]:
+    """A noisy series: the area between its extremes, and on request its slow part; a curve where it is short."""
+    if len(time) <= 4 * columns:
+        return (line(time, values, colour, columns, 1.1),)
+    area = Band(*band_envelope(time, values, values, columns), colour, 0.4, edge=0.6)
+    slow = Line(*column_means(time, values, columns // 4), colour, 1.6)
+    return (area, slow) if trend else (area,)
 
 
 def band(time: FloatArray, low: FloatArray, high: FloatArray, colour: str, columns: int, opacity: float = 0.22) -> Band:
@@ -120,7 +133,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     Markup
         An ``<svg>`` element.
     """
-    left, right, title, gap, foot = 48.0, 8.0, 22.0, 10.0, 40.0
+    left, right, title, gap, foot = 48.0, 14.0, 25.0, 10.0, 40.0
     height = sum(panel.height + title for panel in panels) + gap * (len(panels) - 1) + foot
     figure = Figure(figsize=(width / 72, height / 72), dpi=72)
     top = height
@@ -132,7 +145,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
         )
         _fill(axes, panel, limits)
         _style(axes, panel, width, last=index == len(panels) - 1)
-        axes.text(-left / (width - left - right) + 4 / width, 1 + 7 / panel.height, panel.title,
+        axes.text(-left / (width - left - right) + 4 / width, 1 + 10 / panel.height, panel.title,
                   transform=axes.transAxes, fontsize=_FONT + 0.5, color=INK)  # fmt: skip
         top -= panel.height + gap
     figure.text(
@@ -169,10 +182,12 @@ def _fill(axes: Axes, panel: Panel, x_limits: tuple[float, float]) -> None:
     for layer in panel.layers:
         match layer:
             case Line():
-                axes.plot(layer.x, layer.y, color=layer.colour, linewidth=layer.width, solid_joinstyle="round",
-                          **({"dashes": (5, 3)} if layer.dashes else {}))  # fmt: skip
+                style = (0, (5, 3)) if layer.dashes else "-"
+                axes.plot(layer.x, layer.y, color=layer.colour, linewidth=layer.width, linestyle=style)
             case Band():
-                axes.fill_between(layer.x, layer.low, layer.high, color=layer.colour, alpha=layer.opacity, linewidth=0)
+                axes.fill_between(
+                    layer.x, layer.low, layer.high, color=layer.colour, alpha=layer.opacity, linewidth=layer.edge
+                )
             case Dots():
                 axes.plot(layer.x, layer.y, linestyle="none", marker=".", markersize=layer.size, markeredgewidth=0,
                           color=layer.colour, alpha=layer.opacity)  # fmt: skip
@@ -189,13 +204,16 @@ def _style(axes: Axes, panel: Panel, width: float, *, last: bool) -> None:
         axes.spines[side].set_visible(False)
     axes.spines["bottom"].set_color(MUTED if last else RULE)
     axes.spines["bottom"].set_linewidth(0.8)
-    axes.grid(axis="y", color=RULE, linewidth=0.8)
+    if panel.ticks:
+        axes.grid(axis="y", color=RULE, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.tick_params(axis="y", length=0, pad=6, labelsize=_FONT, labelcolor=MUTED)
     axes.tick_params(axis="x", length=3 if last else 0, pad=4, labelsize=_FONT, labelcolor=MUTED, color=MUTED,
                      labelbottom=last)  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(9 if width > 600 else 5))
-    if not panel.log_y:
+    if not panel.ticks:
+        axes.set_yticks([])
+    elif not panel.log_y:
         axes.yaxis.set_major_locator(MaxNLocator(panel.ticks))
         axes.yaxis.set_major_formatter(FuncFormatter(_tick))
     else:
@@ -208,7 +226,7 @@ def _tick(value: float, _position: int | None = None) -> str:
 
 
 def _lighten(svg: str, alt: str) -> str:
-    """Only what draws: no document head, no style sheet of its own, no unused ids, coordinates to a tenth of a pixel."""
+    """Only what draws: no document head, no style sheet of its own, no unused ids, coordinates to 0.1 pixel."""
     opening = re.search(r'<svg[^>]*viewBox="0 0 ([\d.]+) ([\d.]+)"[^>]*>', svg)
     if opening is None:
         raise ValueError("not an SVG drawing")

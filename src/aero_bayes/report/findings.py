@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from markupsafe import Markup
@@ -15,7 +15,8 @@ from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, signif
 
 def residual_table(run: RunDirectory) -> Markup | None:
     """Residual size against the noise floor and the whiteness test, by recording and output."""
-    rows, marked = [], []
+    rows: list[tuple[object, ...]] = []
+    marked = []
     roles = {row.get("name"): row.get("role", "") for row in table(run.result, "recordings")}
     for recording, outputs in mapping(run.result, "residual").items():
         for output, entry in mapping(outputs).items():
@@ -47,7 +48,7 @@ def noise_table(run: RunDirectory) -> Markup | None:
     for output, entry in entries.items():
         found = mapping(entry)
         sizes = [significant(number(found.get(key))) for key in ("sd", "sd_white", "sd_ou")]
-        correlated = (duration(number(found.get("tau_s"))), significant(number(found.get("rho")), 4))
+        correlated = (duration(number(found.get("tau_s"))), significant(number(found.get("rho"))))
         rows.append((symbol(output), *sizes, pretty_unit(unit_of(run, output)), *correlated))
     columns = (
         "output", Column("total", "right"), Column("white part", "right"), Column("correlated part", "right"), "unit",
@@ -58,7 +59,8 @@ def noise_table(run: RunDirectory) -> Markup | None:
 
 def sampler_table(run: RunDirectory) -> Markup | None:
     """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
-    rows, marked = [], []
+    rows: list[tuple[object, ...]] = []
+    marked = []
     for name, entry in mapping(run.result, "mcmc", "per_parameter").items():
         found = mapping(entry)
         r_hat = number(found.get("r_hat"))
@@ -79,7 +81,7 @@ def sampler_table(run: RunDirectory) -> Markup | None:
 def sampler_facts(run: RunDirectory) -> list[tuple[str, str]]:
     """The sampler's run in a few words and numbers."""
     mcmc = mapping(run.result, "mcmc")
-    shown = {
+    shown: dict[str, tuple[str, Callable[[float], str]]] = {
         "ensembles": ("independent ensembles", count), "walkers": ("walkers in each", count), "draws": ("draws", count),
         "tau": ("autocorrelation time (steps)", significant), "acceptance": ("accepted", _percent),
         "r_hat_max": ("largest R-hat", lambda x: f"{x:.4f}"), "ess_bulk_min": ("least effective draws, bulk", count),
@@ -93,15 +95,24 @@ def sampler_facts(run: RunDirectory) -> list[tuple[str, str]]:
 
 def rms_table(run: RunDirectory) -> Markup | None:
     """RMS error of the fit by recording role and output."""
-    errors = mapping(run.result, "fit", "rms")
-    rows = [
-        (split, symbol(output), significant(number(value)), pretty_unit(unit_of(run, output)))
-        for split, outputs in errors.items()
-        for output, value in mapping(outputs).items()
-    ]
-    if not rows:
+    errors = {
+        split: mapping(outputs) for split, outputs in mapping(run.result, "fit", "rms").items() if mapping(outputs)
+    }
+    outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
+    if not outputs:
         return None
-    return html_table(("recordings", "output", Column("RMS error", "right"), "unit"), rows, "Error of the fit")
+    rows = [
+        (symbol(output), *(significant(number(found.get(output))) for found in errors.values()),
+         pretty_unit(unit_of(run, output)))
+        for output in outputs
+    ]  # fmt: skip
+    words = {"train": "training", "test": "unseen"}
+    columns: tuple[Column | str, ...] = (
+        "output",
+        *(Column(words.get(split, split), "right") for split in errors),
+        "unit",
+    )
+    return html_table(columns, rows, "RMS error of the fit")
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
@@ -138,8 +149,8 @@ def replay_table(run: RunDirectory) -> Markup | None:
         )
         for row, value in zip(entries, fitness, strict=True)
     ]  # fmt: skip
-    columns = ("model", *(Column(symbol(name), "right") for name in names), Column("fitness, here", "right"),
-               Column("fitness, paper", "right"))  # fmt: skip
+    fits = Column("fitness, here", "right"), Column("fitness, paper", "right")
+    columns: tuple[Column | str, ...] = ("model", *(Column(symbol(name), "right") for name in names), *fits)
     marked = [index for index, value in enumerate(fitness) if value is not None and value == best]
     return html_table(
         columns, rows, "Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)", marked

@@ -5,12 +5,27 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import ACCENT, INK, MEASURED, SERIES, WARM, Band, Dots, Line, Panel, Plate, draw, line
+from aero_bayes.report.drawing import (
+    ACCENT,
+    INK,
+    MEASURED,
+    SERIES,
+    WARM,
+    Band,
+    Dots,
+    Line,
+    Panel,
+    Plate,
+    cloud,
+    draw,
+    line,
+)
 from aero_bayes.report.residual_figures import noise_floor, residuals
 from aero_bayes.report.run_directory import FloatArray, RunDirectory
 from aero_bayes.report.series_figures import NARROW, WIDE, columns_for, largest, named, unit_of
 from aero_bayes.report.text import plain_name, scaled_unit, signal_title
 
+PORT = 430.0
 _PORT_UNITS = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
 
 
@@ -30,7 +45,10 @@ def before_and_after(run: RunDirectory, recording: str) -> Plate | None:
             floor = noise_floor(run, recording, name)
             levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
             curves = tuple(
-                line(time, r * factor, colour, columns_for(width), 1.0) for r, colour in pair if r is not None
+                layer
+                for values, colour in pair
+                if values is not None
+                for layer in cloud(time, values * factor, colour, columns_for(width), trend=True)
             )
             drawn.append(Panel(signal_title(name, unit), curves, 110, levels=levels, ticks=3))
         return drawn
@@ -50,15 +68,15 @@ def port_plates(run: RunDirectory, recording: str) -> list[Plate]:
     laws = run.signals("portlaw", recording)
     for port, values in ports.items():
         factor, unit = scaled_unit(largest(values), unit_of(run, port) or _PORT_UNITS.get(port, ""))
-        axis = f"unknown signal at port {port}" + (f" ({unit})" if unit else "")
+        axis = f"signal at port {port}" + (f" ({unit})" if unit else "")
         law = laws[port] * factor if port in laws else None
         for state, across in states.items():
             plates.append(_against_state(run, across, values * factor, law, axis, port, state))
         if not states:
             time = run.time(recording)
-            curve = line(time, values * factor, ACCENT, columns_for(440))
+            curve = line(time, values * factor, ACCENT, columns_for(PORT))
             alt = f"Signal inferred at port {port} over time, recording {recording}."
-            plates.append(Plate(draw([Panel(axis, (curve,), 190)], 440, alt, "time (s)"), None, alt, Markup("")))
+            plates.append(Plate(draw([Panel(axis, (curve,), 190)], PORT, alt, "time (s)"), None, alt, Markup("")))
     return plates
 
 
@@ -119,7 +137,7 @@ def _against_state(
     alt = f"Signal inferred at port {port} against {state}: points, median and 90 % range."
     words = "Points: inferred at each moment; line and band: median and 90 % range."
     words += " Dashed: what the added effect gives." if law is not None else ""
-    return Plate(draw([Panel(axis, tuple(layers), 220)], 440, alt, label), None, alt, Markup(words))
+    return Plate(draw([Panel(axis, tuple(layers), 220)], PORT, alt, label), None, alt, Markup(words))
 
 
 def _state_unit(state: str) -> str:

@@ -18,7 +18,7 @@ from aero_bayes.report.tables import (
     parameter_quantity,
     ratio_glyph,
 )
-from aero_bayes.report.text import NOTHING, minus, pretty_unit, significant, symbol
+from aero_bayes.report.text import NOTHING, count, minus, pretty_unit, significant, symbol
 
 _SHOWN_CANDIDATES = 8
 _OUTCOMES = {
@@ -49,7 +49,7 @@ class Effect:
     port: str
     kind: str
     parameters: Markup | None
-    evidence: str
+    evidence: Markup
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def effects(run: RunDirectory) -> list[Effect]:
         Effect(
             str(entry.get("id", NOTHING)), _EFFECTS.get(str(entry.get("id")), ""), str(entry.get("port", NOTHING)),
             "learned shape" if entry.get("kind") == "free_form" else "from the catalogue",
-            _effect_parameters(entry), str(generic_cell(entry.get("evidence") or {})),
+            _effect_parameters(entry), Markup(generic_cell(entry.get("evidence") or {})),
         )
         for entry in table(run.result, "loop", "effects")
     ]  # fmt: skip
@@ -214,7 +214,7 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
         share = gain / most if gain is not None and most > 0 else 0.0
         words = f"evidence gained by {name}: {significant(gain)}"
         after = row.get("rms_after")
-        rows.append((label, row.get("port", NOTHING), bar(share, words), significant(gain), generic_cell(after), note))
+        rows.append((label, row.get("port", NOTHING), bar(share, words), _gain(gain), generic_cell(after), note))
     marked = [index for index, row in enumerate(ranked) if chosen is not None and row.get("id") == chosen]
     columns = (
         "candidate", "port", "", Column("evidence gained", "right"), Column("RMS after", "right"), "",
@@ -222,6 +222,10 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
     first = html_table(columns, rows[:_SHOWN_CANDIDATES], "Candidates, each refitted with all parameters free", marked)
     rest = rows[_SHOWN_CANDIDATES:]
     return first, html_table(columns, rest, "The other candidates") if rest else None
+
+
+def _gain(value: float | None) -> str:
+    return NOTHING if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
 def _floor(run: RunDirectory, split: str, output: str) -> float | None:

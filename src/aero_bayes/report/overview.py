@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.tables import Column, generic_cell, html_table
-from aero_bayes.report.text import count, describe_signal, duration, significant, symbol
+from aero_bayes.report.text import count, describe_signal, duration, significant, symbol, tidy
 
 _LEVELS = {"good", "warning", "bad"}
 _HASH_SHOWN = 16
@@ -70,23 +70,21 @@ def provenance(run: RunDirectory) -> list[Markup]:
     result, tables = run.result, []
     recordings = {row.get("name"): row for row in table(result, "recordings")}
     files = [
-        (
-            str(row.get("file", "–")), count(number(row.get("rows"))), significant(number(row.get("rate_hz")), 4),
-            Markup('<code class="hash" title="{0}">{1}</code>').format(row.get("sha256", ""), str(row.get("sha256", "–"))[:_HASH_SHOWN]),
-        )
+        (str(row.get("file", "–")), count(number(row.get("rows"))), tidy(number(row.get("rate_hz"))),
+         _hash(str(row.get("sha256") or "–")))
         for row in table(result, "data")
     ]  # fmt: skip
     if files:
-        columns = ("file", Column("rows", "right"), Column("rate (Hz)", "right"), "SHA-256 (first digits)")
-        tables.append(html_table(columns, files, "Data"))
+        heads = ("file", Column("rows", "right"), Column("rate (Hz)", "right"), "SHA-256 (first digits)")
+        tables.append(html_table(heads, files, "Data"))
     if recordings:
-        rows = [
+        used = [
             (str(name), row.get("role", "–"), count(number(row.get("rows"))), duration(number(row.get("duration_s"))),
-             generic_cell(row.get("inputs")), generic_cell(row.get("outputs")))
+             _signals(row.get("inputs")), _signals(row.get("outputs")))
             for name, row in recordings.items()
         ]  # fmt: skip
         columns = ("recording", "role", Column("rows", "right"), Column("length", "right"), "inputs", "outputs")
-        tables.append(html_table(columns, rows, "Recordings"))
+        tables.append(html_table(columns, used, "Recordings"))
     for title, node in (
         ("Model", mapping(result, "model")),
         ("Run", {key: result[key] for key in ("command", "seed", "seconds") if key in result}),
@@ -95,7 +93,10 @@ def provenance(run: RunDirectory) -> list[Markup]:
         ("Time by stage (s)", mapping(result, "stages_seconds")),
     ):
         if node:
-            rows = [(str(key).replace("_", " "), _exact(value)) for key, value in node.items()]
+            rows = [
+                (key if title == "Versions" else str(key).replace("_", " "), _exact(value))
+                for key, value in node.items()
+            ]
             tables.append(html_table(("", ""), rows, title))
     return tables
 
@@ -110,6 +111,10 @@ def warnings(run: RunDirectory) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def _signals(names: object) -> Markup:
+    return Markup(", ").join(symbol(str(name)) for name in names) if isinstance(names, list) else Markup("–")
+
+
 def _outputs(run: RunDirectory) -> list[str]:
     named = [out for found in mapping(run.result, "residual").values() for out in mapping(found)]
     return list(dict.fromkeys(named))
@@ -121,14 +126,16 @@ def _residual_reading(run: RunDirectory, output: str) -> Reading:
     structured = any(entry.get("verdict") == "structured" for entry in entries)
     words = "structured: something is missing" if structured else "no structure left"
     return Reading(
-        symbol(output) + Markup(" residual"), f"{significant(max(ratios, default=None))} ×",
-        f"noise floor; {words}", "warning" if structured else "good",
+        symbol(output) + Markup(" residual"), f"{significant(max(ratios, default=None))}\u202f×",
+        f"the noise floor; {words}", "warning" if structured else "good",
     )  # fmt: skip
 
 
 def _exact(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
-    if isinstance(value, str) and len(value) == 64:
-        return Markup('<code class="hash" title="{0}">{1}</code>').format(value, value[:_HASH_SHOWN])
-    return generic_cell(value)
+    return _hash(value) if isinstance(value, str) and len(value) == 64 else generic_cell(value)
+
+
+def _hash(digits: str) -> Markup:
+    return Markup('<code class="hash" title="{}">{}</code>').format(digits, digits[:_HASH_SHOWN])

@@ -90,7 +90,6 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     verdict, level = overview.verdict(run)
     command = str(result.get("command", ""))
     model = mapping(result, "model")
-    units = {name: str(mapping(entry).get("unit") or "") for name, entry in mapping(result, "parameters").items()}
     parameters = mapping(result, "parameters")
     return {
         "title": str(result.get("title") or f"{_TITLES.get(command, 'Run')}: {model.get('name', run.path.name)}"),
@@ -102,7 +101,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "recordings": [_recording(run, name) for name in run.recordings()],
         "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
         "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run), "pso": _pso(run),
-        "posterior": _posterior(run, units), "loop": _loop(run) if mapping(result, "loop") else None,
+        "posterior": _posterior(run), "loop": _loop(run) if mapping(result, "loop") else None,
         "replay": _replay(run), "provenance": overview.provenance(run),
     }  # fmt: skip
 
@@ -129,10 +128,14 @@ def _pso(run: RunDirectory) -> Plate | None:
     return posterior_figures.history_plate(history, "best cost") if isinstance(history, list) else None
 
 
-def _posterior(run: RunDirectory, units: dict[str, str]) -> dict[str, Any] | None:
+def _posterior(run: RunDirectory) -> dict[str, Any] | None:
+    parameters = mapping(run.result, "parameters")
+    units = {name: str(mapping(entry).get("unit") or "") for name, entry in parameters.items()}
+    status = {name: mapping(entry).get("status") for name, entry in parameters.items()}
+    seen = {name: draws for name, draws in run.posterior.items() if status.get(name) != "unidentified"}
     shown = {
         "facts": findings.sampler_facts(run), "table": findings.sampler_table(run),
-        "pairs": posterior_figures.pair_plate(run.posterior, units) if run.posterior else None,
+        "pairs": posterior_figures.pair_plate(seen, units) if seen else None,
         "traces": posterior_figures.trace_plates(run.posterior, units),
         "ensembles": max((len(draws) for draws in run.posterior.values()), default=0),
     }  # fmt: skip

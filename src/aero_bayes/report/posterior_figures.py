@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import contourpy
 import numpy as np
@@ -11,13 +12,30 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.stats import rankdata
 
-from aero_bayes.report.drawing import ACCENT, INK, MUTED, RULE, SERIES, Band, Line, Panel, Plate, draw, to_svg
+from aero_bayes.report.drawing import (
+    ACCENT,
+    INK,
+    MEASURED,
+    MUTED,
+    RULE,
+    SERIES,
+    Band,
+    Layer,
+    Line,
+    Panel,
+    Plate,
+    draw,
+    to_svg,
+)
 from aero_bayes.report.run_directory import FloatArray
-from aero_bayes.report.text import plain_name, pretty_unit, quantity, significant
+from aero_bayes.report.text import minus, plain_name, pretty_unit, quantity, significant, symbol
 
 _TRACE_BINS = 60
+_Chunks = tuple[list[FloatArray | None], list[NDArray[np.uint8] | None]]
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
@@ -39,9 +57,9 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         return None
     draws = {name: posterior[name].ravel() for name in names}
     correlation = _rank_correlation(posterior, names)
-    cell = 96 if len(names) > 5 else 130
-    left, foot = 14.0, 44.0
-    width, height = left + cell * len(names) + 90, foot + cell * len(names) + 22
+    cell = min(150.0, 980 / len(names))
+    left, foot = 2.0, 44.0
+    width, height = left + cell * len(names) + 8, foot + cell * len(names) + 22
     figure = Figure(figsize=(width / 72, height / 72), dpi=72)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_xlim(0, width)
@@ -56,18 +74,18 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
                 axes.text(x0 + cell / 2, y0 + cell + 3, plain_name(name), ha="center", fontsize=12.5, color=INK)
             else:
                 _joint(axes, draws[name], draws[below], x0, y0, cell)
-                r = correlation[row, column]
-                if abs(r) >= 0.3:
-                    axes.text(x0 + cell - 10, y0 + cell - 18, f"{r:+.2f}".replace("-", "−"), fontsize=10, ha="right",
-                              color=INK if abs(r) > 0.7 else MUTED)  # fmt: skip
+                _number(
+                    axes, correlation[row, column], left + cell * row, foot + cell * (len(names) - 1 - column), cell
+                )
             if row == len(names) - 1:
                 _cell_scale(axes, draws[name], units.get(name, ""), x0, cell, foot)
     strongest = _strongest(names, correlation)
-    alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {strongest}."
+    first, second, value = strongest
+    alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     caption = Markup(
-        "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlation where it is above 0.3. "
-        "Every cell spans the central 99 % of its parameter. Strongest: {}."
-    ).format(strongest)
+        "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlations. "
+        "Every cell spans the central 99.8 % of its parameter. Strongest: {} with {}, {}."
+    ).format(symbol(first), symbol(second), value)
     return Plate(to_svg(figure, alt), None, alt, caption)
 
 
@@ -77,16 +95,17 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
     for name, draws in posterior.items():
         if draws.shape[1] < 8 or not np.isfinite(draws).all():
             continue
-        scale = quantity(float(np.median(draws)), *map(float, np.quantile(draws, (0.05, 0.95))), units.get(name, ""))
+        low, high = np.quantile(draws, (0.05, 0.95))
+        unit = quantity(float(low), float(low), float(high), units.get(name, "")).unit
         power = _power(draws)
         bins = np.array_split(np.arange(draws.shape[1]), min(_TRACE_BINS, draws.shape[1] // 4))
         where = np.array([float(index.mean()) for index in bins]) / draws.shape[1] * 100
-        layers: list[Line | Band] = []
+        lower, upper = np.transpose([np.quantile(draws[:, part], (0.05, 0.95)) / power for part in bins])
+        layers: list[Layer] = [Band(where, lower, upper, MEASURED, 0.25)]
         for index, ensemble in enumerate(draws / power):
-            colour = SERIES[index % len(SERIES)]
-            low, middle, high = np.transpose([np.quantile(ensemble[part], (0.05, 0.5, 0.95)) for part in bins])
-            layers += [Band(where, low, high, colour, 0.07), Line(where, middle, colour, 1.2)]
-        title = f"{plain_name(name)} ({scale.unit})" if scale.unit else plain_name(name)
+            middle = np.array([np.median(ensemble[part]) for part in bins])
+            layers.append(Line(where, middle, SERIES[index % len(SERIES)], 1.2))
+        title = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
         alt = f"Traces of {name}: running median of {len(draws)} ensembles."
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
         plates.append(Plate(draw([panel], 300, alt, "draws kept (%)"), None, alt, Markup("")))
@@ -101,7 +120,7 @@ def history_plate(history: Sequence[float], label: str) -> Plate | None:
     log = bool(np.nanmin(best) > 0 and np.nanmax(best) / np.nanmin(best) > 10)
     panel = Panel(label, (Line(np.arange(1.0, len(best) + 1), best, ACCENT),), 120, log_y=log)
     first, last = best[np.isfinite(best)][[0, -1]]
-    alt = f"Best cost of the particle swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
+    alt = f"Best cost of the swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
     return Plate(draw([panel], 320, alt, "iteration"), None, alt, Markup("Particle swarm: best cost so far."))
 
 
@@ -111,19 +130,19 @@ def _power(draws: FloatArray) -> float:
 
 
 def _rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
-    ranks = np.array([np.argsort(np.argsort(posterior[name].ravel())) for name in names], dtype=np.float64)
+    ranks = np.array([rankdata(posterior[name]) for name in names], dtype=np.float64)
     return np.asarray(np.corrcoef(ranks), dtype=np.float64)
 
 
-def _strongest(names: Sequence[str], correlation: FloatArray) -> str:
+def _strongest(names: Sequence[str], correlation: FloatArray) -> tuple[str, str, str]:
     lower = np.tril(correlation, -1)
     row, column = np.unravel_index(np.argmax(np.abs(lower)), lower.shape)
-    return f"{names[column]} with {names[row]}, {lower[row, column]:+.2f}".replace("-", "−")
+    return names[int(column)], names[int(row)], minus(f"{lower[row, column]:+.2f}")
 
 
 def _range(draws: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(draws, (0.005, 0.995))
-    return float(low), float(high) if high > low else float(low) + 1e-12
+    low, high = (float(q) for q in np.quantile(draws, (0.001, 0.999)))
+    return low, high if high > low else low + 1e-12
 
 
 def _marginal(axes: Axes, draws: FloatArray, x0: float, y0: float, cell: float) -> None:
@@ -138,23 +157,25 @@ def _marginal(axes: Axes, draws: FloatArray, x0: float, y0: float, cell: float) 
 def _joint(axes: Axes, across: FloatArray, up: FloatArray, x0: float, y0: float, cell: float) -> None:
     side, bins = cell - 8, 44
     counts, _, _ = np.histogram2d(up, across, bins=bins, range=(_range(up), _range(across)))
-    smooth = gaussian_filter(counts, 1.6, mode="nearest")
+    smooth = gaussian_filter(counts, 2.0, mode="nearest")
     ranked = np.sort(smooth.ravel())[::-1]
     held = np.cumsum(ranked) / ranked.sum()
     grid = (np.arange(bins) + 0.5) / bins * side
-    contours = contourpy.contour_generator(x0 + grid, y0 + grid, smooth, fill_type="OuterOffset")
+    kind = contourpy.FillType.ChunkCombinedCode
+    contours = contourpy.contour_generator(x0 + grid, y0 + grid, smooth, fill_type=kind)
     axes.plot([x0, x0, x0 + side], [y0 + side, y0, y0], color=RULE, linewidth=0.8)
     for share, opacity in ((0.9, 0.25), (0.5, 0.5)):
         level = ranked[min(int(np.searchsorted(held, share)), len(ranked) - 1)]
-        points, offsets = contours.filled(float(level), float(ranked[0]) + 1.0)
-        outlines = [_outline(ring, np.asarray(cuts)) for ring, cuts in zip(points, offsets, strict=True) if len(ring)]
+        points, codes = cast("_Chunks", contours.filled(float(level), float(ranked[0]) + 1.0))
+        outlines = [Outline(ring, kinds) for ring, kinds in zip(points, codes, strict=True) if ring is not None]
         axes.add_collection(PathCollection(outlines, facecolor=ACCENT, edgecolor="none", alpha=opacity))
 
 
-def _outline(points: FloatArray, offsets: FloatArray) -> Outline:
-    codes = np.full(len(points), Outline.LINETO, dtype=Outline.code_type)
-    codes[offsets[:-1].astype(int)] = Outline.MOVETO
-    return Outline(points, codes)
+def _number(axes: Axes, correlation: float, x0: float, y0: float, cell: float) -> None:
+    """The rank correlation in the mirrored cell: the stronger, the larger and darker."""
+    strength = abs(correlation)
+    axes.text(x0 + cell / 2 - 4, y0 + cell / 2 - 8, minus(f"{correlation:+.2f}"), fontsize=11 + 9 * strength, ha="center",
+              color=INK if strength >= 0.5 else MUTED, alpha=1 if strength >= 0.2 else 0.6)  # fmt: skip
 
 
 def _cell_scale(axes: Axes, draws: FloatArray, unit: str, x0: float, cell: float, foot: float) -> None:

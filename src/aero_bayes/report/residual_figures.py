@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import ACCENT, INK, WARM, Band, Line, Panel, Plate, draw, line
+from aero_bayes.report.drawing import ACCENT, INK, WARM, Band, Line, Panel, Plate, cloud, draw, line
 from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number, table
 from aero_bayes.report.series_figures import NARROW, SMALL, WIDE, columns_for, largest, named, unit_of
 from aero_bayes.report.text import scaled_unit, signal_title, significant
@@ -41,12 +41,15 @@ def over_time(run: RunDirectory, recording: str, model: str = "fitted") -> Plate
             factor, unit = scaled_unit(largest(values), unit_of(run, name))
             floor = noise_floor(run, recording, name)
             levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
-            curve = line(time, values * factor, colour, columns_for(width), 1.0)
-            drawn.append(Panel(signal_title(name, unit), (curve,), height=96, levels=levels, ticks=3))
+            layers = cloud(time, values * factor, colour, columns_for(width), trend=True)
+            drawn.append(Panel(signal_title(name, unit), layers, height=96, levels=levels, ticks=3))
         return drawn
 
     alt = f"Recording {recording}: residual ({model} model) of {named(list(found))} over time."
-    caption = Markup("Measured minus model. Dashed: twice the noise floor; noise alone leaves 95 % of samples between.")
+    caption = Markup(
+        "Measured minus model. Dashed: twice the noise floor; noise alone leaves 95 % of samples between. "
+        "Shaded: from the least to the greatest value of every pixel column; line: running mean."
+    )
     return Plate(draw(panels(WIDE), WIDE, alt, "time (s)"), draw(panels(NARROW), NARROW, alt, "time (s)"), alt, caption)
 
 
@@ -66,19 +69,16 @@ def autocorrelation(values: FloatArray) -> FloatArray:
     size = 1 << (2 * len(values) - 1).bit_length()
     power = np.abs(np.fft.rfft(centred, size)) ** 2
     products = np.fft.irfft(power, size)[: len(values)]
-    return products / products[0] if products[0] > 0 else np.zeros_like(products)
+    return np.asarray(products / products[0], dtype=np.float64) if products[0] > 0 else np.zeros_like(products)
 
 
 def statistics(run: RunDirectory, recording: str, model: str = "fitted") -> list[Plate]:
-    """For every output: the residual's autocorrelation with its whiteness band, and its histogram."""
-    plates = []
+    """The residual's autocorrelation with its whiteness band, output by output, then the histograms."""
     time = run.time(recording)
-    for name, values in residuals(run, recording, model).items():
-        if np.count_nonzero(np.isfinite(values)) < 16:
-            continue
-        plates.append(_autocorrelation_plate(time, values, recording, name))
-        plates.append(_histogram_plate(run, values, recording, name))
-    return plates
+    found = residuals(run, recording, model).items()
+    shown = [(name, values) for name, values in found if np.count_nonzero(np.isfinite(values)) >= 16]
+    memory = [_autocorrelation_plate(time, values, recording, name) for name, values in shown]
+    return memory + [_histogram_plate(run, values, recording, name) for name, values in shown]
 
 
 def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str, name: str) -> Plate:
@@ -89,14 +89,15 @@ def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str,
     white = 1.96 / np.sqrt(np.count_nonzero(np.isfinite(values)))
     outside = float(np.mean(np.abs(correlation[lags]) > white))
     factor, unit = (1e3, "ms") if lags[-1] * step < 2 else (1.0, "s")
-    lag = lags * step * factor
+    lag = np.asarray(lags * step * factor, dtype=np.float64)
     drawn = line(lag, correlation[lags], ACCENT, columns_for(SMALL))
     strip = Band(lag[[0, -1]], np.full(2, -white), np.full(2, white), INK, 0.14)
-    low = min(-0.2, float(correlation[lags].min()) - 0.05)
-    panel = Panel(f"{signal_title(name, '')}: autocorrelation", (strip, drawn), 120, y_limits=(low, 1.05))
+    reach = max(4 * white, 1.15 * float(np.abs(correlation[lags]).max()))
+    low = -reach if reach < 0.3 else min(-0.2, float(correlation[lags].min()) - 0.05)
+    panel = Panel(f"{signal_title(name, '')}: autocorrelation", (strip, drawn), 120, y_limits=(low, min(1.05, reach)))
     share = significant(100 * outside, 2)
-    alt = f"Autocorrelation of the residual of {named([name])}, recording {recording}: {share} % of lags outside the band."
-    caption = Markup("{} % of lags lie outside the band of white noise; white noise would put 5 % there.").format(share)
+    alt = f"Autocorrelation of the {named([name])} residual, recording {recording}: {share} % of lags outside the band."
+    caption = Markup("{} % of lags lie outside the shaded band; white noise would put 5 % there.").format(share)
     return Plate(draw([panel], SMALL, alt, f"lag ({unit})"), None, alt, caption)
 
 
@@ -113,7 +114,7 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     if floor:
         grid = np.linspace(-reach, reach, 301)
         layers.append(Line(factor * grid, np.exp(-0.5 * (grid / floor) ** 2), INK, 1.3))
-    panel = Panel(f"{signal_title(name, '')}: residual, relative frequency", tuple(layers), 120, (0, 1.08), ticks=2)
+    panel = Panel(f"{signal_title(name, '')}: how often", tuple(layers), 120, (0, 1.08), ticks=0)
     alt = f"Histogram of the residual of {named([name])}, recording {recording}, against the noise floor's bell curve."
     rms = float(np.sqrt(np.mean(finite**2)))
     words = f"RMS {significant(factor * rms)} {unit}."

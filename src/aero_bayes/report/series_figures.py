@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from aero_bayes.report.drawing import ACCENT, INK, MEASURED, Panel, Plate, band, draw, line
+from aero_bayes.report.drawing import ACCENT, INK, MEASURED, Layer, Panel, Plate, band, cloud, draw, line
 from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping
-from aero_bayes.report.text import describe_signal, duration, scaled_unit, signal_title, significant
+from aero_bayes.report.text import describe_signal, duration, scaled_unit, signal_title
 
 WIDE, NARROW, SMALL = 980.0, 350.0, 320.0
 _SI = {"V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
@@ -82,8 +82,8 @@ def after_jumps(run: RunDirectory, recording: str, most: int = 2) -> list[Plate]
             if np.count_nonzero(shown) < 8 or not np.isfinite(run.signals("measured", recording)[name][shown]).any():
                 continue
             panel = _output_panel(run, recording, name, shown, columns_for(SMALL), 130, window)
-            at = significant(float(time[start]), 4)
-            alt = f"{named([name]).capitalize()} in recording {recording}, from {at} s, when the input jumps: measured and fitted."
+            at = f"{time[start]:.6g}"
+            alt = f"Measured and fitted {named([name])} in recording {recording} after the input jump at {at} s."
             plates.append(
                 Plate(draw([panel], SMALL, alt, "time (s)"), None, alt, Markup("Input jump at {} s.").format(at))
             )
@@ -118,11 +118,10 @@ def input_jumps(time: FloatArray, inputs: Sequence[FloatArray]) -> list[tuple[in
 
 
 def _response_window(time: FloatArray, response: FloatArray, start: int, end: int) -> tuple[float, float]:
-    """From a little before a jump to four times the time at which the response has done 63 % of its way."""
-    segment = response[start : end + 1]
-    way = np.abs(segment - segment[0])
-    reached = int(np.argmax(way >= 0.63 * np.nanmax(way))) if np.nanmax(way) > 0 else len(segment) // 8
-    span = time[min(end, start + max(16, 4 * reached))] - time[start]
+    """From a little before a jump to three times the time that the response takes to come within 37 % of its end."""
+    way = np.abs(response[start:end] - response[end - 1])
+    settled = int(np.flatnonzero(way >= 0.37 * np.max(way))[-1]) if np.max(way) > 0 else (end - start) // 8
+    span = time[min(end - 1, start + max(24, 3 * settled))] - time[start]
     return max(float(time[0]), float(time[start] - 0.1 * span)), float(time[start] + span)
 
 
@@ -137,9 +136,9 @@ def _output_panel(
         if name in (found := run.signals(group, recording))
     }
     factor, unit = scaled_unit(largest(picked["measured"]), unit_of(run, name))
-    layers: list[object] = [line(time, factor * picked["measured"], MEASURED, columns, 1.3)]
+    layers: list[Layer] = [*cloud(time, factor * picked["measured"], MEASURED, columns)]
     if "lower" in picked and "upper" in picked:
         layers.append(band(time, factor * picked["lower"], factor * picked["upper"], ACCENT, columns, 0.2))
     if "fitted" in picked:
-        layers.append(line(time, factor * picked["fitted"], ACCENT, columns, 1.6))
-    return Panel(signal_title(name, unit), tuple(layers), height=height, x_limits=limits)  # type: ignore[arg-type]
+        layers.append(line(time, factor * picked["fitted"], ACCENT, columns, 1.3))
+    return Panel(signal_title(name, unit), tuple(layers), height=height, x_limits=limits)

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from aero_bayes.report.run_directory import mapping, number
-from aero_bayes.report.text import NOTHING, Quantity, quantity, sentence, significant, symbol
+from aero_bayes.report.text import NOTHING, Quantity, key_label, quantity, sentence, significant, symbol, tidy
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
@@ -55,16 +55,15 @@ def html_table(
     for index, row in enumerate(rows):
         cells = Markup("")
         for column, cell in zip(heads, row, strict=True):
-            tag = (
-                Markup('<th scope="row" class="{}">{}</th>') if column is heads[0] else Markup('<td class="{}">{}</td>')
-            )
-            cells += tag.format(column.align, NOTHING if cell is None else cell)
+            tag, scope = ("th", Markup(' scope="row"')) if column is heads[0] else ("td", "")
+            shown = NOTHING if cell is None else cell
+            cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, scope, column.align, shown)
         body += Markup('<tr class="marked">{}</tr>' if index in marked else "<tr>{}</tr>").format(cells)
+    top = Markup("<thead><tr>{}</tr></thead>").format(head) if any(c.title for c in heads) else Markup("")
     title = Markup("<caption>{}</caption>").format(caption) if caption else Markup("")
     return Markup(
-        '<div class="scroll" tabindex="0" role="region" aria-label="{}"><table>{}<thead><tr>{}</tr></thead>'
-        "<tbody>{}</tbody></table></div>"
-    ).format(caption or "table", title, head, body)
+        '<div class="scroll" tabindex="0" role="region" aria-label="{}"><table>{}{}<tbody>{}</tbody></table></div>'
+    ).format(caption or "table", title, top, body)
 
 
 def parameter_table(parameters: Mapping[str, Any]) -> Markup:
@@ -115,9 +114,8 @@ def interval_glyph(stated: Mapping[str, Any], name: str) -> Markup:
     if None in wide:
         wide = [number(stated.get(key)) for key in ("lower", "upper")]
     first, last = wide
-    if None in (low, high, middle, first, last) or last <= first:  # type: ignore[operator]
+    if low is None or high is None or middle is None or first is None or last is None or last <= first:
         return Markup("")
-    assert low is not None and high is not None and middle is not None and first is not None and last is not None
     ends = min(first, low), max(last, high)
     log = ends[0] > 0 and ends[1] / ends[0] > 3
 
@@ -178,11 +176,12 @@ def generic_cell(value: object) -> object:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return significant(number(value), 4)
+        return tidy(number(value), 4)
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {generic_cell(item)}" for key, item in value.items())
+        pairs = (Markup("{} {}").format(key_label(key), generic_cell(item)) for key, item in value.items())
+        return Markup(", ").join(pairs)
     if isinstance(value, list | tuple):
-        return ", ".join(str(generic_cell(item)) for item in value)
+        return Markup(", ").join(escape(str(generic_cell(item))) for item in value)
     return NOTHING if value is None else sentence(value)
 
 

@@ -26,12 +26,20 @@ def significant(value: float | None, digits: int = 3) -> str:
         return NOTHING
     if value == 0:
         return "0"
-    if not 1e-3 <= abs(value) < 1e5:
+    if not 1e-4 <= abs(value) < 1e5:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return minus(f"{mantissa}×10{str(int(exponent)).translate(_SUPERSCRIPT)}")
     rounded = float(f"{value:.{digits - 1}e}")
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
     return minus(f"{rounded:.{decimals}f}")
+
+
+def tidy(value: float | None, digits: int = 4) -> str:
+    """As ``significant``, without zeros that only pad; whole numbers in full."""
+    if value is not None and float(value).is_integer() and abs(value) < 1e15:
+        return count(value) if abs(value) >= 1e4 else minus(f"{value:.0f}")
+    mantissa, times, power = significant(value, digits).partition("×")
+    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
 
 
 def minus(text: str) -> str:
@@ -125,6 +133,8 @@ def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
 
 def plain_name(name: str) -> str:
     """A name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
+    if name.endswith("_dot") and name.count("_") == 1:
+        return f"{_GREEK.get(name[:-4], name[:-4])}\u0307"
     head, separator, tail = name.partition("_")
     return f"{_GREEK.get(head, head)}{separator}{tail}"
 
@@ -137,6 +147,14 @@ def symbol(name: str) -> Markup:
         return Markup("<code>{}</code>").format(name)
     subscript = Markup("<sub>{}</sub>").format(tail) if separator else Markup("")
     return Markup('<span class="symbol"><i>{}</i>{}</span>').format(letter, subscript)
+
+
+def key_label(key: object) -> Markup:
+    """A key of a run's result as a label: a symbol where it is one, else its words."""
+    text = str(key)
+    head = text.partition("_")[0]
+    known = head in _GREEK or (len(head) <= 2 and "_" in text)
+    return symbol(text) if known else escape(text.replace("_", " "))
 
 
 def describe_signal(name: str) -> str:

@@ -66,6 +66,28 @@ def band_envelope(
     return middle, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
 
 
+def column_means(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """Mean of every time column: the slow part of a noisy series.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        Increasing times and values; NaN values are gaps.
+    columns : int
+        Number of equal time columns.
+
+    Returns
+    -------
+    time, means : ndarray, shape (<= columns,)
+        NaN for a column without any value.
+    """
+    starts = _column_starts(time, columns)
+    sizes = np.add.reduceat(np.isfinite(values).astype(np.float64), starts)
+    sums = np.add.reduceat(np.where(np.isfinite(values), values, 0.0), starts)
+    ends = np.append(starts[1:], len(time)) - 1
+    return 0.5 * (time[starts] + time[ends]), np.divide(sums, sizes, out=np.full(len(starts), np.nan), where=sizes > 0)
+
+
 def _column_starts(time: FloatArray, columns: int) -> NDArray[np.intp]:
     span = time[-1] - time[0]
     column = np.minimum(((time - time[0]) / span * columns).astype(np.intp), columns - 1)
