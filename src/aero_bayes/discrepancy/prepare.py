@@ -25,7 +25,7 @@ DISTINCT = 3.0
 
 @dataclass(frozen=True)
 class Ripple:
-    """Ripple found on one output: the order (periods a turn) and its mean amplitude at the fastest speed seen."""
+    """Ripple found on one output: the order (periods a turn) and its amplitude."""
 
     order: int
     amplitude: float
@@ -129,8 +129,7 @@ def remove_ripple(
         ]
         if float(np.mean(locked[clear] ** 2)) < DISTINCT * max(min(empty), 1e-300):
             continue
-        top = float(np.max(np.abs(speed)))
-        amplitude = float(np.sqrt(2.0 * np.mean(locked[clear] ** 2) / np.mean((speed[clear] / top) ** 2)))
+        amplitude = float(np.sqrt(2.0 * np.mean(locked[clear] ** 2)))
         subtract += np.where(clear, locked, 0.0)
         fast = fast - np.where(clear, locked, 0.0)
         if amplitude > 0.5 * float(np.std(fast[turning])):

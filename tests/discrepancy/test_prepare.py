@@ -1,0 +1,72 @@
+"""Sensor artefacts: counts, standstill and ripple on signals made in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.discrepancy.prepare import alias, quantum, remove_ripple, thin_standstill
+
+
+def test_quantum_is_found_on_counts_and_nowhere_else():
+    rng = np.random.default_rng(1)
+    step = 2 * np.pi / 2048
+    smooth = 0.3 * np.sin(np.linspace(0, 20, 4000)) + 1e-4 * rng.normal(size=4000)
+    assert quantum(np.round(smooth / step) * step) == pytest.approx(step, rel=1e-6)
+    assert quantum(smooth) == 0.0
+    assert quantum(np.zeros(100)) == 0.0
+
+
+def test_standstill_keeps_three_of_a_long_stretch():
+    time = np.arange(1000) * 0.01
+    values = np.concatenate([np.arange(300.0), np.full(400, 7.0), np.arange(300.0)])
+    values[500] = np.nan
+    use = thin_standstill(time, values)
+    assert use[:300].all()
+    assert use[700:].all()
+    assert use[300:700].sum() == 3
+    assert not use[500]
+
+
+def test_alias_of_a_turning_rotor():
+    speed = 2 * np.pi * np.array([10.0, 60.0, 99.0, 150.0])
+    np.testing.assert_allclose(alias(speed, 1, 0.01), [10.0, 40.0, 1.0, 50.0], atol=1e-9)
+
+
+def test_ripple_is_taken_out_and_slow_physics_stays():
+    rng = np.random.default_rng(2)
+    time = np.arange(6000) * 0.01
+    speed = np.where(time < 30, 250.0, 180.0) + 5 * np.sin(time)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.01)))
+    ripple = 4.0 * np.sin(2 * angle + 0.4)
+    physics = 1.5 * np.sin(2 * np.pi * 0.3 * time)
+    noise = rng.normal(size=6000)
+    subtract, drop, found = remove_ripple(time, ripple + physics + noise, speed)
+    assert [r.order for r in found] == [2]
+    assert found[0].amplitude == pytest.approx(4.0, rel=0.15)
+    left = ripple - subtract
+    inside = (time > 2) & (time < 58) & (np.abs(time - 30) > 2)
+    assert np.sqrt(np.mean(left[inside] ** 2)) < 0.35
+    assert not drop.any()
+
+
+def test_no_ripple_is_found_in_plain_noise():
+    rng = np.random.default_rng(3)
+    time = np.arange(6000) * 0.01
+    speed = 300.0 + 50.0 * np.sin(0.2 * time)
+    subtract, drop, found = remove_ripple(time, rng.normal(size=6000), speed)
+    assert found == ()
+    assert not drop.any()
+    assert not subtract.any()
+
+
+def test_ripple_with_a_slow_alias_is_dropped():
+    rng = np.random.default_rng(4)
+    time = np.arange(6000) * 0.01
+    speed = np.where(time < 30, 250.0, 100.0 * np.pi + 0.5)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.01)))
+    values = 4.0 * np.sin(2 * angle) + rng.normal(size=6000)
+    _, drop, found = remove_ripple(time, values, speed)
+    assert [r.order for r in found] == [2]
+    assert drop[time > 31].all()
+    assert not drop[time < 29].any()
