@@ -1,0 +1,93 @@
+"""Ripple that is locked to the rotor: found by regression on the angle that the recorded speed integrates to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data.recording import Recording
+
+FloatArray = NDArray[np.float64]
+#: Length in s of the pieces within which the integrated angle keeps its phase.
+PIECE = 0.5
+#: Speeds in rad/s below which a rotor is not looked at.
+SLOWEST = 20.0
+
+
+def input_jumps(recording: Recording) -> FloatArray:
+    """Times in s at which any input changes from one sample to the next by more than a hundredth of its range."""
+    changed = np.zeros(recording.rows - 1, dtype=bool)
+    for values in recording.inputs.values():
+        changed |= np.abs(np.diff(values)) > 0.01 * max(float(np.ptp(values)), 1e-300)
+    jumps: FloatArray = recording.time[1:][changed]
+    return jumps
+
+
+def rotor_angle(recording: Recording) -> FloatArray | None:
+    """The rotor's angle in rad from the recorded speed (trapezoidal rule), None where no speed was recorded."""
+    speed = recording.outputs.get("omega_m")
+    if speed is None or not np.isfinite(speed).any():
+        return None
+    seen = np.isfinite(speed)
+    filled = np.interp(recording.time, recording.time[seen], speed[seen])
+    steps = 0.5 * (filled[1:] + filled[:-1]) * np.diff(recording.time)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) -> dict[int, float]:
+    """Amplitude of the ripple of an output at so many periods a turn, by order.
+
+    Orders that do not stand out of the noise are left out, and so is one that the sample rate folds onto a near
+    standstill. Amplitudes are in the output's unit, averaged over the pieces of the recording in which the rotor turns
+    and no input has jumped lately.
+    """
+    angle = rotor_angle(recording)
+    if angle is None or recording.rate_hz <= 0.0:
+        return {}
+    values, speed, time = recording.outputs[output], recording.outputs["omega_m"], recording.time
+    size = max(int(PIECE * recording.rate_hz), 24)
+    jumps = input_jumps(recording)
+    powers: dict[int, list[tuple[float, float]]] = {order: [] for order in orders}
+    for first in range(0, recording.rows - size + 1, size):
+        part = slice(first, first + size)
+        if jumps.size and ((jumps > time[part][0] - 0.2) & (jumps <= time[part][-1])).any():
+            continue
+        y, w = values[part], speed[part]
+        ok = np.isfinite(y) & np.isfinite(w)
+        if ok.sum() < 0.8 * size or np.abs(w[ok]).mean() < SLOWEST:
+            continue
+        _regress(y[ok], time[part][ok], angle[part][ok], orders, powers)
+    found: dict[int, float] = {}
+    for order, pairs in powers.items():
+        if len(pairs) < 4:
+            continue
+        power, noise = np.mean(np.array(pairs), axis=0)
+        if power > noise * (1.0 + 6.0 / np.sqrt(len(pairs))):
+            found[order] = float(np.sqrt(power - noise))
+    return found
+
+
+def _regress(
+    y: FloatArray,
+    time: FloatArray,
+    angle: FloatArray,
+    orders: tuple[int, ...],
+    powers: dict[int, list[tuple[float, float]]],
+) -> None:
+    """Add (squared amplitude, what noise alone gives) of each order in one piece."""
+    t = (time - time[0]) / (time[-1] - time[0]) - 0.5
+    columns = [np.ones_like(t), t, t**2, t**3]
+    for order in orders:
+        columns += [np.cos(order * angle), np.sin(order * angle)]
+    design = np.column_stack(columns)
+    gram = design.T @ design
+    if np.linalg.cond(gram) > 1e6 or y.size <= design.shape[1] + 4:
+        return
+    inverse = np.linalg.inv(gram)
+    solution = inverse @ (design.T @ y)
+    residual = y - design @ solution
+    variance = float(residual @ residual) / (y.size - design.shape[1])
+    for k, order in enumerate(orders):
+        a, b = 4 + 2 * k, 5 + 2 * k
+        power = float(solution[a] ** 2 + solution[b] ** 2)
+        powers[order].append((power, variance * float(inverse[a, a] + inverse[b, b])))

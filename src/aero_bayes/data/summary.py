@@ -1,0 +1,185 @@
+"""What a recording is like: sampling, input, and each output's resolution and noise; `aero-bayes check` prints it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data.noise import NoiseFloor, noise_floor, quantisation_step
+from aero_bayes.data.recording import Recording
+from aero_bayes.data.ripple import input_jumps, ripple
+
+FloatArray = NDArray[np.float64]
+#: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
+STUCK = 5
+
+
+@dataclass(frozen=True)
+class InputSummary:
+    """An input: its range, how often it jumps and when (the first 20), and the share of time at its largest size."""
+
+    name: str
+    unit: str
+    lowest: float
+    highest: float
+    levels: int
+    jumps: int
+    jump_times: tuple[float, ...]
+    at_largest: float
+
+    @property
+    def text(self) -> str:
+        """One line."""
+        if self.levels == 1:
+            return f"{self.name}: constant at {self.lowest:.5g} {self.unit}"
+        what = f"{self.levels} levels" if self.levels <= 50 else "varies continuously"
+        return (
+            f"{self.name}: {self.lowest:.5g} to {self.highest:.5g} {self.unit}, {what}, {self.jumps} jumps, "
+            f"{self.at_largest:.0%} of the time at its largest size"
+        )
+
+
+@dataclass(frozen=True)
+class OutputSummary:
+    """An output: range, missing readings, share of readings stuck at an extreme, noise, ripple by periods a turn."""
+
+    name: str
+    unit: str
+    lowest: float
+    highest: float
+    missing: int
+    longest_gap: float
+    saturated: float
+    noise: NoiseFloor
+    ripple: dict[int, float]
+
+    @property
+    def text(self) -> str:
+        """One line."""
+        noise = self.noise
+        parts = [f"{self.name}: {self.lowest:.4g} to {self.highest:.4g} {self.unit}", f"noise {noise.sd:.2g}"]
+        if noise.slow > 0.0:
+            parts[-1] += f" (white {noise.white:.2g}, slow {noise.slow:.2g} over {noise.slow_time:.2g} s)"
+        if noise.quantum is not None:
+            parts.append(f"step {noise.quantum:.4g}")
+        if self.ripple:
+            parts.append(", ".join(f"ripple {size:.2g} at {order} a turn" for order, size in self.ripple.items()))
+        if self.missing:
+            parts.append(f"{self.missing} readings missing (longest gap {self.longest_gap:.3g} s)")
+        if self.saturated > 0.0:
+            parts.append(f"saturated: {self.saturated:.1%} of the readings stuck at an extreme")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A recording at a glance.
+
+    ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts intervals of more
+    than 1.5 medians (samples that were not written).
+    """
+
+    name: str
+    sha256: str
+    rows: int
+    duration: float
+    rate_hz: float
+    jitter: float
+    dropped: int
+    longest_interval: float
+    inputs: tuple[InputSummary, ...]
+    outputs: tuple[OutputSummary, ...]
+
+    @property
+    def lines(self) -> list[str]:
+        """Text for a terminal."""
+        even = "even" if self.jitter < 1e-3 else f"jitter {self.jitter:.1%}"
+        first = f"{self.name}: {self.rows:,} rows, {self.duration:.6g} s at {self.rate_hz:.6g} Hz, {even}"
+        if self.dropped:
+            first += f", {self.dropped} samples missing (longest interval {self.longest_interval:.3g} s)"
+        return [first, *(f"  {one.text}" for one in self.inputs), *(f"  {one.text}" for one in self.outputs)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for a JSON file."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    def _repr_html_(self) -> str:
+        items = "".join(f"<li>{escape(line.strip())}</li>" for line in self.lines[1:])
+        return f"<p>{escape(self.lines[0])}</p><ul>{items}</ul>"
+
+
+def summarise(recording: Recording) -> Summary:
+    """Look a recording over; no model is involved. The recording must have passed its checks."""
+    intervals = np.diff(recording.time)
+    median = float(np.median(intervals))
+    jumps = input_jumps(recording)
+    return Summary(
+        name=recording.path.name if recording.path else recording.name,
+        sha256=recording.sha256,
+        rows=recording.rows,
+        duration=recording.duration,
+        rate_hz=recording.rate_hz,
+        jitter=float(np.std(intervals[intervals <= 1.5 * median]) / median),
+        dropped=int((intervals > 1.5 * median).sum()),
+        longest_interval=float(intervals.max()),
+        inputs=tuple(_input(recording, name) for name in recording.inputs),
+        outputs=tuple(_output(recording, name, jumps) for name in recording.outputs),
+    )
+
+
+def _input(recording: Recording, name: str) -> InputSummary:
+    values = recording.inputs[name]
+    changes = np.flatnonzero(np.diff(values)) + 1
+    largest = np.abs(values).max()
+    return InputSummary(
+        name=name,
+        unit=recording.units.get(name, ""),
+        lowest=float(values.min()),
+        highest=float(values.max()),
+        levels=int(np.unique(values).size),
+        jumps=int(changes.size),
+        jump_times=tuple(float(time) for time in recording.time[changes[:20]]),
+        at_largest=float((np.abs(values) >= largest * (1.0 - 1e-9)).mean()),
+    )
+
+
+def _output(recording: Recording, name: str, jumps: FloatArray) -> OutputSummary:
+    values = recording.outputs[name]
+    seen = np.isfinite(values)
+    at = recording.time[seen]
+    noise = noise_floor(values, recording.time, jumps)
+    smallest = 0.25 * noise.quantum if noise.quantum else 0.0
+    return OutputSummary(
+        name=name,
+        unit=recording.units.get(name, ""),
+        lowest=float(values[seen].min()),
+        highest=float(values[seen].max()),
+        missing=int((~seen).sum()),
+        longest_gap=float(np.diff(at).max()) if not seen.all() else 0.0,
+        saturated=_saturated(values[seen]),
+        noise=noise,
+        ripple={order: size for order, size in ripple(recording, name).items() if size > smallest},
+    )
+
+
+def _saturated(values: FloatArray) -> float:
+    """Share of readings in runs of ``STUCK`` or more at an extreme of a sensor that is otherwise continuous.
+
+    A quantised sensor that stands still looks the same, so one is not judged.
+    """
+    if np.ptp(values) == 0.0 or quantisation_step(values) is not None or np.unique(values).size < 0.2 * values.size:
+        return 0.0
+    share = 0.0
+    for extreme in (values.min(), values.max()):
+        stuck = np.concatenate(([False], values == extreme, [False]))
+        edges = np.flatnonzero(np.diff(stuck))
+        lengths = edges[1::2] - edges[::2]
+        share += float(lengths[lengths >= STUCK].sum())
+    return share / values.size
