@@ -1,1 +1,44 @@
+"""FMU + inputs + parameters -> trajectories, sensitivities and likelihoods."""
 
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    GaussNewton,
+    InputSignal,
+    InputTarget,
+    Likelihoods,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    Simulator,
+    SolverSettings,
+    StartTarget,
+    Target,
+    Trajectories,
+)
+from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation.native import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
+
+__all__ = [
+    "DelayTarget",
+    "Experiment",
+    "GaussNewton",
+    "InputSignal",
+    "InputTarget",
+    "Likelihoods",
+    "Model",
+    "NativeSimulator",
+    "Outcome",
+    "ParameterTarget",
+    "Problem",
+    "Simulator",
+    "SolverSettings",
+    "StartTarget",
+    "Target",
+    "Trajectories",
+    "Variable",
+    "WorkerPool",
+    "open_simulator",
+]

@@ -1,0 +1,188 @@
+/* Many runs: tasks (row, experiment) are taken one at a time from a counter that all workers share, and each task's
+ * result has a place of its own, so that results do not depend on who computed them. */
+#if defined(__x86_64__)
+#include <xmmintrin.h>
+#endif
+
+#include "engine.h"
+
+enum { TODO = 255 };
+
+/* In shared memory; offsets are in bytes from `base`. Written by Python (workers.py). */
+typedef struct {
+    int64_t next, total, mode, experiments, p, q;
+    int64_t noise_row, noise_experiment; /* strides in doubles, zero where broadcast */
+    int64_t values, noise, active, outcome, result, result_stride, table;
+} Job;
+
+typedef struct {
+    int64_t task, started;
+} Slot;
+
+static Slot *slot;
+
+void heartbeat(Run *r)
+{
+    const int64_t now = now_ns();
+    r->deadline = now + (int64_t)(1e9 * r->problem->time_limit);
+    if (slot) __atomic_store_n(&slot->started, now, __ATOMIC_RELEASE);
+}
+
+void problem_drop_runs(Problem *p)
+{
+    for (int64_t i = 0; p->runs && i < p->n_experiments; i++) run_close(p->runs[i]);
+    free(p->runs);
+    free(p->runs_active);
+    p->runs = NULL;
+    p->runs_active = NULL;
+}
+
+static Run *buffers(Problem *p, int64_t e, int64_t q, const int64_t *active)
+{
+    if (!p->runs || p->runs_q != q || memcmp(p->runs_active, active, sizeof *active * (size_t)q) != 0) {
+        problem_drop_runs(p);
+        p->runs = calloc((size_t)p->n_experiments + 1, sizeof *p->runs);
+        p->runs_active = malloc(sizeof *active * (size_t)(q + 1));
+        memcpy(p->runs_active, active, sizeof *active * (size_t)q);
+        p->runs_q = q;
+    }
+    if (!p->runs[e]) p->runs[e] = run_open(p, &p->experiments[e], (int)q, active);
+    return p->runs[e];
+}
+
+/* Does the FMU answer for derivatives with respect to the parameters? Asked once, before any run counts. */
+static int direct(Run *r)
+{
+    Problem *p = r->problem;
+    if (!p->has_directional || p->parameter_directional == 0) return p->parameter_directional > 0;
+    if (p->parameter_directional > 0) return 1;
+    if (fmu_begin(r) != AB_OK) return 0;
+    int refused = worse(rhs(r, r->t, r->x, r->f));
+    for (int j = 0; j < r->q && !refused; j++) {
+        const Target *t = &r->e->targets[r->active[j]];
+        if (t->kind == TARGET_PARAMETER) refused = worse(directional_column(r, (fmi_reference)t->a, r->column));
+        if (t->kind == TARGET_INPUT)
+            refused = worse(directional_column(r, r->e->signals[t->a].reference, r->column));
+    }
+    p->parameter_directional = !refused;
+    return !refused;
+}
+
+static int one(Run *r, int mode, const double *noise)
+{
+    heartbeat(r);
+    sink_begin(r, mode, noise);
+    if (!r->q) return run_once(r);
+    int outcome = NEED_DIFFERENCES;
+    if (direct(r)) {
+        if ((outcome = start_sensitivities(r))) return outcome;
+        sink_begin(r, mode, noise);
+        outcome = run_once(r);
+    }
+    if (outcome != NEED_DIFFERENCES) return outcome;
+    sink_begin(r, mode, noise);
+    return run_differences(r);
+}
+
+static int all_finite(const double *v, int64_t count)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < count; i++) sum += v[i] * 0.0;
+    return sum == 0.0;
+}
+
+static void gauss_newton_result(const Run *r, double *out)
+{
+    const Sink *k = &r->sink;
+    const int q = r->q;
+    out[0] = k->cost;
+    out[1] = -k->cost - k->log_det;
+    for (int i = 0; i < q; i++) {
+        out[2 + r->order[i]] = k->gradient[i];
+        for (int j = i; j < q; j++) {
+            const double v = k->hessian[i * r->ld + j];
+            out[2 + q + r->order[i] * q + r->order[j]] = v;
+            out[2 + q + r->order[j] * q + r->order[i]] = v;
+        }
+    }
+}
+
+static int task(Problem *p, char *base, const Job *job, int64_t index)
+{
+    const int64_t row = index / job->experiments, e = index % job->experiments;
+    const int64_t *active = (const int64_t *)(void *)(base + job->active);
+    const int64_t *table = (const int64_t *)(void *)(base + job->table) + 4 * e;
+    Run *r = buffers(p, e, job->q, active);
+    if (!r) return AB_SOLVER_FAILED;
+    const Experiment *x = &p->experiments[e];
+    const double *noise =
+        (const double *)(void *)(base + job->noise) + row * job->noise_row + e * job->noise_experiment;
+    double *result = (double *)(void *)(base + job->result) + index * job->result_stride;
+    r->values = (const double *)(void *)(base + job->values) + row * job->p;
+    if (job->mode == MODE_TRAJECTORY) {
+        r->sink.trajectory = (double *)(void *)(base + table[0]) + row * table[1];
+        r->sink.sensitivity = (double *)(void *)(base + table[2]) + row * table[3];
+    }
+    int outcome = all_finite(r->values, job->p) ? one(r, (int)job->mode, noise) : AB_NOT_FINITE;
+    if (outcome) return outcome;
+    if (job->mode == MODE_TRAJECTORY)
+        return all_finite(r->sink.trajectory, x->n * x->m) &&
+                       all_finite(r->sink.sensitivity, r->q ? x->n * x->m * r->q : 0)
+                   ? AB_OK
+                   : AB_NOT_FINITE;
+    if (job->mode == MODE_LIKELIHOOD)
+        result[0] = -r->sink.cost - r->sink.log_det;
+    else
+        gauss_newton_result(r, result);
+    return all_finite(result, job->result_stride) ? AB_OK : AB_NOT_FINITE;
+}
+
+#define EXPORT __attribute__((visibility("default")))
+
+EXPORT Problem *ab_open(const char *path, char *error, size_t size)
+{
+    kernels_choose();
+    return problem_open(path, error, size);
+}
+
+EXPORT void ab_close(Problem *p) { problem_close(p); }
+
+/* Works until no task is left; `first` (or -1) is a task to do before asking for more. */
+EXPORT void ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
+{
+#if defined(__x86_64__)
+    const unsigned int mode = _mm_getcsr();
+    _mm_setcsr(mode | 0x8040); /* denormal numbers are zero: a decayed sensitivity must not cost a hundredfold */
+#endif
+    unsigned char *outcome = (unsigned char *)base + job->outcome;
+    slot = mine;
+    for (;;) {
+        const int64_t index = first >= 0 ? first : __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED);
+        first = -1;
+        if (index >= job->total) break;
+        if (outcome[index] != TODO) continue;
+        __atomic_store_n(&slot->started, now_ns(), __ATOMIC_RELEASE);
+        __atomic_store_n(&slot->task, index, __ATOMIC_RELEASE);
+        const int result = task(p, base, job, index);
+        outcome[index] = (unsigned char)result;
+        __atomic_store_n(&slot->task, -1, __ATOMIC_RELEASE);
+    }
+    slot = NULL;
+#if defined(__x86_64__)
+    _mm_setcsr(mode);
+#endif
+}
+
+/* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
+EXPORT int ab_counts(const Problem *p, int64_t experiment, int64_t *counts)
+{
+    if (!p->runs || !p->runs[experiment]) return 1;
+    const Run *r = p->runs[experiment];
+    counts[0] = r->taken;
+    counts[1] = r->rejected;
+    counts[2] = r->evaluations;
+    return 0;
+}
+
+/* Python looks for this name in an extension module; the library is used through ctypes instead. */
+EXPORT void *PyInit__engine(void) { return NULL; }

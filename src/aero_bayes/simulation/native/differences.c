@@ -1,0 +1,176 @@
+/* Where derivatives are missing: initial states by differences of the initialisation, and whole trajectories by internal
+ * numerical differentiation (H. G. Bock 1981): the perturbed runs repeat the recorded steps of the base run, so that
+ * the adaptivity of the step size adds no noise. Runs with state events cannot repeat the steps; they are done at a
+ * hundredth of the tolerance instead. */
+#include "engine.h"
+
+static double step_of(const Target *t, double value, double relative)
+{
+    const double size = fabs(value);
+    if (t->kind == TARGET_DELAY) return 0.1 * relative;
+    return relative * (size > 0.0 ? size : t->scale);
+}
+
+static int touches_start(const Target *t) { return t->kind == TARGET_PARAMETER || t->kind == TARGET_START; }
+
+/* Which columns move x(t0)? Found once at the model's own values, so that every worker finds the same. */
+static void find_start_columns(Run *r)
+{
+    Experiment *e = r->e;
+    Problem *p = r->problem;
+    const double *values = r->values;
+    double *trial = calloc((size_t)p->p + 1, sizeof *trial), *base = calloc((size_t)r->n + 1, sizeof *base);
+    r->values = NULL;
+    const int failed = fmu_begin(r) != AB_OK;
+    memcpy(base, r->x, sizeof *base * (size_t)r->n);
+    for (int64_t j = 0; j < p->p && !failed; j++) {
+        const fmi_reference reference = (fmi_reference)e->targets[j].a;
+        if (e->targets[j].kind == TARGET_START) trial[j] = base[e->targets[j].a];
+        if (e->targets[j].kind == TARGET_PARAMETER)
+            r->fmu->get_real(r->fmu->instance, &reference, 1, &trial[j]);
+    }
+    r->values = trial;
+    for (int64_t j = 0; j < p->p; j++) {
+        const Target *t = &e->targets[j];
+        if (!touches_start(t)) {
+            e->start_matters[j] = 0;
+            continue;
+        }
+        const double kept = trial[j];
+        trial[j] += step_of(t, kept, 1e-3);
+        e->start_matters[j] = failed || fmu_begin(r) != AB_OK;
+        trial[j] = kept;
+        for (int i = 0; i < r->n; i++)
+            if (!(t->kind == TARGET_START && i == t->a) && r->x[i] != base[i]) e->start_matters[j] = 1;
+    }
+    r->values = values;
+    free(trial);
+    free(base);
+}
+
+/* dx(t0)/dp of the active columns into r->s0. */
+int start_sensitivities(Run *r)
+{
+    Experiment *e = r->e;
+    const int n = r->n, q = r->q;
+    if (r->problem->p && e->start_matters[0] < 0) find_start_columns(r);
+    memset(r->s0, 0, sizeof *r->s0 * (size_t)(n * q));
+    double *trial = NULL;
+    const double *values = r->values;
+    int outcome = AB_OK;
+    for (int j = 0; j < q && !outcome; j++) {
+        const int64_t column = r->active[j];
+        const Target *t = &e->targets[column];
+        if (t->kind == TARGET_START) r->s0[t->a * q + j] = 1.0;
+        if (!e->start_matters[column]) continue;
+        if (!trial) {
+            trial = malloc(sizeof *trial * (size_t)r->problem->p);
+            memcpy(trial, values, sizeof *trial * (size_t)r->problem->p);
+            r->values = trial;
+        }
+        const double step = step_of(t, values[column], 6e-6);
+        for (int side = 1; side >= -1 && !outcome; side -= 2) {
+            trial[column] = values[column] + side * step;
+            outcome = fmu_begin(r);
+            for (int i = 0; i < n; i++)
+                if (!(t->kind == TARGET_START && i == t->a)) r->s0[i * q + j] += side * r->x[i] / (2.0 * step);
+        }
+        trial[column] = values[column];
+    }
+    r->values = values;
+    free(trial);
+    return outcome;
+}
+
+static int trajectory(Run *r, double *y)
+{
+    heartbeat(r);
+    r->sink.trajectory = y;
+    sink_begin(r, MODE_TRAJECTORY, NULL);
+    return run_once(r);
+}
+
+/* Both sides where both can be run, else the one that can. */
+static int difference(Run *plain, double *trial, int64_t column, double step, const double *base, double *up,
+                      double *down, int64_t size)
+{
+    const double value = trial[column];
+    trial[column] = value + step;
+    const double above = trial[column] - value;
+    const int high = trajectory(plain, up);
+    trial[column] = value - step;
+    const double below = value - trial[column];
+    const int low = trajectory(plain, down);
+    trial[column] = value;
+    if (high && low) return high;
+    const double *a = high ? base : up, *b = low ? base : down;
+    const double width = (high ? 0.0 : above) + (low ? 0.0 : below);
+    for (int64_t i = 0; i < size; i++) up[i] = (a[i] - b[i]) / width;
+    return AB_OK;
+}
+
+static void feed(Run *r, const double *base, double *const *slopes)
+{
+    Sink *k = &r->sink;
+    const Experiment *e = r->e;
+    for (int64_t i = 0; i < e->n; i++) {
+        for (int64_t o = 0; o < e->m; o++) {
+            k->y[o * BLOCK + k->filled] = base[i * e->m + o];
+            double *s = k->s + (o * BLOCK + k->filled) * r->ld;
+            for (int j = 0; j < r->q; j++) s[j] = slopes[j][i * e->m + o];
+        }
+        if (++k->filled == BLOCK) sink_flush(r);
+    }
+    sink_flush(r);
+}
+
+/* One run with sensitivities into r's sink, which was begun. */
+int run_differences(Run *r)
+{
+    const Experiment *e = r->e;
+    const int64_t size = e->n * e->m;
+    Run *plain = run_open(r->problem, r->e, 0, NULL);
+    double *base = malloc(sizeof *base * (size_t)size), *down = malloc(sizeof *down * (size_t)size);
+    double **slopes = calloc((size_t)r->q + 1, sizeof *slopes);
+    double *trial = malloc(sizeof *trial * (size_t)(r->problem->p + 1));
+    int outcome = plain && base && down && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
+    double relative = 1e-4;
+    if (!outcome) {
+        memcpy(trial, r->values, sizeof *trial * (size_t)r->problem->p);
+        plain->values = trial;
+        plain->deadline = r->deadline;
+        plain->record = 1;
+        outcome = trajectory(plain, base);
+        plain->record = 0;
+        plain->replay = 1;
+        if (!outcome && plain->events_seen) {
+            plain->replay = 0;
+            plain->rtol *= 0.01;
+            plain->atol *= 0.01;
+            relative = 1e-3;
+            outcome = trajectory(plain, base);
+        }
+    }
+    for (int j = 0; j < r->q && !outcome; j++) {
+        const int64_t column = r->active[j];
+        r->order[j] = j;
+        slopes[j] = calloc((size_t)size, sizeof **slopes);
+        if (!slopes[j]) outcome = AB_SOLVER_FAILED;
+        if (outcome || e->targets[column].kind == TARGET_NONE) continue;
+        const double step = step_of(&e->targets[column], trial[column], relative);
+        outcome = difference(plain, trial, column, step, base, slopes[j], down, size);
+        if (outcome && outcome != AB_TIMED_OUT && plain->replay) {
+            plain->replay = 0;
+            outcome = difference(plain, trial, column, 10.0 * step, base, slopes[j], down, size);
+            plain->replay = 1;
+        }
+    }
+    if (!outcome) feed(r, base, slopes);
+    for (int j = 0; slopes && j < r->q; j++) free(slopes[j]);
+    free(slopes);
+    free(base);
+    free(down);
+    free(trial);
+    run_close(plain);
+    return outcome;
+}

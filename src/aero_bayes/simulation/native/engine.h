@@ -1,0 +1,284 @@
+/* Types shared by the engine's files. One idea a file:
+ *   spec.c         reads a problem written by Python (spec.py)
+ *   fmu.c          loads an FMU's binary and speaks FMI 2.0 Model Exchange to it
+ *   inputs.c       input signals, their delay, and the times at which they break
+ *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
+ *   sensitivity.c  forward sensitivities on the same steps
+ *   events.c       event iteration, indicators and their roots
+ *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
+ *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
+ *   run.c          one simulation from initialisation to the last sample
+ *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
+ *   batch.c        many runs, handed out from a shared counter
+ *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
+#ifndef AB_ENGINE_H
+#define AB_ENGINE_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmi2.h"
+
+/* The numbers of interface.Outcome. */
+enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR };
+
+enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
+enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
+
+#define BLOCK 256 /* samples held back before a sink sees them */
+
+typedef struct {
+    fmi_reference reference;
+    int linear; /* 0 hold, 1 linear */
+    int64_t count;
+    const double *time, *values;
+    int64_t n_breaks; /* grid indices at which the signal or a target on it may break */
+    int64_t *breaks;
+} Signal;
+
+typedef struct {
+    int kind;
+    int64_t a, b;
+    double scale; /* a natural size of the column, for differences */
+} Target;
+
+typedef struct {
+    int64_t n, m;
+    const double *time;
+    const double *measured; /* m rows of n, or NULL */
+    double spacing;         /* uniform sample time, or 0 */
+    fmi_reference *output_reference;
+    int *output_kind;  /* 0 real, 1 integer, 2 boolean */
+    int *output_state; /* index of the state that the output is, or -1 */
+    int n_other;       /* outputs that must be asked of the FMU */
+    int n_signals;
+    Signal *signals;
+    int n_start;
+    int64_t *start_state;
+    const double *start_value;
+    Target *targets; /* one a column */
+    int64_t n_breaks;
+    signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */
+} Experiment;
+
+typedef struct Fmu {
+    struct Fmu *next;
+    char *path;
+    void *library;
+    fmi_component instance;
+    fmi_callbacks callbacks;
+    int used; /* instance needs a reset before the next run */
+    int continuous;
+    fmi_instantiate instantiate;
+    fmi_free_instance free_instance;
+    fmi_setup setup;
+    fmi_plain enter_initialization, exit_initialization, enter_event, enter_continuous, reset, terminate;
+    fmi_get_real get_real;
+    fmi_get_integer get_integer, get_boolean;
+    fmi_set_real set_real;
+    fmi_new_discrete new_discrete;
+    fmi_completed completed;
+    fmi_set_time set_time;
+    fmi_set_vector set_states;
+    fmi_get_vector get_derivatives, get_indicators, get_states, get_nominals;
+    fmi_directional directional;
+} Fmu;
+
+typedef struct {
+    void *map; /* the mapped spec file */
+    size_t map_size;
+    const char *library, *resources, *guid, *name;
+    int has_directional, step_callback;
+    int n, nz; /* states, event indicators */
+    fmi_reference *state_reference, *derivative_reference;
+    int *state_settable; /* its start value may be set before initialisation */
+    int n_colors;
+    int *color;                  /* of each state */
+    int *column_start, *row;     /* sparsity of df/dx by columns */
+    int parameter_directional;   /* -1 not tried, 0 refused, 1 accepted */
+    int64_t n_fixed;
+    fmi_reference *fixed_reference;
+    const double *fixed_value;
+    double rtol, atol, time_limit;
+    int64_t max_steps;
+    int64_t p, n_experiments;
+    Experiment *experiments;
+    Fmu *fmu;
+    struct Run **runs; /* buffers of the last batch, one an experiment */
+    int64_t runs_q, *runs_active;
+} Problem;
+
+/* One output's noise, as the filter needs it. */
+typedef struct {
+    double white, stationary, tau; /* variances and s */
+    double phi;                    /* exp(-spacing / tau) on a uniform grid */
+    double p_steady;               /* steady prior variance of the coloured part */
+    double mean, variance;         /* predicted state of the coloured part */
+    int steady, first;
+    double last_time, last_dt, last_phi;
+} Filter;
+
+typedef struct {
+    int mode;
+    const Experiment *e;
+    int q, ld; /* active columns, padded leading dimension */
+    const int *order; /* sorted column -> its place among the active ones */
+    int64_t filled, first; /* block: count, index of its first sample */
+    double *y;             /* m x BLOCK */
+    double *s;             /* m x BLOCK x ld */
+    double *trajectory, *sensitivity;
+    Filter *filter;
+    double *filter_mean; /* m x ld: the sensitivities' filters */
+    double cost, log_det;
+    int64_t used;
+    double *gradient, *hessian; /* ld, ld x ld */
+    double *residual, *gain, *decay, *weight;
+} Sink;
+
+typedef struct {
+    double time;
+    int jump; /* a held value changes here (else only a slope) */
+} Break;
+
+/* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
+typedef struct Run {
+    Problem *problem;
+    Experiment *e;
+    Fmu *fmu;
+    const double *values; /* a parameter vector, or NULL for the model's own */
+    int n, nz, status;
+    double rtol, atol;
+    /* the step */
+    double t, t_end, resolution;
+    double *x, *x1, *f, *f1, *ft, *u, *r, *nominal, *jac, *lu, *k, *dense;
+    int *pivot;
+    double *seed, *column, *start_value;
+    fmi_reference *seed_reference, *start_reference;
+    double *z0, *z1, *z2, *z_try, next_event;
+    int time_dependent, events_seen;
+    int64_t taken, rejected, evaluations, deadline;
+    /* inputs */
+    double delay, shift_delay;
+    double **signal_values, *signal_store; /* with input targets added */
+    int64_t *cell;
+    double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
+    fmi_reference *u_reference;
+    int any_slope, any_linear;
+    Break *breaks;
+    int64_t n_breaks, next_break;
+    /* sensitivities: columns sorted by the time from which they matter, rows of ld */
+    int q, ld, alive, sensitive;
+    const int64_t *active;
+    Target *column_target;
+    int *order;
+    double *column_from;
+    double *s, *s1, *sv, *su, *sdense, *s0;
+    double *a_node, *b_node, *a_now, *b_now, *g_dot, *u_column;
+    /* samples */
+    int64_t sample;
+    Sink sink;
+    double *other, *theta;
+    fmi_reference *other_reference;
+    int *other_integer;
+    /* recorded steps, for internal numerical differentiation */
+    int record, replay;
+    double *steps;
+    int64_t n_steps, cap_steps, at_step;
+    void *memory;
+} Run;
+
+/* spec.c */
+Problem *problem_open(const char *path, char *error, size_t size);
+void problem_close(Problem *);
+
+/* fmu.c */
+int fmu_ready(Problem *);
+void fmu_discard(Fmu *);
+int fmu_begin(Run *);
+int rhs(Run *, double t, const double *x, double *f);
+int set_point(Run *, double t, const double *x);
+int jacobian(Run *, double t, const double *x, const double *f, double *jac);
+int directional_column(Run *, fmi_reference known, double *column);
+int worse(int status);
+
+/* inputs.c */
+void inputs_prepare(Run *);
+void inputs_enter(Run *, double t);
+int inputs_apply(Run *, double t);
+double input_weight(const Run *, const Target *, double t);
+
+/* rodas.c */
+typedef struct {
+    int stages, order, dense;
+    double gamma;
+    double a[8][8], c[8][8], alpha[8], d[8], H[3][8];
+} Method;
+extern const Method *method;
+double rodas_step(Run *, double h, const double *ft);
+void rodas_dense(Run *);
+int lu_factor(double *a, int n, int *pivot);
+void lu_solve(const double *a, int n, const int *pivot, double *b);
+double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
+double first_step(Run *, double limit);
+
+/* sensitivity.c */
+int sensitivity_begin(Run *);
+int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
+double sensitivity_step(Run *, double h);
+void sensitivity_enter(Run *, double t);
+
+/* events.c */
+int event_iterate(Run *, int *states_changed);
+int indicators(Run *, double t, const double *x, double *z);
+double find_event(Run *, double h);
+
+/* sink.c */
+void sink_begin(Run *, int mode, const double *noise);
+int emit_until(Run *, double h, double limit, int inclusive);
+void sink_flush(Run *);
+
+/* noise.c */
+void filter_begin(Filter *, const double *noise, double spacing);
+int64_t filter_gains(Filter *, const double *time, const double *measured, int64_t count, double spacing,
+                     double *gain, double *decay, double *weight, double *log_det);
+
+/* run.c */
+enum { NEED_DIFFERENCES = -1 };
+int64_t now_ns(void);
+int run_once(Run *);
+Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
+void run_close(Run *);
+
+/* differences.c */
+int start_sensitivities(Run *);
+int run_differences(Run *);
+
+/* batch.c */
+void heartbeat(Run *);
+void problem_drop_runs(Problem *);
+
+/* kernels.inc, twice */
+typedef struct {
+    void (*horner)(const double *c, int stride, int degree, const double *theta, int64_t count, double *out);
+    void (*combine)(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
+                    int64_t count);
+    void (*multiply)(double *out, const double *a, const double *s, int n, int64_t q, int64_t ld);
+    void (*solve)(const double *lu, const int *pivot, double *b, int n, int64_t q, int64_t ld);
+    void (*dense_rows)(double *out, const double *c, int64_t stride, int degree, const double *theta, int64_t count,
+                       int64_t q, int64_t ld);
+    int64_t (*residual)(const double *y, const double *measured, int64_t count, double *r);
+    double (*square)(const double *r, int64_t count);
+    double (*colour)(double *r, int64_t count, const double *gain, const double *decay, const double *weight,
+                     double mean);
+    void (*colour_rows)(double *s, int64_t count, int64_t q, int64_t ld, const double *gain, const double *decay,
+                        const double *weight, double *mean);
+    void (*gradient)(double *g, const double *w, const double *r, int64_t count, int64_t q, int64_t ld);
+    void (*syrk)(double *h, const double *w, int64_t count, int64_t q, int64_t ld);
+} Kernels;
+extern const Kernels *kernels;
+void kernels_choose(void);
+
+#endif

@@ -1,0 +1,88 @@
+/* Event mode: iteration of discrete states, event indicators and their roots on the continuous extension. */
+#include <float.h>
+
+#include "engine.h"
+
+enum { MOST_ITERATIONS = 1000 };
+
+/* fmi2NewDiscreteStates until nothing changes; the instance is in event mode. */
+int event_iterate(Run *r, int *states_changed)
+{
+    Fmu *f = r->fmu;
+    fmi_event_info info;
+    *states_changed = 0;
+    int rounds = 0;
+    do {
+        memset(&info, 0, sizeof info);
+        const int status = f->new_discrete(f->instance, &info);
+        if (worse(status)) return status;
+        *states_changed |= info.states_changed;
+        if (info.terminate_simulation || ++rounds > MOST_ITERATIONS) return FMI_ERROR;
+    } while (info.new_discrete_states_needed);
+    r->next_event = info.next_event_time_defined ? info.next_event_time : INFINITY;
+    return FMI_OK;
+}
+
+int indicators(Run *r, double t, const double *x, double *z)
+{
+    const int status = set_point(r, t, x);
+    return worse(status) ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->nz);
+}
+
+static int crossed(const double *z0, const double *z1, int nz)
+{
+    for (int i = 0; i < nz; i++)
+        if ((z0[i] > 0.0) != (z1[i] > 0.0)) return 1;
+    return 0;
+}
+
+static int indicators_at(Run *r, double h, double theta, double *z)
+{
+    for (int i = 0; i < r->n; i++) kernels->horner(r->dense + i, r->n, method->dense, &theta, 1, r->u + i);
+    return indicators(r, r->t + theta * h, r->u, z);
+}
+
+/* Earliest theta in (0, 1] just after an indicator changed its sign within the step, or 2; r->status tells of errors.
+ * The indicators at the start of the step are in r->z0. The state at the root is left in r->u. */
+double find_event(Run *r, double h)
+{
+    static const double probe[] = {1.0 / 3.0, 2.0 / 3.0, 1.0}; /* two crossings within a third are missed */
+    double lo = 0.0, hi = 2.0;
+    r->status = FMI_OK;
+    for (int k = 0; k < 3; k++) {
+        r->status = indicators_at(r, h, probe[k], r->z1);
+        if (worse(r->status)) return 2.0;
+        if (crossed(r->z0, r->z1, r->nz)) {
+            hi = probe[k];
+            break;
+        }
+        lo = probe[k];
+    }
+    if (hi > 1.0) return hi;
+    r->status = indicators_at(r, h, lo, r->z2);
+    if (worse(r->status)) return 2.0;
+    /* z2 at lo, z1 at hi: probe just below and just above the earliest secant root, and bisect every third time */
+    const double narrow = fmax(4.0 * DBL_EPSILON * fabs(r->t) / h, 1e-14);
+    for (int round = 0; round < 150 && hi - lo > narrow; round++) {
+        const double width = hi - lo;
+        double theta = 0.5 * (lo + hi);
+        if (round % 3 != 2) {
+            double first = 1.0;
+            for (int i = 0; i < r->nz; i++)
+                if ((r->z2[i] > 0.0) != (r->z1[i] > 0.0)) first = fmin(first, r->z2[i] / (r->z2[i] - r->z1[i]));
+            const double margin = fmax(0.45 * narrow, fmin(0.1, width) * width);
+            const double guess = lo + first * width + (round % 3 == 0 ? -margin : margin);
+            if (guess > lo && guess < hi) theta = guess;
+        }
+        r->status = indicators_at(r, h, theta, r->z_try);
+        if (worse(r->status)) return 2.0;
+        const int after = crossed(r->z0, r->z_try, r->nz);
+        if (after)
+            hi = theta;
+        else
+            lo = theta;
+        memcpy(after ? r->z1 : r->z2, r->z_try, sizeof(double) * (size_t)r->nz);
+    }
+    r->status = indicators_at(r, h, hi, r->z1);
+    return hi;
+}

@@ -1,0 +1,265 @@
+/* One FMU in this process: its library, its single instance, and the calls of FMI 2.0 Model Exchange. The instance is
+ * reset and reused, since some FMUs die after about a thousand instantiations. */
+#include <dlfcn.h>
+#include <float.h>
+
+#include "engine.h"
+
+static Fmu *loaded; /* a library is loaded once and serves every problem on it */
+
+static void quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
+{
+    (void)e, (void)name, (void)status, (void)category, (void)message;
+}
+
+int worse(int status) { return status != FMI_OK && status != FMI_WARNING; }
+
+static int symbol(Fmu *f, const char *name, void *where)
+{
+    void *s = dlsym(f->library, name);
+    memcpy(where, &s, sizeof s);
+    return s == NULL;
+}
+
+static Fmu *fmu_load(const char *path)
+{
+    for (Fmu *f = loaded; f; f = f->next)
+        if (!strcmp(f->path, path)) return f;
+    Fmu *f = calloc(1, sizeof *f);
+    f->path = strdup(path);
+    f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    int bad = f->library == NULL;
+    if (!bad) {
+        bad |= symbol(f, "fmi2Instantiate", &f->instantiate);
+        bad |= symbol(f, "fmi2FreeInstance", &f->free_instance);
+        bad |= symbol(f, "fmi2SetupExperiment", &f->setup);
+        bad |= symbol(f, "fmi2EnterInitializationMode", &f->enter_initialization);
+        bad |= symbol(f, "fmi2ExitInitializationMode", &f->exit_initialization);
+        bad |= symbol(f, "fmi2EnterEventMode", &f->enter_event);
+        bad |= symbol(f, "fmi2EnterContinuousTimeMode", &f->enter_continuous);
+        bad |= symbol(f, "fmi2Reset", &f->reset);
+        bad |= symbol(f, "fmi2Terminate", &f->terminate);
+        bad |= symbol(f, "fmi2GetReal", &f->get_real);
+        bad |= symbol(f, "fmi2SetReal", &f->set_real);
+        bad |= symbol(f, "fmi2NewDiscreteStates", &f->new_discrete);
+        bad |= symbol(f, "fmi2CompletedIntegratorStep", &f->completed);
+        bad |= symbol(f, "fmi2SetTime", &f->set_time);
+        bad |= symbol(f, "fmi2SetContinuousStates", &f->set_states);
+        bad |= symbol(f, "fmi2GetDerivatives", &f->get_derivatives);
+        bad |= symbol(f, "fmi2GetEventIndicators", &f->get_indicators);
+        bad |= symbol(f, "fmi2GetContinuousStates", &f->get_states);
+        bad |= symbol(f, "fmi2GetNominalsOfContinuousStates", &f->get_nominals);
+        symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+        symbol(f, "fmi2GetInteger", &f->get_integer);
+        symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    }
+    if (bad) {
+        if (f->library) dlclose(f->library);
+        free(f->path);
+        free(f);
+        return NULL;
+    }
+    f->next = loaded;
+    loaded = f;
+    return f;
+}
+
+/* After a fatal error nothing of the instance may be touched again, not even to free it. */
+void fmu_discard(Fmu *f)
+{
+    f->instance = NULL;
+    f->used = 0;
+}
+
+static int fmu_instantiate(Problem *p)
+{
+    Fmu *f = p->fmu;
+    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, NULL};
+    f->instance = f->instantiate(p->name, FMI_MODEL_EXCHANGE, p->guid, p->resources, &f->callbacks, 0, 0);
+    f->used = 0;
+    return f->instance == NULL;
+}
+
+/* Loads, instantiates or resets: the instance is in its first mode afterwards. */
+int fmu_ready(Problem *p)
+{
+    if (!p->fmu && !(p->fmu = fmu_load(p->library))) return AB_MODEL_ERROR;
+    Fmu *f = p->fmu;
+    if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
+    if (f->instance && f->used) {
+        const int status = f->reset(f->instance);
+        if (status == FMI_FATAL)
+            fmu_discard(f);
+        else if (worse(status)) {
+            f->free_instance(f->instance);
+            f->instance = NULL;
+        }
+    }
+    if (!f->instance && fmu_instantiate(p)) return AB_MODEL_ERROR;
+    f->used = 1;
+    return AB_OK;
+}
+
+static int outcome_of(Fmu *f, int status)
+{
+    if (status == FMI_FATAL) fmu_discard(f);
+    return worse(status) ? AB_MODEL_ERROR : AB_OK;
+}
+
+/* What must be set before initialisation: held parameters, start values, this run's columns. */
+static size_t start_values(Run *r)
+{
+    const Problem *p = r->problem;
+    const Experiment *e = r->e;
+    fmi_reference *ref = r->start_reference;
+    double *value = r->start_value;
+    size_t count = 0;
+    for (int64_t i = 0; i < p->n_fixed; i++) {
+        ref[count] = p->fixed_reference[i];
+        value[count++] = p->fixed_value[i];
+    }
+    for (int i = 0; i < e->n_start; i++)
+        if (p->state_settable[e->start_state[i]]) {
+            ref[count] = p->state_reference[e->start_state[i]];
+            value[count++] = e->start_value[i];
+        }
+    for (int64_t j = 0; r->values && j < p->p; j++) {
+        const Target *t = &e->targets[j];
+        if (t->kind == TARGET_PARAMETER)
+            ref[count] = (fmi_reference)t->a;
+        else if (t->kind == TARGET_START && p->state_settable[t->a])
+            ref[count] = p->state_reference[t->a];
+        else
+            continue;
+        value[count++] = r->values[j];
+    }
+    return count;
+}
+
+/* Start values of states that initialisation did not take over. */
+static int override_states(Run *r)
+{
+    const Experiment *e = r->e;
+    int differs = 0;
+    for (int i = 0; i < e->n_start; i++) {
+        double *x = &r->x[e->start_state[i]];
+        differs |= *x != e->start_value[i];
+        *x = e->start_value[i];
+    }
+    for (int64_t j = 0; r->values && j < r->problem->p; j++)
+        if (e->targets[j].kind == TARGET_START) {
+            double *x = &r->x[e->targets[j].a];
+            differs |= *x != r->values[j];
+            *x = r->values[j];
+        }
+    return differs;
+}
+
+static int read_nominals(Run *r)
+{
+    const int status = r->fmu->get_nominals(r->fmu->instance, r->nominal, (size_t)r->n);
+    for (int i = 0; i < r->n; i++) {
+        const double v = fabs(r->nominal[i]);
+        r->nominal[i] = !worse(status) && v > 0.0 && v < DBL_MAX ? v : 1.0;
+    }
+    return status == FMI_FATAL ? status : FMI_OK;
+}
+
+#define TRY(call)                                  \
+    do {                                           \
+        const int outcome_ = outcome_of(f, (call)); \
+        if (outcome_) return outcome_;             \
+    } while (0)
+
+/* From a fresh instance into continuous-time mode at the first sample, states in r->x. Returns an outcome. */
+int fmu_begin(Run *r)
+{
+    Problem *p = r->problem;
+    Experiment *e = r->e;
+    const int outcome = fmu_ready(p);
+    if (outcome) return outcome;
+    Fmu *f = r->fmu = p->fmu;
+    r->t = e->time[0];
+    const size_t count = start_values(r);
+    inputs_prepare(r);
+    TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
+    if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));
+    if (e->n_signals) TRY(inputs_apply(r, r->t));
+    TRY(f->enter_initialization(f->instance));
+    TRY(f->exit_initialization(f->instance));
+    int changed;
+    TRY(event_iterate(r, &changed));
+    TRY(f->enter_continuous(f->instance));
+    if (!r->n) return AB_OK;
+    TRY(f->get_states(f->instance, r->x, (size_t)r->n));
+    if (override_states(r)) TRY(f->set_states(f->instance, r->x, (size_t)r->n));
+    TRY(read_nominals(r));
+    for (int i = 0; i < r->n; i++)
+        if (!isfinite(r->x[i])) return AB_NOT_FINITE;
+    return AB_OK;
+}
+
+int set_point(Run *r, double t, const double *x)
+{
+    Fmu *f = r->fmu;
+    int status = f->set_time(f->instance, t);
+    if (r->any_slope && !worse(status)) status = inputs_apply(r, t);
+    if (r->n && !worse(status)) status = f->set_states(f->instance, x, (size_t)r->n);
+    return status;
+}
+
+int rhs(Run *r, double t, const double *x, double *out)
+{
+    r->evaluations++;
+    const int status = set_point(r, t, x);
+    if (worse(status) || !r->n) return status;
+    return r->fmu->get_derivatives(r->fmu->instance, out, (size_t)r->n);
+}
+
+/* df/dx by rows at (t, x), where f was just evaluated: directional derivatives, several structurally independent
+ * columns at a time (Curtis, Powell, Reid 1974), or forward differences likewise. */
+int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
+{
+    const Problem *p = r->problem;
+    const int n = r->n;
+    memset(jac, 0, sizeof *jac * (size_t)(n * n));
+    for (int color = 0; color < p->n_colors; color++) {
+        size_t known = 0;
+        int status;
+        if (p->has_directional) {
+            for (int j = 0; j < n; j++)
+                if (p->color[j] == color) {
+                    r->seed_reference[known] = p->state_reference[j];
+                    r->seed[known++] = 1.0;
+                }
+            status = r->fmu->directional(r->fmu->instance, p->derivative_reference, (size_t)n, r->seed_reference,
+                                         known, r->seed, r->column);
+        } else {
+            for (int j = 0; j < n; j++) {
+                r->seed[j] = x[j];
+                if (p->color[j] == color) {
+                    const double step = 1.5e-8 * fmax(fabs(x[j]), r->nominal[j]);
+                    r->seed[j] = x[j] + (f[j] < 0.0 ? -step : step);
+                }
+            }
+            status = rhs(r, t, r->seed, r->column);
+        }
+        if (worse(status)) return status;
+        for (int j = 0; j < n; j++)
+            if (p->color[j] == color) {
+                const double scale = p->has_directional ? 1.0 : 1.0 / (r->seed[j] - x[j]);
+                for (int k = p->column_start[j]; k < p->column_start[j + 1]; k++) {
+                    const int i = p->row[k];
+                    jac[i * n + j] = p->has_directional ? r->column[i] : (r->column[i] - f[i]) * scale;
+                }
+            }
+    }
+    return FMI_OK;
+}
+
+int directional_column(Run *r, fmi_reference known, double *column)
+{
+    const double one = 1.0;
+    return r->fmu->directional(r->fmu->instance, r->problem->derivative_reference, (size_t)r->n, &known, 1, &one,
+                               column);
+}

@@ -1,0 +1,113 @@
+/* Input signals: hold or linear on a grid of their own, delayed together, constant beyond their ends. */
+#include <float.h>
+
+#include "engine.h"
+
+static int by_time(const void *a, const void *b)
+{
+    const double x = ((const Break *)a)->time, y = ((const Break *)b)->time;
+    return (x > y) - (x < y);
+}
+
+/* Two times closer than this are one. */
+static double resolution(const Run *r)
+{
+    const Experiment *e = r->e;
+    return 16.0 * DBL_EPSILON * fmax(fabs(e->time[0]), fabs(e->time[e->n - 1]));
+}
+
+static void add_targets(Run *r)
+{
+    const Experiment *e = r->e;
+    int any = 0;
+    for (int64_t j = 0; r->values && j < r->problem->p; j++) any |= e->targets[j].kind == TARGET_INPUT;
+    double *store = r->signal_store;
+    for (int i = 0; i < e->n_signals; i++) {
+        const Signal *s = &e->signals[i];
+        if (any) {
+            memcpy(store, s->values, sizeof *store * (size_t)s->count);
+            r->signal_values[i] = store;
+            store += s->count;
+        } else
+            r->signal_values[i] = (double *)s->values;
+    }
+    for (int64_t j = 0; any && j < r->problem->p; j++)
+        if (e->targets[j].kind == TARGET_INPUT)
+            r->signal_values[e->targets[j].a][e->targets[j].b] += r->values[j];
+}
+
+/* Values, delay and the list of breaks of this run; the segment at r->t is entered. */
+void inputs_prepare(Run *r)
+{
+    const Experiment *e = r->e;
+    const double tiny = r->resolution = resolution(r), from = e->time[0] + tiny, to = e->time[e->n - 1] + tiny;
+    r->t_end = e->time[e->n - 1];
+    r->delay = r->shift_delay;
+    for (int64_t j = 0; r->values && j < r->problem->p; j++)
+        if (e->targets[j].kind == TARGET_DELAY) r->delay += r->values[j];
+    add_targets(r);
+    r->n_breaks = r->next_break = 0;
+    r->any_linear = 0;
+    int filled = 0;
+    for (int i = 0; i < e->n_signals; i++) {
+        const Signal *s = &e->signals[i];
+        const double *v = r->signal_values[i];
+        r->u_reference[i] = s->reference;
+        r->cell[i] = 0;
+        r->any_linear |= s->linear;
+        const int64_t before = r->n_breaks;
+        for (int64_t b = 0; b < s->n_breaks; b++) {
+            const int64_t k = s->breaks[b];
+            const double t = s->time[k] + r->delay;
+            if (t <= from || t > to) continue;
+            r->breaks[r->n_breaks++] = (Break){t, !s->linear && k > 0 && v[k] != v[k - 1]};
+        }
+        filled += r->n_breaks > before;
+    }
+    if (filled > 1) qsort(r->breaks, (size_t)r->n_breaks, sizeof *r->breaks, by_time);
+    inputs_enter(r, r->t);
+}
+
+/* Value and slope of every signal from time t on. */
+void inputs_enter(Run *r, double t)
+{
+    const Experiment *e = r->e;
+    r->any_slope = 0;
+    r->u_time = t;
+    for (int i = 0; i < e->n_signals; i++) {
+        const Signal *s = &e->signals[i];
+        const double *v = r->signal_values[i], at = t - r->delay;
+        int64_t k = r->cell[i];
+        while (k + 1 < s->count && s->time[k + 1] <= at + r->resolution) k++;
+        r->cell[i] = k;
+        r->u0[i] = v[k];
+        r->slope[i] = 0.0;
+        if (s->linear && k + 1 < s->count && at >= s->time[0] - r->resolution) {
+            r->slope[i] = (v[k + 1] - v[k]) / (s->time[k + 1] - s->time[k]);
+            r->u0[i] += r->slope[i] * (at - s->time[k]);
+            r->any_slope |= r->slope[i] != 0.0;
+        }
+    }
+}
+
+int inputs_apply(Run *r, double t)
+{
+    const int count = r->e->n_signals;
+    for (int i = 0; i < count; i++) r->u_now[i] = r->u0[i] + r->slope[i] * (t - r->u_time);
+    return r->fmu->set_real(r->fmu->instance, r->u_reference, (size_t)count, r->u_now);
+}
+
+/* du/d(target) at time t of the present segment. */
+double input_weight(const Run *r, const Target *target, double t)
+{
+    const Signal *s = &r->e->signals[target->a];
+    const int64_t k = target->b;
+    if (!s->linear) return r->cell[target->a] == k ? 1.0 : 0.0;
+    const double at = t - r->delay, x = s->time[k];
+    if (at <= x) {
+        if (k == 0) return 1.0;
+        return at <= s->time[k - 1] ? 0.0 : (at - s->time[k - 1]) / (x - s->time[k - 1]);
+    }
+    if (k + 1 == s->count) return 1.0;
+    return at >= s->time[k + 1] ? 0.0 : (s->time[k + 1] - at) / (s->time[k + 1] - x);
+}

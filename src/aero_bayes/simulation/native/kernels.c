@@ -1,0 +1,25 @@
+/* The vector loops for the processor at hand. */
+#include "engine.h"
+
+#define FN(name) base_##name
+#define TARGET
+#include "kernels.inc"
+#undef FN
+#undef TARGET
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#define FN(name) wide_##name
+#define TARGET __attribute__((target("avx2,fma")))
+#include "kernels.inc"
+#define HAVE_WIDE 1
+#endif
+
+const Kernels *kernels = &base_table;
+
+void kernels_choose(void)
+{
+#ifdef HAVE_WIDE
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) kernels = &wide_table;
+#endif
+}

@@ -1,0 +1,186 @@
+/* Where samples go. Outputs that are states are read from the continuous extension; others are asked of the FMU.
+ * Blocks of samples end in a trajectory, a likelihood or Gauss-Newton products. */
+#include "engine.h"
+
+void sink_begin(Run *r, int mode, const double *noise)
+{
+    Sink *k = &r->sink;
+    const Experiment *e = r->e;
+    k->mode = mode;
+    k->filled = k->first = 0;
+    k->cost = k->log_det = 0.0;
+    k->used = 0;
+    r->sample = 0;
+    if (mode == MODE_TRAJECTORY) return;
+    for (int64_t i = 0; i < e->m; i++) filter_begin(&k->filter[i], noise + 3 * i, e->spacing);
+    memset(k->filter_mean, 0, sizeof(double) * (size_t)(e->m * r->ld));
+    memset(k->gradient, 0, sizeof(double) * (size_t)r->ld);
+    memset(k->hessian, 0, sizeof(double) * (size_t)(r->ld * r->ld));
+}
+
+static void flush_trajectory(Run *r)
+{
+    Sink *k = &r->sink;
+    const int64_t m = r->e->m;
+    for (int64_t o = 0; o < m; o++)
+        for (int64_t i = 0; i < k->filled; i++)
+            k->trajectory[(k->first + i) * m + o] = k->y[o * BLOCK + i];
+    for (int64_t o = 0; r->q && o < m; o++)
+        for (int64_t i = 0; i < k->filled; i++) {
+            const double *from = k->s + (o * BLOCK + i) * r->ld;
+            double *to = k->sensitivity + ((k->first + i) * m + o) * r->q;
+            for (int j = 0; j < r->q; j++) to[r->order[j]] = from[j];
+        }
+}
+
+static void flush_output(Run *r, int64_t o)
+{
+    Sink *k = &r->sink;
+    const Experiment *e = r->e;
+    Filter *f = &k->filter[o];
+    const double *measured = e->measured + o * e->n + k->first;
+    double *s = k->s + o * BLOCK * r->ld;
+    const int64_t used = kernels->residual(k->y + o * BLOCK, measured, k->filled, k->residual);
+    const double *seen = used == k->filled ? NULL : measured;
+    const int64_t q = r->q;
+    double mean = f->mean;
+    k->used += used;
+    if (f->stationary > 0.0) {
+        filter_gains(f, e->time + k->first, seen, k->filled, e->spacing, k->gain, k->decay, k->weight, &k->log_det);
+        f->mean = kernels->colour(k->residual, k->filled, k->gain, k->decay, k->weight, mean);
+        k->cost += 0.5 * kernels->square(k->residual, k->filled);
+        if (q) kernels->colour_rows(s, k->filled, q, r->ld, k->gain, k->decay, k->weight, k->filter_mean + o * r->ld);
+    } else {
+        const double weight = 1.0 / sqrt(f->white);
+        k->log_det += 0.5 * (double)used * (1.8378770664093454836 + log(f->white));
+        k->cost += 0.5 * kernels->square(k->residual, k->filled) / f->white;
+        for (int64_t i = 0; q && i < k->filled; i++) {
+            const double w = seen && seen[i] != seen[i] ? 0.0 : weight;
+            for (int64_t j = 0; j < q; j++) s[i * r->ld + j] *= w;
+            k->residual[i] *= weight;
+        }
+    }
+    if (q) {
+        kernels->gradient(k->gradient, s, k->residual, k->filled, q, r->ld);
+        kernels->syrk(k->hessian, s, k->filled, q, r->ld);
+    }
+}
+
+void sink_flush(Run *r)
+{
+    Sink *k = &r->sink;
+    if (!k->filled) return;
+    if (k->mode == MODE_TRAJECTORY)
+        flush_trajectory(r);
+    else
+        for (int64_t o = 0; o < r->e->m; o++) flush_output(r, o);
+    k->first += k->filled;
+    k->filled = 0;
+}
+
+static int ask_outputs(Run *r, double t, const double *x)
+{
+    Fmu *f = r->fmu;
+    const Experiment *e = r->e;
+    int status = set_point(r, t, x), reals = 0;
+    if (worse(status)) return status;
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
+    if (reals && worse(status = f->get_real(f->instance, r->other_reference, (size_t)reals, r->other))) return status;
+    for (int64_t o = 0, next = 0; o < e->m; o++) {
+        if (e->output_state[o] >= 0) continue;
+        double *y = &r->sink.y[o * BLOCK + r->sink.filled];
+        if (e->output_kind[o] == 0) {
+            *y = r->other[next++];
+            continue;
+        }
+        int whole = 0;
+        const fmi_get_integer get = e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
+        if (!get || worse(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
+        *y = whole;
+    }
+    return FMI_OK;
+}
+
+/* dy/dp of the outputs that are no states, where the FMU stands: y_x S + y_p + y_u u_p, one call a column. */
+static int ask_sensitivities(Run *r, double t, const double *s)
+{
+    const Experiment *e = r->e;
+    const int n = r->n;
+    int reals = 0;
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
+    for (int k = 0; k < r->q; k++) {
+        const Target *target = &r->column_target[k];
+        int known = n;
+        for (int i = 0; i < n; i++) {
+            r->seed_reference[i] = r->problem->state_reference[i];
+            r->seed[i] = k < r->alive ? s[i * r->ld + k] : 0.0;
+        }
+        if (target->kind == TARGET_PARAMETER) {
+            r->seed_reference[known] = (fmi_reference)target->a;
+            r->seed[known++] = 1.0;
+        }
+        for (int i = 0; i < e->n_signals && k < r->alive; i++) {
+            double w = 0.0;
+            if (target->kind == TARGET_DELAY) w = -r->slope[i];
+            if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
+            if (w == 0.0) continue;
+            r->seed_reference[known] = r->u_reference[i];
+            r->seed[known++] = w;
+        }
+        if (reals) {
+            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)reals,
+                                                   r->seed_reference, (size_t)known, r->seed, r->other);
+            if (worse(status)) return status;
+        }
+        for (int64_t o = 0, next = 0; o < e->m; o++)
+            if (e->output_state[o] < 0)
+                r->sink.s[(o * BLOCK + r->sink.filled) * r->ld + k] = e->output_kind[o] == 0 ? r->other[next++] : 0.0;
+    }
+    return FMI_OK;
+}
+
+/* Samples before `limit` (or at it too), from the continuous extension over (r->t, r->t + h). */
+int emit_until(Run *r, double h, double limit, int inclusive)
+{
+    const Experiment *e = r->e;
+    Sink *sink = &r->sink;
+    const int n = r->n, ld = r->ld, degree = method->dense;
+    const int64_t size = (int64_t)n * ld;
+    while (r->sample < e->n) {
+        int64_t count = 0;
+        const int64_t room = BLOCK - sink->filled;
+        const double *time = e->time + r->sample, inverse = h > 0.0 ? 1.0 / h : 0.0;
+        const int64_t left = e->n - r->sample < room ? e->n - r->sample : room;
+        while (count < left && (time[count] < limit || (inclusive && time[count] <= limit))) {
+            const double theta = (time[count] - r->t) * inverse;
+            r->theta[count++] = theta > 0.0 ? theta : 0.0;
+        }
+        if (!count) return FMI_OK;
+        for (int64_t o = 0; o < e->m; o++) {
+            const int i = e->output_state[o];
+            if (i < 0) continue;
+            kernels->horner(r->dense + i, n, degree, r->theta, count, sink->y + o * BLOCK + sink->filled);
+            if (r->q)
+                kernels->dense_rows(sink->s + (o * BLOCK + sink->filled) * ld, r->sdense + i * ld, size, degree,
+                                    r->theta, count, r->q, ld);
+        }
+        if (e->n_other) {
+            for (int64_t k = 0; k < count; k++) {
+                for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, r->theta + k, 1, r->u + i);
+                int status = ask_outputs(r, time[k], r->u);
+                if (!worse(status) && r->q) {
+                    kernels->dense_rows(r->su, r->sdense, size, degree, r->theta + k, 1, size, size);
+                    status = ask_sensitivities(r, time[k], r->su);
+                }
+                if (worse(status)) return status;
+                sink->filled++;
+            }
+        } else
+            sink->filled += count;
+        r->sample += count;
+        if (sink->filled == BLOCK) sink_flush(r);
+    }
+    return FMI_OK;
+}

@@ -1,0 +1,216 @@
+"""A problem written as one flat file of 8-byte words, which the workers map into memory (read by native/spec.c)."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    InputTarget,
+    ParameterTarget,
+    Problem,
+    StartTarget,
+    Target,
+)
+from aero_bayes.simulation.model import Model, Variable
+
+_MAGIC = 0x4142535045430001
+_KINDS = {"real": 0, "integer": 1, "boolean": 2}
+
+
+class _Writer:
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+
+    def integer(self, *values: int) -> None:
+        self.parts.append(struct.pack(f"<{len(values)}q", *values))
+
+    def real(self, *values: float) -> None:
+        self.parts.append(struct.pack(f"<{len(values)}d", *values))
+
+    def text(self, value: str) -> None:
+        data = value.encode() + b"\0"
+        data += b"\0" * (-len(data) % 8)
+        self.integer(len(data))
+        self.parts.append(data)
+
+    def integers(self, values: ArrayLike) -> None:
+        self._array(np.asarray(values, dtype="<i8").ravel())
+
+    def reals(self, values: ArrayLike) -> None:
+        self._array(np.asarray(values, dtype="<f8").ravel())
+
+    def _array(self, values: NDArray[np.int64] | NDArray[np.float64]) -> None:
+        self.integer(values.size)
+        self.parts.append(values.tobytes())
+
+
+def color_columns(pattern: tuple[tuple[int, ...], ...]) -> list[int]:
+    """Greedy colouring: columns of one colour share no row (Curtis, Powell and Reid, 1974)."""
+    taken: list[set[int]] = []
+    colors: list[int] = []
+    for rows in pattern:
+        color = next((i for i, used in enumerate(taken) if used.isdisjoint(rows)), len(taken))
+        if color == len(taken):
+            taken.append(set())
+        taken[color].update(rows)
+        colors.append(color)
+    return colors
+
+
+def check_problem(problem: Problem) -> None:
+    """Raise InputError where the problem contradicts its model or itself."""
+    if len(problem.targets) != len(problem.experiments) or not problem.experiments:
+        raise InputError(f"{len(problem.experiments)} experiments but {len(problem.targets)} rows of targets")
+    if len({len(row) for row in problem.targets}) > 1:
+        raise InputError("every experiment needs the same number of targets (None where a column means nothing)")
+    settings = problem.settings
+    if not (settings.relative_tolerance > 0 and settings.absolute_tolerance > 0 and settings.time_limit > 0):
+        raise InputError("tolerances and the time limit must be positive")
+    for name in problem.fixed:
+        problem.model.parameter(name)
+    for number, (experiment, row) in enumerate(zip(problem.experiments, problem.targets, strict=True)):
+        _check_experiment(problem.model, experiment, f"experiment {number}")
+        for target in row:
+            _check_target(problem.model, experiment, target, f"experiment {number}")
+
+
+def _check_grid(where: str, time: NDArray[np.float64]) -> None:
+    if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
+        raise InputError(f"{where}: times must be finite and increasing")
+
+
+def _check_experiment(model: Model, experiment: Experiment, where: str) -> None:
+    _check_grid(where, experiment.time)
+    for name in experiment.outputs:
+        model.output(name)
+    for name in experiment.start:
+        model.state_index(name)
+    for signal in experiment.inputs:
+        model.input(signal.name)
+        _check_grid(f"{where}, input {signal.name!r}", signal.time)
+        if signal.values.shape != signal.time.shape or not np.all(np.isfinite(signal.values)):
+            raise InputError(f"{where}, input {signal.name!r}: values must be finite, one a time")
+        if signal.interpolation not in ("hold", "linear"):
+            raise InputError(f"{where}, input {signal.name!r}: interpolation {signal.interpolation!r} is not known")
+    measured = experiment.measured
+    if measured is not None and measured.shape != (experiment.time.size, len(experiment.outputs)):
+        raise InputError(
+            f"{where}: measured has shape {measured.shape}, "
+            f"expected ({experiment.time.size}, {len(experiment.outputs)})"
+        )
+
+
+def signal_index(experiment: Experiment, name: str) -> int:
+    """Position of an input signal in the experiment."""
+    for index, signal in enumerate(experiment.inputs):
+        if signal.name == name:
+            return index
+    raise InputError(f"no signal for input {name!r} in the experiment")
+
+
+def _check_target(model: Model, experiment: Experiment, target: Target | None, where: str) -> None:
+    if isinstance(target, ParameterTarget):
+        model.parameter(target.name)
+    elif isinstance(target, StartTarget):
+        model.state_index(target.state)
+    elif isinstance(target, InputTarget):
+        signal = experiment.inputs[signal_index(experiment, target.input)]
+        if not 0 <= target.index < signal.time.size:
+            raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
+
+
+def target_scale(model: Model, experiment: Experiment, target: Target | None) -> float:
+    """A natural size of a column, for finite differences at zero."""
+    variable: Variable | None = None
+    if isinstance(target, ParameterTarget):
+        variable = model.parameter(target.name)
+    elif isinstance(target, StartTarget):
+        variable = model.states[model.state_index(target.state)]
+    elif isinstance(target, InputTarget):
+        variable = model.input(target.input)
+        size = float(np.max(np.abs(experiment.inputs[signal_index(experiment, target.input)].values)))
+        if size > 0:
+            return size
+    if variable is not None:
+        for value in (variable.nominal, variable.start):
+            if value:
+                return abs(value)
+    return 1.0
+
+
+def _target(model: Model, experiment: Experiment, target: Target | None) -> tuple[int, int, int, float]:
+    scale = target_scale(model, experiment, target)
+    if isinstance(target, ParameterTarget):
+        return 1, model.parameter(target.name).value_reference, 0, scale
+    if isinstance(target, StartTarget):
+        return 2, model.state_index(target.state), 0, scale
+    if isinstance(target, DelayTarget):
+        return 3, 0, 0, scale
+    if isinstance(target, InputTarget):
+        return 4, signal_index(experiment, target.input), target.index, scale
+    return 0, 0, 0, scale
+
+
+def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[Target | None, ...]) -> None:
+    variables = [model.output(name) for name in experiment.outputs]
+    references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
+    w.reals(experiment.time)
+    w.integers([v.value_reference for v in variables])
+    w.integers([_KINDS[v.kind] for v in variables])
+    w.integers([references.get(v.value_reference, -1) if v.kind == "real" else -1 for v in variables])
+    w.integer(len(experiment.inputs))
+    for signal in experiment.inputs:
+        w.integer(model.input(signal.name).value_reference, int(signal.interpolation == "linear"))
+        w.reals(signal.time)
+        w.reals(signal.values)
+    w.integers([model.state_index(name) for name in experiment.start])
+    w.reals(list(experiment.start.values()))
+    w.reals(experiment.measured.T if experiment.measured is not None else [])
+    for target in row:
+        kind, a, b, scale = _target(model, experiment, target)
+        w.integer(kind, a, b)
+        w.real(scale)
+
+
+def write_problem(problem: Problem, binary: Path, path: Path) -> None:
+    """Write `problem`, whose FMU is unpacked around `binary`, to `path` (by way of a temporary name)."""
+    model = problem.model
+    n = len(model.states)
+    everything = tuple(tuple(range(n)) for _ in range(n))
+    pattern = model.jacobian_pattern if model.jacobian_pattern is not None else everything
+    colors = color_columns(pattern)
+    w = _Writer()
+    w.integer(_MAGIC)
+    w.text(str(binary))
+    w.text((binary.parents[2] / "resources").as_uri())
+    w.text(model.guid)
+    w.text(model.identifier)
+    w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback), model.event_indicators)
+    w.integers([v.value_reference for v in model.states])
+    w.integers(model.derivatives)
+    w.integers([int(v.settable_start) for v in model.states])
+    w.integer(max(colors, default=-1) + 1)
+    w.integers(colors)
+    w.integers(np.cumsum([0, *(len(rows) for rows in pattern)]))
+    w.integers([row for rows in pattern for row in rows])
+    w.integers([model.parameter(name).value_reference for name in problem.fixed])
+    w.reals(list(problem.fixed.values()))
+    settings = problem.settings
+    w.real(settings.relative_tolerance, settings.absolute_tolerance)
+    w.integer(settings.max_steps)
+    w.real(settings.time_limit)
+    w.integer(len(problem.targets[0]), len(problem.experiments))
+    for experiment, row in zip(problem.experiments, problem.targets, strict=True):
+        _write_experiment(w, model, experiment, row)
+    partial = path.with_suffix(".part")
+    with partial.open("wb") as stream:
+        stream.writelines(w.parts)
+    os.replace(partial, path)

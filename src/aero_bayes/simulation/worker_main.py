@@ -1,0 +1,83 @@
+"""A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
+
+Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD``; it never imports the package, so that it
+starts in a few hundredths of a second and holds nothing that a crash could spoil.
+"""
+
+import ctypes
+import mmap
+import os
+import struct
+import sys
+import threading
+import time
+
+HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
+RUN, FORGET = 1, 2
+MOST_PROBLEMS = 512
+
+
+def watch_parent(parent: int) -> None:
+    """End this process, even inside a hanging model, when the parent is gone."""
+    while os.getppid() == parent:
+        time.sleep(2.0)
+    os._exit(3)
+
+
+def read_exactly(fd: int, size: int) -> bytes:
+    """`size` bytes, or the end of the process where the other end is closed."""
+    data = b""
+    while len(data) < size:
+        part = os.read(fd, size - len(data))
+        if not part:
+            os._exit(0)
+        data += part
+    return data
+
+
+def load(path: str) -> ctypes.CDLL:
+    """The engine with its argument types."""
+    engine = ctypes.CDLL(path)
+    engine.ab_open.restype = ctypes.c_void_p
+    engine.ab_open.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t]
+    engine.ab_close.restype = None
+    engine.ab_close.argtypes = [ctypes.c_void_p]
+    engine.ab_batch.restype = None
+    engine.ab_batch.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64]
+    engine.ab_counts.restype = ctypes.c_int
+    engine.ab_counts.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
+    return engine
+
+
+def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
+    """Answer commands until the pipe closes."""
+    problems: dict[bytes, int] = {}
+    size, base, memory = 0, 0, None
+    while True:
+        command, wanted, job, slot, first, length = HEADER.unpack(read_exactly(commands, HEADER.size))
+        path = read_exactly(commands, length)
+        if command == FORGET:
+            if path in problems:
+                engine.ab_close(problems.pop(path))
+            continue
+        if wanted != size:
+            memory = mmap.mmap(arena, wanted)
+            base = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+            size = wanted
+        problem = problems.get(path)
+        if problem is None:
+            while len(problems) >= MOST_PROBLEMS:
+                engine.ab_close(problems.pop(next(iter(problems))))
+            error = ctypes.create_string_buffer(1024)
+            problem = engine.ab_open(path, error, 1024)
+            if not problem:
+                os.write(replies, b"e" + error.value[:1000] + b"\n")
+                continue
+            problems[path] = problem
+        engine.ab_batch(problem, base, base + job, base + slot, first)
+        os.write(replies, b"d")
+
+
+if __name__ == "__main__":
+    threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
+    serve(load(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,307 @@
+"""Worker processes that run other people's native code, and the clock that watches them.
+
+Values and results pass through one shared block of memory; a pipe to each worker carries a few bytes a batch. A worker
+takes one task at a time from a shared counter, so a crash or a hang costs exactly the run that caused it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import select
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import threading
+import time
+import weakref
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.simulation import worker_main
+from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.model import Model
+
+TODO = 255
+_SLOT_BYTES = 64
+_SLOTS_AT = 0  # slots come first in the arena
+_FIRST_ARENA = 1 << 20
+
+
+@cache
+def engine_path() -> Path:
+    """The compiled engine; CannotFinishError where the package was installed without it."""
+    folder = Path(__file__).parent
+    for name in ("_engine" + str(sysconfig.get_config_var("EXT_SUFFIX")), "_engine.abi3.so", "_engine.so"):
+        if (folder / name).is_file():
+            return folder / name
+    raise CannotFinishError(
+        "the native engine is not compiled: install a C compiler and reinstall the package, or use --engine fmpy"
+    )
+
+
+@dataclass
+class _Worker:
+    process: subprocess.Popen[bytes]
+    commands: int
+    replies: int
+
+    def send(self, command: int, size: int, job: int, slot: int, first: int, path: bytes) -> None:
+        data = worker_main.HEADER.pack(command, size, job, slot, first, len(path)) + path
+        try:
+            while data:
+                data = data[os.write(self.commands, data) :]
+        except BrokenPipeError:
+            pass  # found dead when its reply is awaited
+
+    def stop(self) -> None:
+        os.close(self.commands)
+        os.close(self.replies)
+        self.process.kill()
+        self.process.wait()
+
+
+def _clean(workers: list[_Worker | None], folder: Path, owner: int) -> None:
+    if os.getpid() != owner:
+        return
+    for index, worker in enumerate(workers):
+        if worker is not None:
+            worker.stop()
+            workers[index] = None
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class WorkerPool:
+    """Worker processes shared by any number of simulators.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; the machine's usable cores by default. 0 runs everything in this process: less overhead,
+        no protection against a model that crashes or hangs.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        if workers is None:
+            workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.size = workers
+        self.lock = threading.RLock()
+        self.replaced = 0
+        self._workers: list[_Worker | None] = [None] * workers
+        self.folder = Path(tempfile.mkdtemp(prefix="aero-bayes-"))
+        self._binaries: dict[str, Path] = {}
+        self._counter = 0
+        self._owner = os.getpid()
+        self._problems: dict[bytes, int] = {}
+        self._engine = worker_main.load(str(engine_path())) if workers == 0 else None
+        self._new_arena(_FIRST_ARENA)
+        self._finalizer = weakref.finalize(self, _clean, self._workers, self.folder, self._owner)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the workers and remove what was unpacked."""
+        for path in list(self._problems):
+            self.forget(Path(os.fsdecode(path)))
+        self._finalizer()
+
+    # -- files ---------------------------------------------------------------------------------------------------------
+
+    def binary(self, model: Model) -> Path:
+        """The model's binary, unpacked once into a private folder."""
+        with self.lock:
+            if model.sha256 not in self._binaries:
+                folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=self.folder))
+                self._binaries[model.sha256] = model.unpack(folder)
+            return self._binaries[model.sha256]
+
+    def new_path(self) -> Path:
+        """A name for a new problem file."""
+        with self.lock:
+            self._counter += 1
+            return self.folder / f"problem-{os.getpid()}-{self._counter}"
+
+    def forget(self, path: Path) -> None:
+        """The problem at this path is no longer needed."""
+        with self.lock:
+            key = os.fsencode(path)
+            if self._engine is not None and key in self._problems:
+                self._engine.ab_close(self._problems.pop(key))
+            if os.getpid() == self._owner:
+                for worker in self._workers:
+                    if worker is not None:
+                        worker.send(worker_main.FORGET, 0, 0, 0, 0, key)
+            path.unlink(missing_ok=True)
+
+    # -- shared memory -------------------------------------------------------------------------------------------------
+
+    def _new_arena(self, size: int) -> None:
+        if hasattr(os, "memfd_create"):
+            self._arena_fd = os.memfd_create("aero-bayes")
+        else:
+            with tempfile.TemporaryFile(dir=self.folder) as stream:
+                self._arena_fd = os.dup(stream.fileno())
+        self._map_arena(size)
+
+    def _map_arena(self, size: int) -> None:
+        os.ftruncate(self._arena_fd, size)
+        self.arena: NDArray[np.uint8] = np.frombuffer(mmap.mmap(self._arena_fd, size), dtype=np.uint8)
+        slots = self.arena[: max(1, self.size) * _SLOT_BYTES].view(np.int64).reshape(-1, _SLOT_BYTES // 8)
+        self._slots = slots
+
+    def reserve(self, size: int) -> tuple[NDArray[np.uint8], int]:
+        """The shared memory, at least `size` bytes behind the returned offset. Hold :attr:`lock` while it is in use."""
+        if os.getpid() != self._owner:  # a forked child gets workers of its own
+            self._owner = os.getpid()
+            self._workers = [None] * self.size
+            self._new_arena(_FIRST_ARENA)
+            self._finalizer.detach()
+        start = max(1, self.size) * _SLOT_BYTES
+        if start + size > self.arena.size:
+            self._map_arena(1 << (start + size - 1).bit_length())
+        return self.arena, start
+
+    # -- running -------------------------------------------------------------------------------------------------------
+
+    def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float) -> None:
+        """Run the job at this offset of the shared memory until every task has an outcome."""
+        key = os.fsencode(path)
+        if self._engine is not None:
+            self._run_here(key, job)
+            return
+        active: dict[int, int] = {}
+        done = [0] * self.size
+        for index in range(min(self.size, outcomes.size)):
+            self._command(index, key, job, -1, active)
+        try:
+            self._watch(key, job, outcomes, time_limit, active, done)
+        except BaseException:  # an interrupt must not leave a worker in the middle of a job
+            for index in active.values():
+                self._replace(index)
+            raise
+
+    def _run_here(self, key: bytes, job: int) -> None:
+        assert self._engine is not None
+        if key not in self._problems:
+            error = ctypes.create_string_buffer(1024)
+            problem = self._engine.ab_open(key, error, 1024)
+            if not problem:
+                raise CannotFinishError(error.value.decode(errors="replace"))
+            self._problems[key] = problem
+        base = self.arena.ctypes.data
+        self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1)
+
+    def counts(self, path: Path, experiment: int = 0) -> tuple[int, int, int]:
+        """Accepted steps, rejected steps and derivative evaluations of the last run (only with ``workers=0``)."""
+        out = (ctypes.c_int64 * 3)()
+        if self._engine is None or self._engine.ab_counts(self._problems[os.fsencode(path)], experiment, out):
+            raise CannotFinishError("no run to count")
+        return out[0], out[1], out[2]
+
+    def _command(self, index: int, key: bytes, job: int, first: int, active: dict[int, int]) -> None:
+        worker = self._workers[index]
+        if worker is None:
+            worker = self._workers[index] = self._start()
+        self._slots[index, :2] = -1, 0
+        worker.send(worker_main.RUN, self.arena.size, job, _SLOTS_AT + index * _SLOT_BYTES, first, key)
+        active[worker.replies] = index
+
+    def _start(self) -> _Worker:
+        command_read, command_write = os.pipe()
+        reply_read, reply_write = os.pipe()
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-I", "-S", worker_main.__file__, str(engine_path())]
+                + [str(fd) for fd in (command_read, reply_write, self._arena_fd)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(command_read, reply_write, self._arena_fd),
+                start_new_session=True,
+                cwd=self.folder,
+            )
+        finally:
+            os.close(command_read)
+            os.close(reply_write)
+        return _Worker(process, command_write, reply_read)
+
+    def _replace(self, index: int) -> None:
+        worker = self._workers[index]
+        self._workers[index] = None
+        if worker is not None:
+            worker.stop()
+            self.replaced += 1
+
+    def _watch(
+        self,
+        key: bytes,
+        job: int,
+        outcomes: NDArray[np.uint8],
+        time_limit: float,
+        active: dict[int, int],
+        done: list[int],
+    ) -> None:
+        poller = select.poll()
+        for fd in active:
+            poller.register(fd, select.POLLIN)
+        patience = min(250.0, max(5.0, 250.0 * time_limit))
+        early_deaths = 0
+        retried: set[int] = set()
+        while active:
+            for fd, _ in poller.poll(patience):
+                index = active[fd]
+                reply = os.read(fd, 2048)
+                if reply == b"d":
+                    poller.unregister(fd)
+                    del active[fd]
+                    continue
+                if reply:
+                    raise CannotFinishError(reply[1:].decode(errors="replace").strip())
+                poller.unregister(fd)
+                del active[fd]
+                task = int(self._slots[index, 0])
+                self._replace(index)
+                early_deaths += task < 0
+                if early_deaths > 8:
+                    raise CannotFinishError("worker processes of the native engine die as soon as they start")
+                again = task >= 0 and outcomes[task] == TODO and task not in retried
+                if again:
+                    retried.add(task)
+                elif task >= 0 and outcomes[task] == TODO:
+                    outcomes[task] = Outcome.CRASHED
+                if np.any(outcomes == TODO):
+                    self._command(index, key, job, task if again else -1, active)
+                    worker = self._workers[index]
+                    assert worker is not None
+                    poller.register(worker.replies, select.POLLIN)
+            now = time.monotonic_ns()
+            for fd, index in list(active.items()):
+                task, started = (int(v) for v in self._slots[index, :2])
+                if task < 0 or now - started < 1e9 * (time_limit + 0.05 + 0.1 * time_limit):
+                    continue
+                poller.unregister(fd)
+                del active[fd]
+                self._replace(index)
+                if outcomes[task] == TODO:
+                    outcomes[task] = Outcome.TIMED_OUT
+                if np.any(outcomes == TODO):
+                    self._command(index, key, job, -1, active)
+                    worker = self._workers[index]
+                    assert worker is not None
+                    poller.register(worker.replies, select.POLLIN)
