@@ -49,7 +49,7 @@ def test_linear_gaussian_posterior_is_the_closed_form() -> None:
     covariance = found.laplace.covariance[:2, :2] * 18.0**2
     np.testing.assert_allclose(covariance, np.linalg.inv(precision), rtol=2e-3)
     assert found.laplace.sd[2] == pytest.approx(1 / np.sqrt(2 * T.size), rel=0.02)
-    assert found.cost_eq6 == pytest.approx(float(np.sum((y - line(T, mean)) ** 2)), rel=1e-6)
+    assert found.cost_eq6 == pytest.approx(float(np.sum((y - line(T, mean)) ** 2)), rel=1e-4)
 
 
 def test_two_outputs_agree_with_scipy_at_the_same_weights() -> None:
