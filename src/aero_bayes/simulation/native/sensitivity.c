@@ -32,7 +32,32 @@ static double from_time(const Run *r, const Target *t)
     return k <= 0 ? -INFINITY : s->time[k] + r->delay;
 }
 
-/* Sorts the active columns and sets S(t0). Returns an outcome, or NEED_DIFFERENCES. */
+/* An input that jumps at the first sample already moves the delay's column: x(t0) waits for it. */
+static int delay_at_start(Run *r)
+{
+    int column = -1, jumps = 0;
+    for (int k = 0; k < r->q; k++)
+        if (r->column_target[k].kind == TARGET_DELAY) column = k;
+    if (column < 0 || !r->n) return FMI_OK;
+    for (int i = 0; i < r->e->n_signals; i++) {
+        const Signal *s = &r->e->signals[i];
+        const int64_t k = r->cell[i];
+        if (s->linear || k == 0 || fabs(s->time[k] + r->delay - r->t) > r->resolution) continue;
+        jumps |= r->signal_values[i][k] != r->signal_values[i][k - 1];
+        r->u0[i] = r->signal_values[i][k - 1];
+    }
+    if (!jumps) return FMI_OK;
+    int status = inputs_apply(r, r->t);
+    if (!worse(status)) status = rhs(r, r->t, r->x, r->f1);
+    inputs_enter(r, r->t);
+    if (!worse(status)) status = inputs_apply(r, r->t);
+    if (!worse(status)) status = rhs(r, r->t, r->x, r->f);
+    if (worse(status)) return status;
+    for (int i = 0; i < r->n; i++) r->s[i * r->ld + column] += r->f1[i] - r->f[i];
+    return FMI_OK;
+}
+
+/* Sorts the active columns and sets S(t0). Returns an outcome. */
 int sensitivity_begin(Run *r)
 {
     const Experiment *e = r->e;
@@ -54,7 +79,7 @@ int sensitivity_begin(Run *r)
     for (int i = 0; i < r->n; i++)
         for (int k = 0; k < r->ld; k++)
             r->s[i * r->ld + k] = k < r->q ? r->s0[i * r->q + r->order[k]] : 0.0;
-    return AB_OK;
+    return worse(delay_at_start(r)) ? AB_MODEL_ERROR : AB_OK;
 }
 
 static int needs_signal(const Run *r, int signal)

@@ -1,0 +1,344 @@
+"""The reference simulator: FMPy's Model Exchange interface with CVode, segment by segment between input jumps.
+
+Slow and plain on purpose: it shares no code with the native engine beyond the contract, and is what the engine is
+tested against. Sensitivities are central differences of whole trajectories at a tightened tolerance.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import tempfile
+import time as clock
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from fmpy import calloc, extract, free, read_model_description
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import (
+    FMU2Model,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.sundials import CVodeSolver
+
+from aero_bayes.simulation.gaussian import products
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    FloatArray,
+    GaussNewton,
+    InputSignal,
+    InputTarget,
+    Likelihoods,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    Trajectories,
+)
+from aero_bayes.simulation.native import check_active, check_noise, check_values
+from aero_bayes.simulation.spec import check_problem, target_scale
+
+
+def _ignore(*_: Any) -> None:
+    """Take a log message and drop it."""
+
+
+class _TimedOutError(Exception):
+    """The time limit of a run passed."""
+
+
+def _delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> tuple[InputSignal, ...]:
+    """The signals with this run's delay and additions to grid values."""
+    delay = sum(float(v) for v, t in zip(values, row, strict=True) if isinstance(t, DelayTarget))
+    signals = []
+    for signal in experiment.inputs:
+        level = signal.values.astype(float).copy()
+        for value, target in zip(values, row, strict=True):
+            if isinstance(target, InputTarget) and target.input == signal.name:
+                level[target.index] += value
+        signals.append(replace(signal, time=signal.time + delay, values=level))
+    return tuple(signals)
+
+
+def _value(signal: InputSignal, t: float, segment: float) -> float:
+    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
+    if signal.interpolation == "linear":
+        return float(np.interp(t, signal.time, signal.values))
+    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
+    return float(signal.values[max(cell, 0)])
+
+
+class FmpySimulator:
+    """Runs a problem with FMPy.
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        check_problem(problem)
+        self.problem = problem
+        self._folder = Path(tempfile.mkdtemp(prefix="aero-bayes-fmpy-"))
+        extract(str(problem.model.path), str(self._folder))
+        description = read_model_description(str(self._folder))
+        self._callbacks = fmi2CallbackFunctions()
+        self._logger = fmi2CallbackLoggerTYPE(_ignore)
+        self._fmu = FMU2Model(
+            guid=description.guid,
+            unzipDirectory=str(self._folder),
+            modelIdentifier=description.modelExchange.modelIdentifier,
+            instanceName=problem.model.identifier,
+        )
+        self._callbacks.logger = self._logger
+        self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+        self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+        self._fmu.instantiate(callbacks=self._callbacks)
+        self._fresh = True
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the model and remove what was unpacked."""
+        if not self._closed:
+            self._closed = True
+            self._fmu.freeInstance()
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    # -- one run -------------------------------------------------------------------------------------------------------
+
+    def _start(self, number: int, values: FloatArray, signals: tuple[InputSignal, ...]) -> list[float]:
+        problem, fmu = self.problem, self._fmu
+        model, experiment = problem.model, problem.experiments[number]
+        if not self._fresh:
+            fmu.reset()
+        self._fresh = False
+        starts = {model.states[model.state_index(name)]: value for name, value in experiment.start.items()}
+        setting = {model.parameter(name): value for name, value in problem.fixed.items()}
+        for value, target in zip(values, problem.targets[number], strict=True):
+            if isinstance(target, ParameterTarget):
+                setting[model.parameter(target.name)] = float(value)
+            elif isinstance(target, StartTarget):
+                starts[model.states[model.state_index(target.state)]] = float(value)
+        begin = float(experiment.time[0])
+        fmu.setupExperiment(startTime=begin)
+        for variable, value in [*setting.items(), *((v, x) for v, x in starts.items() if v.settable_start)]:
+            fmu.setReal([variable.value_reference], [value])
+        self._apply(signals, begin, begin)
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        next_event = self._iterate()
+        fmu.enterContinuousTimeMode()
+        if model.states and starts:
+            x = np.zeros(len(model.states))
+            pointer = x.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+            fmu.getContinuousStates(pointer, x.size)
+            for variable, value in starts.items():
+                x[model.state_index(variable.name)] = value
+            fmu.setContinuousStates(pointer, x.size)
+        return [next_event]
+
+    def _apply(self, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
+        for signal in signals:
+            reference = self.problem.model.input(signal.name).value_reference
+            self._fmu.setReal([reference], [_value(signal, t, segment)])
+
+    def _iterate(self) -> float:
+        """Event iteration; the time of the next time event."""
+        for _ in range(1000):
+            more, stop, _, _, defined, when = self._fmu.newDiscreteStates()
+            if stop:
+                raise FMICallException("fmi2NewDiscreteStates", 3)
+            if not more:
+                return float(when) if defined else np.inf
+        raise FMICallException("fmi2NewDiscreteStates", 3)
+
+    def _read(self, variables: Sequence[Any]) -> list[float]:
+        get = {"real": self._fmu.getReal, "integer": self._fmu.getInteger, "boolean": self._fmu.getBoolean}
+        return [float(get[v.kind]([v.value_reference])[0]) for v in variables]
+
+    def _simulate_one(self, number: int, values: FloatArray, settings: SolverSettings) -> FloatArray:
+        model, experiment, fmu = self.problem.model, self.problem.experiments[number], self._fmu
+        signals = _delayed(experiment, self.problem.targets[number], values)
+        deadline = clock.monotonic() + settings.time_limit
+        next_event = self._start(number, values, signals)[0]
+        variables = [model.output(name) for name in experiment.outputs]
+        samples = experiment.time
+        out = np.empty((samples.size, len(variables)))
+        t, end, done = float(samples[0]), float(samples[-1]), 0
+        tiny = 1e-13 * max(abs(t), abs(end))
+        breaks = np.unique(np.concatenate([[np.inf], *(s.time for s in signals)]))
+        segment = [t]
+
+        def set_time(now: float) -> None:
+            fmu.setTime(now)
+            self._apply(signals, now, segment[0])
+
+        solver: CVodeSolver | None = None
+        while True:
+            stop = min(end, float(breaks[np.searchsorted(breaks, t + tiny, side="right")]), next_event)
+            if solver is None:
+                solver = CVodeSolver(
+                    nx=len(model.states),
+                    nz=model.event_indicators,
+                    get_x=fmu.getContinuousStates,
+                    set_x=fmu.setContinuousStates,
+                    get_dx=fmu.getDerivatives,
+                    get_z=fmu.getEventIndicators,
+                    get_nominals=self._nominals,
+                    set_time=set_time,
+                    input=_Inputs(set_time),
+                    startTime=t,
+                    relativeTolerance=min(settings.relative_tolerance, settings.absolute_tolerance),
+                    maxNumSteps=settings.max_steps,
+                )
+            event = False
+            while t < stop - tiny and not event:
+                goal = stop
+                if done < samples.size and samples[done] <= t + tiny:
+                    set_time(t)
+                    out[done] = self._read(variables)
+                    done += 1
+                    continue
+                if done < samples.size and samples[done] < stop - tiny:
+                    goal = float(samples[done])
+                event, _, t = solver.step(t, goal)
+                set_time(t)
+                if model.wants_step_callback:
+                    ask, terminate = fmu.completedIntegratorStep()
+                    if terminate:
+                        raise FMICallException("fmi2CompletedIntegratorStep", 3)
+                    event = event or bool(ask)
+                if clock.monotonic() > deadline:
+                    raise _TimedOutError
+            if t >= end - tiny and not event and next_event > end + tiny and not np.any(np.abs(breaks - t) <= tiny):
+                break
+            fmu.enterEventMode()
+            segment[0] = t
+            self._apply(signals, t, t)
+            next_event = self._iterate()
+            fmu.enterContinuousTimeMode()
+            solver = None
+            if t >= end - tiny:
+                break
+        set_time(t)
+        out[done:] = self._read(variables)
+        return out
+
+    def _nominals(self, pointer: Any, size: int) -> None:
+        self._fmu.getNominalsOfContinuousStates(pointer, size)
+
+    def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
+        experiment = self.problem.experiments[number]
+        out = np.full((experiment.time.size, len(experiment.outputs)), np.nan)
+        try:
+            found = self._simulate_one(number, values, settings)
+        except _TimedOutError:
+            return out, Outcome.TIMED_OUT
+        except FMICallException:
+            return out, Outcome.MODEL_ERROR
+        except RuntimeError:
+            return out, Outcome.SOLVER_FAILED
+        return (found, Outcome.OK) if np.all(np.isfinite(found)) else (out, Outcome.NOT_FINITE)
+
+    def _slopes(self, number: int, values: FloatArray, columns: FloatArray | Sequence[int]) -> FloatArray:
+        problem = self.problem
+        experiment, row = problem.experiments[number], problem.targets[number]
+        settings = replace(
+            problem.settings,
+            relative_tolerance=max(1e-12, 1e-3 * problem.settings.relative_tolerance),
+            absolute_tolerance=max(1e-12, 1e-3 * problem.settings.absolute_tolerance),
+        )
+        slopes = np.zeros((experiment.time.size, len(experiment.outputs), len(columns)))
+        for place, column in enumerate(columns):
+            target = row[int(column)]
+            if target is None:
+                continue
+            size = abs(values[int(column)]) or target_scale(problem.model, experiment, target)
+            step = 1e-4 * (0.1 if isinstance(target, DelayTarget) else size)
+            sides = []
+            for sign in (1.0, -1.0):
+                trial = values.copy()
+                trial[int(column)] += sign * step
+                sides.append(self._run(number, trial, settings)[0])
+            slopes[..., place] = (sides[0] - sides[1]) / (2.0 * step)
+        return slopes
+
+    # -- the contract --------------------------------------------------------------------------------------------------
+
+    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
+        """Trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        columns = check_active(self.problem, active if active is not None else [])
+        experiments = self.problem.experiments
+        outcomes = np.zeros((len(values), len(experiments)), dtype=np.uint8)
+        outputs = tuple(np.empty((len(values), e.time.size, len(e.outputs))) for e in experiments)
+        slopes = tuple(np.full((*out.shape, len(columns)), np.nan) for out in outputs)
+        for i, row in enumerate(values):
+            for e in range(len(experiments)):
+                outputs[e][i], outcomes[i, e] = self._run(e, row, self.problem.settings)
+                if outcomes[i, e] == Outcome.OK and len(columns):
+                    slopes[e][i] = self._slopes(e, row, columns)
+        return Trajectories(outputs, slopes if active is not None else None, outcomes)
+
+    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
+        """Gaussian log-likelihood of the measurements. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        noise = check_noise(self.problem, noise, len(values))
+        found = self.simulate(values)
+        result = np.full(found.outcomes.shape, -np.inf)
+        for i, e in np.argwhere(found.outcomes == Outcome.OK):
+            result[i, e] = self._products(e, found.outputs[e][i], None, noise[i, e])[3]
+        return Likelihoods(result, found.outcomes)
+
+    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
+        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        noise = check_noise(self.problem, noise, len(values))
+        found = self.simulate(values, active=active)
+        assert found.sensitivities is not None
+        n, q = len(values), len(active)
+        cost, log_likelihood = np.zeros(n), np.zeros(n)
+        gradient, hessian = np.zeros((n, q)), np.zeros((n, q, q))
+        for i, e in np.ndindex(found.outcomes.shape):
+            if found.outcomes[i, e] != Outcome.OK:
+                cost[i], log_likelihood[i], gradient[i], hessian[i] = np.inf, -np.inf, np.nan, np.nan
+                continue
+            part = self._products(e, found.outputs[e][i], found.sensitivities[e][i], noise[i, e])
+            cost[i] += part[0]
+            gradient[i] += part[1]
+            hessian[i] += part[2]
+            log_likelihood[i] += part[3]
+        return GaussNewton(cost, gradient, hessian, log_likelihood, found.outcomes)
+
+    def _products(
+        self, number: int, output: FloatArray, slopes: FloatArray | None, noise: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray, float]:
+        experiment = self.problem.experiments[number]
+        assert experiment.measured is not None
+        if slopes is None:
+            slopes = np.zeros((*output.shape, 0))
+        return products(experiment.time, experiment.measured, output, slopes, noise)
+
+
+class _Inputs:
+    """What FMPy's solver calls before it asks for event indicators."""
+
+    def __init__(self, apply: Any) -> None:
+        self.apply = apply
