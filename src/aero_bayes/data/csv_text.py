@@ -231,8 +231,9 @@ def _parse_cells(
             continue
         cells = text.split(b",")
         if len(cells) != len(header):
+            noun = "cell" if len(cells) == 1 else "cells"
             raise InputError(
-                f"{path}, row {line + offset}: {len(cells)} cells, expected {len(header)} "
+                f"{path}, row {line + offset}: {len(cells)} {noun}, expected {len(header)} "
                 f"({_comma_hint(text) or ', '.join(header)})"
             )
         rows.append([_cell(path, line + offset, name, cells[position]) for name, position in picked.items()])

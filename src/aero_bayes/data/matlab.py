@@ -172,9 +172,13 @@ def _signals(signals: Any) -> list[tuple[str, Any]]:
         values, labels = signals.get("values"), signals.get("label", "")
         if isinstance(values, list):
             names = labels if isinstance(labels, list) else [labels] * len(values)
-            return [(str(label or "").strip(), value) for label, value in zip(names, values, strict=False)]
+            return [(_text(label), value) for label, value in zip(names, values, strict=False)]
         signals = [signals]
-    return [(str(one.get("label", "") or "").strip(), one.get("values")) for one in signals if isinstance(one, Mapping)]
+    return [(_text(one.get("label")), one.get("values")) for one in signals if isinstance(one, Mapping)]
+
+
+def _text(label: Any) -> str:
+    return label.strip() if isinstance(label, str) else ""
 
 
 def _flatten_array(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:

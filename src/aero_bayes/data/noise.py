@@ -5,12 +5,12 @@ and keep the variance of white noise. How their variance grows with k tells nois
 the signal: constant for white noise, ``1 - 1.5 r + 0.6 r^2 - 0.1 r^3`` with r = exp(-k dt / tau) for an
 Ornstein-Uhlenbeck process, k^6 for a smooth signal.
 
-Limits, on simulated recordings of an AERO (see the tests): white noise within 3 % from 2,000 readings on, as long as the
-signal is smooth over four samples most of the time. Noise with memory within 30 % where its correlation time is at most
-0.1 s for current and speed and 0.05 s for pitch; at 0.2 s it is found, but its size is off by up to a factor of two, and
-slower or weaker memory (a tenth of the variance) looks like signal or white noise and is missed. A ripple is not noise
-here: it is left out where the sample rate resolves it (see :mod:`aero_bayes.data.ripple`) and counts as white where it
-does not. A quantised reading that stands still says nothing: the floor is then the quantum over sqrt(12).
+Limits, on simulated recordings of an AERO (see the tests): white noise within 3 % from 2,000 readings on, as long as
+the signal is smooth over four samples most of the time. Noise with memory within 30 % where its correlation time is at
+most 0.1 s for current and speed and 0.05 s for pitch; at 0.2 s it is found, but its size is off by up to a factor of
+two, and slower or weaker memory (a tenth of the variance) looks like signal or white noise and is missed. A ripple is
+not noise here: it is left out where the sample rate resolves it (see :mod:`aero_bayes.data.ripple`) and counts as white
+where it does not. A quantised reading that stands still says nothing: the floor is then the quantum over sqrt(12).
 """
 
 from __future__ import annotations
@@ -160,12 +160,17 @@ def quantisation_step(values: FloatArray) -> float | None:
     gaps = np.diff(distinct)
     step = float(np.quantile(gaps, 0.1))
     step = float(np.median(gaps[gaps < 1.5 * step]))
-    for _ in range(3):
-        counts = np.rint((distinct - distinct[0]) / step)
+    raised = distinct - distinct[0]
+    # The first guess is only good for a few multiples; each pass reaches twice as far.
+    for reach in 2 ** np.arange(2, 64):
+        part = raised[: min(int(reach), raised.size)]
+        counts = np.rint(part / step)
         if counts[-1] < 1:
             return None
-        step = float(((distinct - distinct[0]) @ counts) / (counts @ counts))
-    off = np.abs((distinct - distinct[0]) / step - np.rint((distinct - distinct[0]) / step))
+        step = float((part @ counts) / (counts @ counts))
+        if reach >= raised.size:
+            break
+    off = np.abs(raised / step - np.rint(raised / step))
     return step if float(np.quantile(off, 0.95)) < 0.1 else None
 
 
@@ -185,7 +190,7 @@ def _split(spread: dict[int, float], interval: float, readings: int) -> tuple[fl
     flat = _fit(lags, variances, error, None)
     best, best_time = flat, 0.0
     if lags.size >= 5:
-        for slow_lags in np.geomspace(0.7, float(lags[-1]), 24):
+        for slow_lags in np.geomspace(1.0, float(lags[-1]), 24):
             tried = _fit(lags, variances, error, float(slow_lags))
             if tried[0] < best[0]:
                 best, best_time = tried, float(slow_lags) * interval

@@ -1,0 +1,239 @@
+"""Every complaint about a CSV file is one line that says where and what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.data import ColumnMap, Layout, read_recording
+from aero_bayes.errors import InputError
+
+GOOD = "time,V_m,i_m,omega_m,theta\n" + "".join(
+    f"{k / 100:.2f},{10 if k > 5 else 0},{0.5 if k > 5 else 0},{20.0 * max(k - 5, 0)},{0.01 * k}\n" for k in range(20)
+)
+
+
+def write(folder: Path, text: str | bytes, name: str = "a.csv") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def with_cell(row: int, column: int, cell: str) -> str:
+    """GOOD with one cell changed; ``row`` is the line of the file, the header being 1."""
+    lines = GOOD.splitlines()
+    cells = lines[row - 1].split(",")
+    cells[column] = cell
+    lines[row - 1] = ",".join(cells)
+    return "\n".join(lines) + "\n"
+
+
+def complaint(path: Path, **options: object) -> str:
+    with pytest.raises(InputError) as caught:
+        read_recording(path, **options)  # type: ignore[arg-type]
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message or "column" in message
+    return message
+
+
+def test_reads_the_contract(tmp_path: Path) -> None:
+    recording = read_recording(write(tmp_path, GOOD))
+    assert recording.rows == 20
+    assert recording.rate_hz == pytest.approx(100.0)
+    assert list(recording.inputs) == ["V_m"]
+    assert list(recording.outputs) == ["i_m", "omega_m", "theta"]
+    assert recording.outputs["theta"][7] == 0.07
+    assert recording.units == {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
+    assert recording.name == "a"
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [
+        GOOD.replace("\n", "\r\n"),
+        "\ufeff" + GOOD,
+        GOOD.rstrip("\n"),
+        GOOD + "\n\n",
+        GOOD.replace("0.05,", "\n0.05,"),
+        GOOD.replace(",", ", "),
+        GOOD.replace("time,V_m", '"time","V_m"'),
+        "\n".join(line + ("," + ("note" if k == 0 else "some text")) for k, line in enumerate(GOOD.splitlines())),
+        "\n".join(",".join(reversed(line.split(","))) for line in GOOD.splitlines()),
+    ],
+    ids=["crlf", "bom", "no last newline", "blank tail", "blank line", "spaces", "quotes", "text column", "order"],
+)
+def test_reads_variants_alike(tmp_path: Path, variant: str) -> None:
+    plain, other = read_recording(write(tmp_path, GOOD)), read_recording(write(tmp_path, variant, "b.csv"))
+    np.testing.assert_array_equal(plain.time, other.time)
+    for name, values in plain.outputs.items():
+        np.testing.assert_array_equal(values, other.outputs[name])
+
+
+def test_missing_outputs_are_left_out(tmp_path: Path) -> None:
+    text = "\n".join(",".join(line.split(",")[k] for k in (0, 1, 4)) for line in GOOD.splitlines())
+    assert list(read_recording(write(tmp_path, text)).outputs) == ["theta"]
+
+
+def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
+    lines = GOOD.splitlines()
+    lines[3] = "0.02,0,,,0.02"
+    lines[4] = "0.03,0,0, ,"
+    recording = read_recording(write(tmp_path, "\n".join(lines)))
+    assert np.flatnonzero(np.isnan(recording.outputs["i_m"])).tolist() == [2]
+    assert np.flatnonzero(np.isnan(recording.outputs["omega_m"])).tolist() == [2, 3]
+    assert np.flatnonzero(np.isnan(recording.outputs["theta"])).tolist() == [3]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", ["is empty"]),
+        ("time,V_m,theta\n", ["header but no data"]),
+        ("time,V_m,theta\n\n\n", ["header but no data"]),
+        (GOOD.replace("V_m", "volts"), ["row 1", "no column V_m", "volts"]),
+        (GOOD.replace("V_m", "v_m"), ["no column V_m", "is v_m meant?"]),
+        (GOOD.replace("time", "t"), ["no column time"]),
+        (GOOD.replace("i_m", "theta"), ["column theta appears 2 times"]),
+        ("time,V_m\n0,1\n1,1\n2,1\n3,1\n", ["no output column", "theta"]),
+        (with_cell(9, 2, "abc"), ["row 9", "column i_m", "'abc' is not a number"]),
+        (with_cell(9, 1, "1_000"), ["row 9", "column V_m", "not a number"]),
+        (with_cell(9, 4, "0x10"), ["row 9", "column theta", "not a number"]),
+        (with_cell(9, 4, "nan"), ["row 9", "column theta", "not a finite number", "empty"]),
+        (with_cell(9, 4, "-Inf"), ["row 9", "column theta", "not a finite number"]),
+        (with_cell(9, 4, "1e999"), ["row 9", "column theta", "not a finite number"]),
+        (with_cell(9, 1, ""), ["row 9", "column V_m", "missing"]),
+        (with_cell(9, 0, ""), ["row 9", "column time", "missing"]),
+        (with_cell(9, 0, "0.03"), ["row 9", "column time", "runs backwards", "0.03 after 0.06"]),
+        (with_cell(9, 0, "0.06"), ["row 9", "column time", "repeats"]),
+        (GOOD.replace("0.05,0,", "\n\n0.05,x,"), ["row 9", "column V_m"]),
+        (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0.5,100.0\n"), ["row 12", "4 cells, expected 5"]),
+        (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0,5,100.0,0.1\n"), ["row 12", "6 cells, expected 5"]),
+        (GOOD.replace(",", ";"), ["row 1", "separated by semicolons"]),
+        ("time;V_m;theta\n0,0;1,5;0,1\n0,1;1,5;0,1\n", ["separated by semicolons", "decimal points"]),
+        ("time,V_m,theta\n0,00;1,50;0,1\n", ["row 2", "4 cells, expected 3", "decimal point"]),
+        (GOOD.replace(",", "\t"), ["separated by tabs"]),
+        (GOOD.split("\n", 1)[1], ["row 1", "expected a header"]),
+        (GOOD.encode("utf-16"), ["not plain text"]),
+        (b"time,V_m,theta\n\x00\x01", ["row 2", "1 cell, expected 3"]),
+        (GOOD.replace("time", "z\xe9it").encode("latin-1"), ["not text in UTF-8"]),
+        (GOOD.replace("\n", "\r"), ["bare carriage return"]),
+        ("time,V_m,theta\n0,1,0\n1,1,0\n", ["2 samples, expected at least 4"]),
+    ],
+)
+def test_complaints(tmp_path: Path, text: str | bytes, parts: list[str]) -> None:
+    message = complaint(write(tmp_path, text))
+    for part in parts:
+        assert part in message
+
+
+def test_blocks_of_missing_values(tmp_path: Path) -> None:
+    lines = GOOD.splitlines()
+    blank = [",".join([*line.split(",")[:1], "", *line.split(",")[2:]]) for line in lines]
+    assert "row 6, column V_m: missing or not finite (10 in a row)" in complaint(
+        write(tmp_path, "\n".join(lines[:5] + blank[5:15] + lines[15:]))
+    )
+    hollow = [line.rsplit(",", 1)[0] + "," for line in lines]
+    assert "column theta: 0 readings in 20 rows" in complaint(write(tmp_path, "\n".join(lines[:1] + hollow[1:])))
+
+
+def test_units_wrong_by_a_thousand(tmp_path: Path) -> None:
+    table = np.array([[float(cell) for cell in line.split(",")] for line in GOOD.splitlines()[1:]])
+    cases = [
+        (0, 1e3, ["column time", "ms"]),
+        (0, 1e-6, ["column time", "seconds are expected"]),
+        (1, 1e3, ["column V_m", "expected V", "mV"]),
+        (1, 1e-3, ["column V_m", "expected V"]),
+        (2, 1e3, ["column i_m", "expected A", "mA"]),
+        (2, 1e-4, ["column i_m", "A"]),
+        (3, 1e3, ["column omega_m", "rad/s"]),
+        (3, 1e-3, ["column omega_m", "rad/s"]),
+        (4, 1e3, ["column theta", "expected rad", "degrees"]),
+    ]
+    for column, factor, parts in cases:
+        scaled = table.copy()
+        scaled[:, column] *= factor
+        text = "time,V_m,i_m,omega_m,theta\n" + "\n".join(",".join(f"{x:.12g}" for x in row) for row in scaled)
+        message = complaint(write(tmp_path, text))
+        for part in parts:
+            assert part in message, message
+
+
+def test_degrees_and_rpm_through_a_mapping(tmp_path: Path) -> None:
+    text = "ms,volt,pitch,rpm,enc\n" + "\n".join(
+        f"{10 * k},{5},{90 if k else 0},{60 * k},{512 * (k > 0)}" for k in range(8)
+    )
+    columns = {
+        "time": ColumnMap("ms", unit="ms"),
+        "V_m": ColumnMap("volt", scale=2.0, offset=1.0),
+        "theta": ColumnMap("pitch", unit="deg"),
+        "omega_m": ColumnMap("rpm", unit="rpm"),
+    }
+    recording = read_recording(write(tmp_path, text), columns)
+    assert recording.time[3] == pytest.approx(0.03)
+    assert recording.inputs["V_m"][0] == pytest.approx(12.0)
+    assert recording.outputs["theta"][1] == pytest.approx(np.pi / 2)
+    assert recording.outputs["omega_m"][2] == pytest.approx(4.0 * np.pi)
+    columns["theta"] = ColumnMap("enc", unit="count", counts_per_revolution=2048)
+    assert read_recording(write(tmp_path, text), columns).outputs["theta"][1] == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("column", "mapping", "part"),
+    [
+        ("theta", ColumnMap("theta", unit="furlong"), "unknown unit"),
+        ("theta", ColumnMap("theta", unit="V"), "cannot become rad"),
+        ("theta", ColumnMap("theta", unit="count"), "counts_per_revolution"),
+        ("theta", ColumnMap("pitch"), "no column pitch"),
+        ("phi", ColumnMap("theta"), "phi is not a column of the model"),
+    ],
+)
+def test_wrong_mappings(tmp_path: Path, column: str, mapping: ColumnMap, part: str) -> None:
+    with pytest.raises(InputError, match="column") as caught:
+        read_recording(write(tmp_path, GOOD), {column: mapping})
+    assert part in str(caught.value)
+
+
+def test_missing_file_and_directory(tmp_path: Path) -> None:
+    assert "no such file" in complaint(tmp_path / "none.csv")
+    assert "is not a file" in complaint(tmp_path)
+
+
+def test_another_layout(tmp_path: Path) -> None:
+    path = write(tmp_path, "time,u,y\n" + "\n".join(f"{k},{k},{1e6 * k}" for k in range(10)))
+    recording = read_recording(path, layout=Layout.of(["u"], ["y", "z"], {"y": "Pa"}))
+    assert list(recording.outputs) == ["y"]
+    assert recording.units["y"] == "Pa"
+
+
+def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
+    message = complaint(write(tmp_path, GOOD), memory=1000)
+    assert "20 rows of 5 columns need" in message
+    assert "MiB" in message
+
+
+def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = read_recording(write(tmp_path, GOOD))
+    for size in (70, 101, 160):
+        monkeypatch.setattr("aero_bayes.data.csv_text.BLOCK", size)
+        pieces = read_recording(tmp_path / "a.csv")
+        np.testing.assert_array_equal(whole.measured(("i_m", "theta")), pieces.measured(("i_m", "theta")))
+        assert pieces.sha256 == whole.sha256
+        assert "row 17, column theta" in complaint(write(tmp_path, with_cell(17, 4, "x"), "c.csv"))
+
+
+def test_memory_grows_with_the_table_only(tmp_path: Path) -> None:
+    import tracemalloc
+
+    rows = 200_000
+    body = "".join(f"{k / 1000:.3f},1.5,{k % 7 / 1000}\n" for k in range(rows))
+    path = write(tmp_path, "time,V_m,theta\n" + body)
+    tracemalloc.start()
+    recording = read_recording(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert recording.rows == rows
+    # The table is 4.8 MB; one block of 8 MiB text passes through several forms.
+    assert peak < 2 * 3 * 8 * rows + 12 * (8 << 20)

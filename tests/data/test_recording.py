@@ -1,0 +1,93 @@
+"""Cutting recordings and turning them into experiments."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.data import AERO, Recording, to_experiment
+from aero_bayes.errors import InputError
+
+
+def recording(volts: list[float], omega: list[float] | None = None, start: float = 0.0) -> Recording:
+    n = len(volts)
+    outputs = {"theta": np.linspace(0.0, 1.0, n)}
+    if omega is not None:
+        outputs["omega_m"] = np.array(omega)
+    return Recording("r", start + np.arange(n) / 10.0, {"V_m": np.array(volts)}, outputs, AERO.units)
+
+
+def test_slice_split_and_holding_back() -> None:
+    whole = recording([0.0] * 5 + [10.0] * 5, start=2.0)
+    assert whole.slice(2.2, 2.5).time.tolist() == pytest.approx([2.2, 2.3, 2.4])
+    first, rest = whole.split(0.6)
+    assert first.rows + rest.rows == whole.rows
+    assert first.time[-1] < rest.time[0]
+    held = whole.without(after=2.5)
+    assert held.rows == whole.rows
+    assert np.isfinite(held.outputs["theta"]).sum() == 5
+    np.testing.assert_array_equal(held.inputs["V_m"], whole.inputs["V_m"])
+    assert np.isfinite(whole.thin(3).outputs["theta"]).tolist() == [k % 3 == 0 for k in range(10)]
+    assert len({whole.sha256, held.sha256, first.sha256, rest.sha256}) == 4
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda r: r.slice(50.0, 60.0),
+        lambda r: r.split(1.5),
+        lambda r: r.split(0.01),
+        lambda r: r.thin(0),
+        lambda r: r.measured(("i_m",)),
+        lambda r: to_experiment(r, ["i_m"]),
+    ],
+)
+def test_misuse_is_an_input_error(use) -> None:
+    with pytest.raises(InputError, match="r: "):
+        use(recording([0.0] * 10))
+
+
+def test_columns_of_unequal_length_are_refused() -> None:
+    with pytest.raises(InputError, match="theta"):
+        Recording("r", np.arange(3.0), {}, {"theta": np.zeros(4)})
+
+
+def test_experiment_keeps_only_changes_of_the_input() -> None:
+    experiment = to_experiment(recording([0, 0, 5, 5, 5, -3, -3, 0, 0, 0]), start={"body.theta": 0.1})
+    (signal,) = experiment.inputs
+    assert signal.time.tolist() == pytest.approx([0.0, 0.2, 0.5, 0.7])
+    assert signal.values.tolist() == [0, 5, -3, 0]
+    assert signal.interpolation == "hold"
+    assert experiment.start == {"body.theta": 0.1}
+    assert experiment.measured is not None
+    assert experiment.measured.shape == (10, 1)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_compressed_input_is_the_recorded_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    original = recording(rng.choice([0.0, 1.0, -2.5], 50).tolist())
+    (signal,) = to_experiment(original).inputs
+    held = signal.values[np.searchsorted(signal.time, original.time, side="right") - 1]
+    np.testing.assert_array_equal(held, original.inputs["V_m"])
+
+
+def test_a_step_at_the_first_sample_can_be_delayed() -> None:
+    (signal,) = to_experiment(recording([10.0] * 10, omega=[0.05, 0.1, 5, 9, 14, 18, 22, 25, 28, 30])).inputs
+    assert signal.values.tolist() == [0.0, 10.0]
+    assert signal.time[0] < -0.5
+    assert signal.time[1] == 0.0
+
+
+def test_a_turning_rotor_was_driven_before() -> None:
+    (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10)).inputs
+    assert signal.values.tolist() == [10.0]
+    (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10), before={"V_m": 4.0}).inputs
+    assert signal.values.tolist() == [4.0, 10.0]
+
+
+def test_dictionary_and_html() -> None:
+    one = recording([0.0] * 4)
+    assert one.to_dict() == {"file": "r", "sha256": one.sha256, "rows": 4, "rate_hz": 10.0}
+    assert "<table>" in one._repr_html_()
+    assert "theta" in one._repr_html_()

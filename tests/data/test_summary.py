@@ -1,0 +1,90 @@
+"""A summary says what was put into the recording."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aero_bayes.bench import Noise, Sensors, Truth, clean, real, simulate_recording, staircase
+from aero_bayes.data import Recording, ripple, summarise
+
+STAIRS = staircase([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
+
+
+def made(sensors: Sensors, seed: int = 0, rate_hz: float = 100.0) -> Recording:
+    return simulate_recording(
+        Truth(), STAIRS, sensors, np.random.default_rng(seed), duration=27.0, rate_hz=rate_hz, name="made"
+    )
+
+
+def test_sampling_input_and_gaps() -> None:
+    recording = made(replace(clean(), theta=Noise(white=1e-3, missing=0.1)))
+    summary = summarise(recording)
+    assert (summary.rows, summary.rate_hz, summary.dropped) == (2701, pytest.approx(100.0), 0)
+    (volts,) = summary.inputs
+    assert (volts.levels, volts.jumps, volts.lowest, volts.highest) == (5, 5, -9.0, 18.0)
+    assert volts.jump_times == pytest.approx((1.0, 6.0, 11.0, 16.0, 21.0))
+    assert volts.at_largest == pytest.approx(500 / 2701)
+    theta = summary.outputs[2]
+    assert theta.missing == int(np.isnan(recording.outputs["theta"]).sum()) > 0
+    assert theta.noise.sd == pytest.approx(1e-3, rel=0.1)
+    json.dumps(summary.to_dict(), allow_nan=False)
+    assert "made: 2,701 rows" in str(summary)
+    assert "<li>V_m: -9 to 18 V, 5 levels" in summary._repr_html_()
+
+
+def test_dropped_samples_and_jitter() -> None:
+    recording = made(clean())
+    keep = np.ones(recording.rows, dtype=bool)
+    keep[100:110] = keep[500] = False
+    rng = np.random.default_rng(1)
+    cut = Recording(
+        "cut",
+        recording.time[keep] + rng.uniform(0.0, 1e-3, keep.sum()),
+        {"V_m": recording.inputs["V_m"][keep]},
+        {"theta": recording.outputs["theta"][keep]},
+    )
+    summary = summarise(cut)
+    assert summary.dropped == 2
+    assert summary.longest_interval == pytest.approx(0.11, abs=2e-3)
+    assert 0.01 < summary.jitter < 0.1
+
+
+def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
+    recording = made(Sensors(Noise(5e-3), Noise(1.0), Noise(1e-3)))
+    clipped = dict(recording.outputs) | {"omega_m": np.minimum(recording.outputs["omega_m"], 300.0)}
+    summary = summarise(Recording("clipped", recording.time, recording.inputs, clipped, recording.units))
+    share = float((clipped["omega_m"] == 300.0).mean())
+    assert summary.outputs[1].saturated == pytest.approx(share, rel=0.05)
+    assert summary.outputs[0].saturated == 0.0
+    assert "saturated" in summary.outputs[1].text
+    assert summarise(made(replace(clean(), encoder_counts=2048))).outputs[2].saturated == 0.0
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_ripple_is_found_where_it_is(rate_hz: float) -> None:
+    sensors = Sensors(Noise(2e-3, ripple=(0.0, 10e-3)), Noise(0.5, ripple=(0.6,)), Noise(1e-3))
+    recording = made(sensors, rate_hz=rate_hz)
+    current, speed = ripple(recording, "i_m"), ripple(recording, "omega_m")
+    # The amplitude goes with the speed: 18 V makes about 412 rad/s, the others less.
+    assert 3e-3 < current[2] < 11e-3
+    assert 1 not in current or current[1] < 0.1 * current[2]
+    if rate_hz > 500.0:
+        assert 0.2 < speed[1] < 0.7
+    assert ripple(recording, "theta") == {}
+
+
+def test_no_ripple_in_white_noise() -> None:
+    for seed in range(5):
+        recording = made(Sensors(Noise(5e-3), Noise(1.0), Noise(1e-3)), seed)
+        for output in recording.outputs:
+            assert ripple(recording, output) == {}
+
+
+def test_real_noise_is_described() -> None:
+    text = str(summarise(made(real(), rate_hz=1000.0)))
+    assert "at 2 a turn" in text
+    assert "step 0.003068" in text
