@@ -1,0 +1,85 @@
+# aero-bayes: `make` does everything, `make help` lists the rest.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+RUN    := $(BIN)/aero-bayes
+
+MODEL   ?=
+SEED    ?= 1
+WORKERS ?=
+DATA    ?=
+TEST    ?=
+OUT     ?=
+CONFIG  ?=
+RESUME  ?=
+
+OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS)) \
+          $(if $(CONFIG),--config $(CONFIG)) $(if $(RESUME),--resume)
+SIMULATED := reports/simulated
+
+.DEFAULT_GOAL := all
+.PHONY: all help setup fmu fit posterior loop report replay check test lint bench trial trial-quick coverage lock clean
+
+all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/index.html
+	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
+
+help: ## what each target does
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sort | sed -E 's/:.*## /\t/' | expand -t 14
+	@echo; echo "variables: DATA=\"a.csv b.csv\" TEST=c.csv OUT=dir MODEL=Aero.Systems.HalfQuad SEED=1 WORKERS=2 CONFIG=x.toml RESUME=1"
+
+setup: $(VENV)/.installed
+
+$(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/simulation/native/*.[ch])
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export]'
+	touch $@
+
+$(VENV)/.tested: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,matlab,test]'
+	touch $@
+
+fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (default reports/OneDof.fmu)
+	$(RUN) fmu $(if $(MODEL),--model $(MODEL)) --out $(or $(OUT),reports/$(lastword $(subst ., ,$(or $(MODEL),OneDof))).fmu)
+
+$(SIMULATED)/train.csv: $(VENV)/.installed
+	$(RUN) bench --out $(SIMULATED) --seed $(SEED)
+
+fit posterior: setup $(if $(DATA),,$(SIMULATED)/train.csv) ## fit, or fit and sample, DATA (default: simulated) into OUT
+	$(RUN) $@ $(foreach f,$(or $(DATA),$(SIMULATED)/train.csv),--data $(f)) --out $(or $(OUT),reports/$@) $(OPTIONS)
+
+loop: setup $(if $(DATA),,$(SIMULATED)/train.csv) ## close the loop on DATA, judged on TEST or a held-out part
+	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train.csv),--train $(f)) \
+	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
+
+replay: setup ## the paper's Table 1 and Fig. 6
+	$(RUN) replay --out $(or $(OUT),reports/replay) --seed $(SEED)
+
+report: setup ## draw the page of OUT again
+	$(RUN) report $(or $(OUT),reports)
+
+check: setup ## read, check and summarise DATA
+	$(RUN) check $(DATA)
+
+test: $(VENV)/.tested ## set up and run the tests
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/.tested ## ruff and mypy
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json
+	$(BIN)/python benchmarks/bench.py --out reports
+
+trial: setup ## the blind trial -> reports/trial.json (resumable)
+	$(BIN)/python benchmarks/trial.py --out reports
+
+trial-quick: setup ## a small part of the blind trial
+	$(BIN)/python benchmarks/trial.py --quick --out reports
+
+coverage: setup ## calibration study -> reports/coverage.json
+	$(BIN)/python benchmarks/coverage.py --out reports
+
+lock: $(VENV)/.tested ## write requirements.lock from what is installed
+	$(BIN)/python -m pip freeze --exclude-editable > requirements.lock
+
+clean: ## remove what was generated
+	rm -rf reports/* build $(VENV)

@@ -1,0 +1,160 @@
+"""The command line: parses, calls one function of :mod:`aero_bayes.workflow`, turns errors into one line and a status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from aero_bayes.errors import CannotFinishError, InputError
+
+BAD_INPUT = 2
+COULD_NOT_FINISH = 3
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+FILE = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+class OneLineErrors(click.Group):
+    """Ends with status 2 for bad input and 3 for work that could not finish, each with one clear line."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            click.echo(f"error: {error}", err=True)
+            ctx.exit(BAD_INPUT)
+        except CannotFinishError as error:
+            click.echo(f"could not finish: {error}", err=True)
+            ctx.exit(COULD_NOT_FINISH)
+
+
+@click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="aero-bayes")
+def main() -> None:
+    """Fit a Modelica model to measured data, say how sure each parameter is, and find the effect it lacks."""
+
+
+def run_options(command: Command) -> Command:
+    """The options that every command which simulates a model shares."""
+    for option in (
+        click.option("--model", help="Modelica class or FMU file.  [default: Aero.Systems.OneDof]"),
+        click.option("--config", type=FILE, help="TOML file with everything else."),
+        click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same numbers."),
+        click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one a core]"),
+        click.option("--engine", type=click.Choice(["native", "fmpy"]), help="Simulator.  [default: native]"),
+        click.option("--resume", is_flag=True, help="Go on from the checkpoint in the output folder."),
+        click.option("--quiet", is_flag=True, help="No progress bars."),
+        click.option("--out", type=FOLDER, required=True, help="Folder for result.json, report.html, posterior.nc."),
+    ):
+        command = option(command)
+    return command
+
+
+def _options(**given: Any) -> Any:
+    from aero_bayes.workflow.study import RunOptions
+
+    return RunOptions(**given)
+
+
+@main.command()
+@click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
+@click.option("--model", default="Aero.Systems.OneDof", show_default=True, help="Modelica class.")
+@click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
+@click.option("--out", type=FILE, required=True, help="The FMU to write.")
+def fmu(compiler: Any, model: str, sources: tuple[Path, ...], out: Path) -> None:
+    """Build an FMU from Modelica source."""
+    from aero_bayes.export import export_fmu
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    click.echo(f"wrote {export_fmu(model, out, compiler=compiler, sources=sources)}")
+
+
+@main.command()
+@click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
+@run_options
+def fit(data: tuple[Path, ...], **options: Any) -> None:
+    """Particle swarm, then bounded local search."""
+    from aero_bayes.workflow.commands import run_fit
+
+    run_fit(data, _options(**options))
+
+
+@main.command()
+@click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
+@run_options
+def posterior(data: tuple[Path, ...], **options: Any) -> None:
+    """Fit, then Markov chain Monte Carlo."""
+    from aero_bayes.workflow.commands import run_posterior
+
+    run_posterior(data, _options(**options))
+
+
+@main.command("close-loop")
+@click.option("--train", type=FILE, multiple=True, required=True, help="Recording to learn from.")
+@click.option("--test", type=FILE, multiple=True, help="Recording to judge on.  [default: a held-out part]")
+@run_options
+def close_loop(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+    """Find the effect that the model lacks, add it, refit, and report the error before and after."""
+    from aero_bayes.workflow.commands import run_close_loop
+
+    run_close_loop(train, test, _options(**options))
+
+
+@main.command("all")
+@click.option("--data", type=FILE, multiple=True, help="Recording to learn from.  [default: simulated]")
+@click.option("--test", type=FILE, multiple=True, help="Recording to judge on.")
+@run_options
+def everything(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+    """What plain `make` runs: FMU, fit, posterior, the paper's table, the closed loop, one page."""
+    from aero_bayes.workflow.commands import run_all
+
+    run_all(data, test, _options(**options))
+
+
+@main.command()
+@click.option("--out", type=FOLDER, required=True)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--quiet", is_flag=True, help="No progress bars.")
+def replay(out: Path, seed: int, quiet: bool) -> None:
+    """The paper's Table 1 and Fig. 6, on the simulated bench."""
+    from aero_bayes.workflow.commands import run_replay
+
+    run_replay(out, seed, quiet)
+
+
+@main.command()
+@click.argument("directory", type=FOLDER)
+def report(directory: Path) -> None:
+    """Draw the page of a finished run again."""
+    from aero_bayes.report import write_report
+
+    click.echo(f"wrote {write_report(directory)}")
+
+
+@main.command()
+@click.argument("recordings", type=FILE, nargs=-1, required=True)
+@click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
+def check(recordings: tuple[Path, ...], config: Path | None) -> None:
+    """Read, check and summarise recordings."""
+    from aero_bayes.workflow.commands import run_check
+
+    run_check(recordings, config)
+
+
+@main.command()
+@click.option("--out", type=FOLDER, required=True)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+def bench(out: Path, seed: int) -> None:
+    """Write recordings of the simulated AERO (they are not measurements)."""
+    from aero_bayes.workflow.commands import run_bench
+
+    run_bench(out, seed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,214 @@
+"""One typed configuration: what a TOML file may say, with one clear line for what it may not."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from aero_bayes.errors import InputError
+
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(gt=0)]
+
+
+class Section(BaseModel):
+    """A table of the file: frozen, and closed to keys that do not exist."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PriorSection(Section):
+    """``{kind = "lognormal", median = 8.4, relative_sd = 0.15}`` and its kin; numbers in the parameter's SI unit."""
+
+    kind: Literal["uniform", "loguniform", "normal", "lognormal"]
+    mean: float | None = None
+    sd: Positive | None = None
+    median: Positive | None = None
+    relative_sd: Positive | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+
+class ParameterSection(Section):
+    """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units)."""
+
+    free: bool | Literal["auto"] | None = None
+    value: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    prior: PriorSection | None = None
+
+
+class ModelSection(Section):
+    """``[model]``: a Modelica class (with extra source files) or an FMU."""
+
+    name: str | None = None
+    fmu: Path | None = None
+    sources: tuple[Path, ...] = ()
+
+
+class ColumnSection(Section):
+    """``[data.columns.theta]``: where a signal stands in the file and its unit there."""
+
+    source: str
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    counts_per_revolution: Positive | None = None
+
+
+class DataSection(Section):
+    """``[data]``: names of inputs and outputs (default: the AERO's, else the model's), and where they stand in the file."""
+
+    inputs: tuple[str, ...] | None = None
+    outputs: tuple[str, ...] | None = None
+    columns: dict[str, ColumnSection] = Field(default_factory=dict)
+
+
+class PsoSection(Section):
+    """``[fit.pso]``: particle swarm."""
+
+    particles: Count = 40
+    iterations: Count = 60
+    tolerance: Annotated[float, Field(ge=0)] = 1e-3
+
+
+class LocalSection(Section):
+    """``[fit.local]``: bounded trust-region search."""
+
+    iterations: Count = 60
+    tolerance: Positive = 1e-8
+    starts: Count = 4
+
+
+class StageSection(Section):
+    """One entry of ``[[fit.stages]]``: these parameters from these outputs."""
+
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class FitSection(Section):
+    """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
+
+    cost: Literal["likelihood", "weighted", "eq6"] = "likelihood"
+    method: Literal["pso+local", "pso", "local"] = "pso+local"
+    initial_states: Literal["fixed", "estimated"] = "fixed"
+    max_input_delay: Annotated[float, Field(ge=0)] = 0.02
+    stages: tuple[StageSection, ...] | None = None
+    pso: PsoSection = PsoSection()
+    local: LocalSection = LocalSection()
+
+
+class PosteriorSection(Section):
+    """``[posterior]``: when the sampler may stop."""
+
+    ensembles: Annotated[int, Field(ge=4)] = 4
+    walkers: Count | None = None
+    max_steps: Count = 4000
+    max_minutes: Positive = 20.0
+    r_hat: Annotated[float, Field(gt=1.0)] = 1.01
+    ess: Count = 1000
+
+
+class LoopSection(Section):
+    """``[loop]``: the search for the effect that the model lacks."""
+
+    max_effects: Count = 3
+    held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
+    effects: tuple[str, ...] | None = None
+
+
+class SolverSection(Section):
+    """``[solver]``: engine and accuracy of a simulation."""
+
+    engine: Literal["native", "fmpy"] = "native"
+    relative_tolerance: Positive = 1e-6
+    absolute_tolerance: Positive = 1e-6
+    time_limit: Positive = 10.0
+
+
+class Config(Section):
+    """The whole file."""
+
+    model: ModelSection = ModelSection()
+    data: DataSection = DataSection()
+    parameters: dict[str, ParameterSection] = Field(default_factory=dict)
+    fit: FitSection = FitSection()
+    posterior: PosteriorSection = PosteriorSection()
+    loop: LoopSection = LoopSection()
+    solver: SolverSection = SolverSection()
+
+
+def load_config(path: Path | None) -> Config:
+    """Read a configuration.
+
+    Parameters
+    ----------
+    path : Path or None
+        A TOML file; None gives the defaults. Relative paths in it are taken from the file's folder.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or holds a key or value that does not exist; the message names the key.
+    """
+    if path is None:
+        return Config()
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    try:
+        config = Config.model_validate(document)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first_problem(error)}") from None
+    return _resolve_paths(config, path.parent)
+
+
+def _resolve_paths(config: Config, folder: Path) -> Config:
+    model = config.model
+    resolved = model.model_copy(
+        update={
+            "fmu": folder / model.fmu if model.fmu is not None else None,
+            "sources": tuple(folder / source for source in model.sources),
+        }
+    )
+    return config.model_copy(update={"model": resolved})
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    location = [str(part) for part in problem["loc"]]
+    key = ".".join(location)
+    if problem["type"] == "extra_forbidden":
+        known = _known_keys(location[:-1])
+        near = difflib.get_close_matches(location[-1], known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(sorted(known))}"
+        return f"key '{key}' does not exist; {hint}"
+    return f"key '{key}': {problem['msg'][0].lower()}{problem['msg'][1:]}, got {problem['input']!r}"
+
+
+def _known_keys(location: list[str]) -> list[str]:
+    """Keys that exist at a place in the file; walks the sections by their annotations."""
+    section: type[BaseModel] | None = Config
+    for part in location:
+        if section is None or part not in section.model_fields:
+            continue
+        section = _section_of(section.model_fields[part].annotation)
+    return list(section.model_fields) if section is not None else []
+
+
+def _section_of(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        if (found := _section_of(argument)) is not None:
+            return found
+    return None

@@ -1,0 +1,1 @@
+"""From command-line options to run directories: what each command does, in order."""

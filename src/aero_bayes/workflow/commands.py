@@ -1,0 +1,120 @@
+"""One function a command: read everything, do the work, write the run directory, draw its page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from aero_bayes.config import load_config
+from aero_bayes.data import AERO, read_recording, summarise
+from aero_bayes.inference.fit import fit
+from aero_bayes.inference.mcmc import SampleSettings, sample
+from aero_bayes.inference.posterior import Posterior
+from aero_bayes.inference.result import Fit
+from aero_bayes.report import write_report
+from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
+from aero_bayes.workflow.describe import preamble, residual_table, verdict
+from aero_bayes.workflow.progress import ProgressBar
+from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.settings import fit_settings, sample_settings
+from aero_bayes.workflow.study import RunOptions, Study, columns_of, layout_of, open_study
+
+Json = dict[str, Any]
+CHECKPOINT = "checkpoint.npz"
+
+
+def run_fit(files: Sequence[Path], options: RunOptions) -> None:
+    """``aero-bayes fit``: PSO, then bounded local search."""
+    began = time.perf_counter()
+    study = open_study(files, options)
+    with ProgressBar(options.quiet) as progress:
+        found = _fit(study, progress)
+    result, series = _fit_part(study, found)
+    _finish(study, "fit", began, [result, _closing(result)], series)
+
+
+def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
+    """``aero-bayes posterior``: fit, then MCMC."""
+    began = time.perf_counter()
+    study = open_study(files, options)
+    with ProgressBar(options.quiet) as progress:
+        found = _fit(study, progress)
+        posterior = _sample(study, found, progress)
+    result, series = _fit_part(study, found)
+    sampled, bands = _posterior_part(study, posterior)
+    result = merge(result, sampled)
+    _finish(study, "posterior", began, [result, _closing(result)], series | bands)
+
+
+def run_check(files: Sequence[Path], config_path: Path | None) -> None:
+    """``aero-bayes check``: a summary of every recording; all are read before the first is printed."""
+    config = load_config(config_path)
+    layout, columns = layout_of(config, None), columns_of(config)
+    summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
+    click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
+
+
+def _fit(study: Study, progress: ProgressBar) -> Fit:
+    return fit(
+        study.recordings,
+        study.model,
+        parameters=study.parameters,
+        fixed=study.fixed,
+        settings=fit_settings(study),
+        seed=study.options.seed,
+        engine=study.engine,
+        workers=study.options.workers,
+        progress=progress,
+    )
+
+
+def _sample(study: Study, found: Fit, progress: ProgressBar) -> Posterior:
+    checkpoint = study.options.out / CHECKPOINT
+    if not study.options.resume:
+        checkpoint.unlink(missing_ok=True)
+    posterior = sample(
+        found,
+        settings=sample_settings(study),
+        seed=study.options.seed,
+        workers=study.options.workers,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    posterior.save(study.options.out / "posterior.nc")
+    checkpoint.unlink(missing_ok=True)
+    return posterior
+
+
+def _fit_part(study: Study, found: Fit) -> tuple[Json, Series]:
+    start = preamble(study, "fit")
+    result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
+    for entry in result["recordings"]:
+        entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
+    return result, measured_series(study.recordings) | fitted_series(found)
+
+
+def _posterior_part(study: Study, posterior: Posterior) -> tuple[Json, Series]:
+    bands = posterior.bands()
+    return posterior.to_dict(), band_series(
+        posterior.fit.calibration.names, posterior.fit.outputs, bands.lower, bands.upper
+    )
+
+
+def _closing(result: Json) -> Json:
+    return {"verdict": verdict(result["residual"], result.get("mcmc"))}
+
+
+def _finish(study: Study, command: str, began: float, parts: Sequence[Json], series: Series) -> None:
+    """Write everything and say where."""
+    out = study.options.out
+    result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
+    write_series(out, only_measured(series))
+    write_result(out, result)
+    page = write_report(out)
+    click.echo(result["verdict"]["text"].replace("`", ""))
+    click.echo(f"wrote {out / 'result.json'} and {page}")

@@ -1,0 +1,56 @@
+"""The curves that the page draws, under the keys of ``series.npz``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording
+from aero_bayes.inference.result import Fit
+
+FloatArray = NDArray[np.float64]
+Series = dict[str, FloatArray]
+
+
+def measured_series(recordings: Sequence[Recording]) -> Series:
+    """``time/<rec>``, ``input/<rec>/<name>`` and ``measured/<rec>/<output>``."""
+    series: Series = {}
+    for recording in recordings:
+        series[f"time/{recording.name}"] = recording.time
+        series |= {f"input/{recording.name}/{name}": values for name, values in recording.inputs.items()}
+        series |= {f"measured/{recording.name}/{name}": values for name, values in recording.outputs.items()}
+    return series
+
+
+def fitted_series(fit: Fit) -> Series:
+    """``fitted/<rec>/<output>`` for the outputs that were recorded."""
+    series: Series = {}
+    for name, fitted, residual in zip(fit.calibration.names, fit.fitted, fit.residuals, strict=True):
+        for column, output in enumerate(fit.outputs):
+            if np.isfinite(residual[:, column]).any():
+                series[f"fitted/{name}/{output}"] = fitted[:, column]
+    return series
+
+
+def band_series(
+    names: Sequence[str], outputs: Sequence[str], lower: Sequence[FloatArray], upper: Sequence[FloatArray]
+) -> Series:
+    """``lower/...`` and ``upper/...``: the 90 % predictive band, each (n, m)."""
+    series: Series = {}
+    for name, low, high in zip(names, lower, upper, strict=True):
+        for column, output in enumerate(outputs):
+            series[f"lower/{name}/{output}"] = low[:, column]
+            series[f"upper/{name}/{output}"] = high[:, column]
+    return series
+
+
+def only_measured(series: Mapping[str, FloatArray]) -> Series:
+    """Without curves of outputs that no sensor recorded."""
+    measured = {key.partition("/")[2] for key in series if key.startswith("measured/")}
+    return {
+        key: values
+        for key, values in series.items()
+        if not key.startswith(("lower/", "upper/", "fitted/")) or key.partition("/")[2] in measured
+    }

@@ -1,0 +1,124 @@
+"""What a reader wants around the numbers: the data, the model, how large the residual is, and a verdict."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording, input_jumps, noise_floor
+from aero_bayes.inference.noise import innovations
+from aero_bayes.inference.diagnostics import whiteness
+from aero_bayes.inference.result import Fit
+from aero_bayes.workflow.results import SCHEMA, versions
+from aero_bayes.workflow.study import Study
+
+FloatArray = NDArray[np.float64]
+Json = dict[str, Any]
+
+#: A residual that is larger than this many times the noise floor, or correlated beyond what chance gives, is structured.
+RATIO_LIMIT = 1.25
+#: Written beside the recordings of the simulated bench; its presence is how a page knows to say so.
+LABEL = "simulated.json"
+
+
+def preamble(study: Study, command: str) -> Json:
+    """The keys that every result.json starts with."""
+    recordings = (*study.recordings, *study.tests)
+    units = {name: unit for recording in recordings for name, unit in recording.units.items()}
+    return {
+        "schema": SCHEMA,
+        "command": command,
+        "seed": study.options.seed,
+        "versions": versions(),
+        "data": [recording.to_dict() for recording in recordings],
+        "simulated": any(is_simulated(recording) for recording in recordings),
+        "units": units,
+        "model": {
+            "name": study.name,
+            "fmu_sha256": study.model.sha256,
+            "exporter": "Modelica source" if study.modelica else "FMU given",
+            "engine": study.engine,
+        },
+        "recordings": [
+            *(_recording(recording, "train") for recording in study.recordings),
+            *(_recording(recording, "test") for recording in study.tests),
+        ],
+    }
+
+
+def is_simulated(recording: Recording) -> bool:
+    """Whether the simulated bench wrote the recording, by the label beside its file; nothing else of it is read."""
+    if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
+        return False
+    return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
+
+
+def _recording(recording: Recording, role: str) -> Json:
+    jumps = input_jumps(recording)
+    floor = {
+        name: noise_floor(values, recording.time, jumps).sd
+        for name, values in recording.outputs.items()
+        if np.isfinite(values).sum() > 50
+    }
+    return {
+        "name": recording.name,
+        "role": role,
+        "rows": recording.rows,
+        "rate_hz": recording.rate_hz,
+        "duration_s": recording.duration,
+        "inputs": list(recording.inputs),
+        "outputs": list(recording.outputs),
+        "noise_floor": floor,
+    }
+
+
+def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
+    """Per recording and output: size against the noise floor of the data, whiteness, verdict."""
+    table: Json = {}
+    for index, name in enumerate(fit.calibration.names):
+        experiment = fit.calibration.experiments[index]
+        floors = next((r["noise_floor"] for r in recordings if r["name"] == name), {})
+        table[name] = {
+            output: _judge_residual(fit, index, experiment.time, column, output, floors.get(output))
+            for column, output in enumerate(fit.outputs)
+            if np.isfinite(fit.residuals[index][:, column]).any()
+        }
+    return table
+
+
+def _judge_residual(fit: Fit, index: int, time: FloatArray, column: int, output: str, floor: float | None) -> Json:
+    residual = fit.residuals[index][:, column]
+    rms = float(np.sqrt(np.nanmean(residual**2)))
+    largest, ratio = whiteness(innovations(time, residual, fit.noise[output]))
+    over = rms / floor if floor else None
+    structured = (over is not None and over > RATIO_LIMIT) or (largest > 0.1 and ratio > 5.0)
+    return {
+        "rms": rms,
+        "noise_floor": floor,
+        "ratio": over,
+        "white": not (largest > 0.1 and ratio > 5.0),
+        "autocorrelation_max": largest,
+        "verdict": "structured" if structured else "adequate",
+    }
+
+
+def verdict(residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None) -> Json:
+    """One sentence that says what a reader may rely on."""
+    structured = sorted(
+        {o for outputs in residual.values() for o, entry in outputs.items() if entry["verdict"] == "structured"}
+    )
+    if mcmc is not None and not mcmc.get("converged", False):
+        return {"level": "bad", "text": f"The sampler has not converged: {mcmc.get('reason', 'no reason given')}."}
+    if structured:
+        names = ", ".join(f"`{name}`" for name in structured)
+        return {
+            "level": "warning",
+            "text": f"The fit is not good yet: the residual of {names} has structure that the sensors do not explain, "
+            "so the model lacks something there.",
+        }
+    sampled = ", and the posterior has converged" if mcmc is not None else ""
+    return {"level": "good", "text": f"The model explains the recordings down to their noise{sampled}."}

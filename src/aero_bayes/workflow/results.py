@@ -1,0 +1,102 @@
+"""Writing a run directory: result.json, series.npz, posterior.nc and the page, each whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Json = dict[str, Any]
+
+SCHEMA = 1
+PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "casadi", "rumoca")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A temporary name beside ``path`` that takes its place only if the block ends well."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
+    """Write ``result.json``; numbers that are not finite become null."""
+    path = directory / "result.json"
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+    return path
+
+
+def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
+    """Write ``series.npz``, the curves that the page draws."""
+    path = directory / "series.npz"
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **{key: np.asarray(value) for key, value in series.items()})
+    return path
+
+
+def plain(value: Any) -> Any:
+    """The same value in what JSON knows."""
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return value.name
+    return value
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that the numbers depend on."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def merge(*parts: Mapping[str, Any]) -> Json:
+    """One document from several; nested tables are merged, lists joined, later values win."""
+    merged: Json = {}
+    for part in parts:
+        for key, value in part.items():
+            before = merged.get(key)
+            if isinstance(before, Mapping) and isinstance(value, Mapping):
+                merged[key] = merge(before, value)
+            elif isinstance(before, list) and isinstance(value, list):
+                merged[key] = [*before, *(item for item in value if item not in before)]
+            else:
+                merged[key] = value
+    return merged

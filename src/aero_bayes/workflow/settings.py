@@ -1,0 +1,34 @@
+"""From the configuration to the settings of each stage."""
+
+from __future__ import annotations
+
+from aero_bayes.inference.calibration import CalibrationSettings
+from aero_bayes.inference.fit import FitSettings
+from aero_bayes.inference.local import LocalSettings
+from aero_bayes.inference.pso import SwarmSettings
+from aero_bayes.inference.staged import Stage
+from aero_bayes.workflow.study import Study
+
+
+def fit_settings(study: Study) -> FitSettings:
+    """How the study wants its fits done."""
+    section = study.config.fit
+    delay = section.max_input_delay
+    return FitSettings(
+        method=section.method,
+        cost=section.cost,
+        staged=section.staged,
+        stages=tuple(Stage(s.parameters, s.outputs) for s in section.stages) if section.stages else None,
+        swarm=SwarmSettings(
+            particles=section.pso.particles, iterations=section.pso.iterations, tolerance=section.pso.tolerance
+        ),
+        local=LocalSettings(iterations=section.local.iterations, tolerance=section.local.tolerance),
+        starts=section.local.starts,
+        calibration=CalibrationSettings(
+            outputs=study.config.data.outputs,
+            delay="auto" if delay > 0.0 else "none",
+            delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
+            start=section.initial_states,
+            solver=study.solver,
+        ),
+    )

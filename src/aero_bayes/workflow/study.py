@@ -1,0 +1,196 @@
+"""What a command was asked to work on: configuration, recordings and model, read and checked before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
+from aero_bayes.data import AERO, ColumnMap, Layout, Recording, read_recording
+from aero_bayes.errors import InputError
+from aero_bayes.export import export_fmu
+from aero_bayes.inference.aero import aero_overrides
+from aero_bayes.inference.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.inference.priors import LogNormal, LogUniform, Normal, Prior, Uniform
+from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.model import Model
+
+DEFAULT_MODEL = "Aero.Systems.OneDof"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The options that every command which simulates a model shares."""
+
+    out: Path
+    model: str | None = None
+    config: Path | None = None
+    seed: int = 1
+    workers: int | None = None
+    engine: str | None = None
+    resume: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that is known before the first simulation.
+
+    ``name`` is the Modelica class, or the FMU's own model name; ``modelica`` says which of the two it came from.
+    """
+
+    options: RunOptions
+    config: Config
+    name: str
+    modelica: bool
+    model: Model
+    recordings: tuple[Recording, ...]
+    tests: tuple[Recording, ...]
+    parameters: ParameterSet
+    fixed: dict[str, float]
+
+    @property
+    def engine(self) -> str:
+        return self.options.engine or self.config.solver.engine
+
+    @property
+    def solver(self) -> SolverSettings:
+        """Tolerances of every simulation in the study."""
+        section = self.config.solver
+        return SolverSettings(
+            relative_tolerance=section.relative_tolerance,
+            absolute_tolerance=section.absolute_tolerance,
+            time_limit=section.time_limit,
+        )
+
+
+def open_study(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Study:
+    """Read the configuration and the recordings, then build or open the model.
+
+    The output folder is made only once everything the user gave has been read.
+
+    Raises
+    ------
+    InputError
+        For anything the user gave that is wrong.
+    """
+    config = load_config(options.config)
+    name, fmu = _which_model(config, options)
+    model = Model.load(fmu) if fmu is not None else None
+    layout = layout_of(config, model)
+    columns = columns_of(config)
+    recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
+    held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
+    if model is None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        built = options.out / f"{name.rpartition('.')[2]}.fmu"
+        model = Model.load(export_fmu(name, built, sources=config.model.sources))
+    parameters = _parameters(model, config)
+    fixed = _fixed(model, config, parameters)
+    options.out.mkdir(parents=True, exist_ok=True)
+    return Study(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+
+
+def _which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
+    """Name of the Modelica class, or path of the FMU; the command line wins over the file."""
+    if options.model is not None:
+        if options.model.endswith(".fmu"):
+            return Path(options.model).stem, Path(options.model)
+        return options.model, None
+    if config.model.fmu is not None:
+        if config.model.name is not None:
+            raise InputError(f"{options.config}: [model] names both a class and an FMU; give one of them")
+        return config.model.fmu.stem, config.model.fmu
+    return config.model.name or DEFAULT_MODEL, None
+
+
+def layout_of(config: Config, model: Model | None) -> Layout:
+    """The AERO's columns unless the configuration, or an FMU with other signals, says otherwise."""
+    inputs, outputs = config.data.inputs, config.data.outputs
+    if model is not None:
+        known = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
+        if inputs is None and outputs is None and AERO.inputs[0].name not in known:
+            return Layout.of([v.name for v in model.inputs], [v.name for v in model.outputs], known)
+        if inputs is not None or outputs is not None:
+            return Layout.of(
+                inputs or [v.name for v in model.inputs], outputs or [v.name for v in model.outputs], known
+            )
+    if inputs is None and outputs is None:
+        return AERO
+    return _part_of_aero(inputs, outputs)
+
+
+def _part_of_aero(inputs: Sequence[str] | None, outputs: Sequence[str] | None) -> Layout:
+    """The named signals, with the AERO's plausibility limits for those that it has."""
+    known = {quantity.name: quantity for quantity in (*AERO.inputs, *AERO.outputs)}
+    plain = Layout.of(
+        inputs if inputs is not None else [q.name for q in AERO.inputs],
+        outputs if outputs is not None else [q.name for q in AERO.outputs],
+    )
+    return Layout(
+        tuple(known.get(quantity.name, quantity) for quantity in plain.inputs),
+        tuple(known.get(quantity.name, quantity) for quantity in plain.outputs),
+        AERO.rates,
+    )
+
+
+def columns_of(config: Config) -> dict[str, ColumnMap]:
+    return {
+        name: ColumnMap(
+            section.source, section.unit, section.scale, section.offset, section.counts_per_revolution
+        )
+        for name, section in config.data.columns.items()
+    }
+
+
+def _parameters(model: Model, config: Config) -> ParameterSet:
+    """Free parameters: the AERO's default ones, changed by what the configuration says."""
+    overrides = dict(aero_overrides(model))
+    known = {variable.name for variable in model.parameters}
+    for name, section in config.parameters.items():
+        if name not in known:
+            raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
+        if section.free is False or (section.free is None and name not in overrides and section.value is not None):
+            overrides.pop(name, None)
+        else:
+            overrides[name] = _override(name, section, overrides.get(name, Override()))
+    if not overrides:
+        raise InputError(
+            f"model {model.name} is not an AERO: name the parameters to fit, "
+            f"e.g. [parameters.{next(iter(sorted(known)), 'p')}] with free = true"
+        )
+    return parameters_from_model(model, overrides=overrides)
+
+
+def _override(name: str, section: ParameterSection, default: Override) -> Override:
+    return Override(
+        start=section.value if section.value is not None else default.start,
+        lower=section.lower if section.lower is not None else default.lower,
+        upper=section.upper if section.upper is not None else default.upper,
+        prior=_prior(name, section.prior) if section.prior is not None else default.prior,
+        scale=default.scale if section.lower is None or section.lower > 0.0 else "linear",
+        auto=section.free == "auto" if section.free is not None else default.auto,
+    )
+
+
+def _prior(name: str, section: PriorSection) -> Prior:
+    """A prior from its kind and the numbers that this kind needs."""
+    if section.kind == "normal" and section.mean is not None and section.sd is not None:
+        return Normal(section.mean, section.sd)
+    if section.kind == "lognormal" and section.median is not None and section.relative_sd is not None:
+        return LogNormal.tolerance(section.median, section.relative_sd)
+    if section.kind in ("uniform", "loguniform") and section.lower is not None and section.upper is not None:
+        family = Uniform if section.kind == "uniform" else LogUniform
+        return family(section.lower, section.upper)
+    needs = {"normal": "mean and sd", "lognormal": "median and relative_sd"}.get(section.kind, "lower and upper")
+    raise InputError(f"parameters.{name}.prior: a {section.kind} prior needs {needs}")
+
+
+def _fixed(model: Model, config: Config, parameters: ParameterSet) -> dict[str, float]:
+    """Values that the configuration gives to parameters that are not searched."""
+    return {
+        name: section.value
+        for name, section in config.parameters.items()
+        if section.value is not None and name not in parameters
+    }
