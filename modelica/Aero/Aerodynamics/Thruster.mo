@@ -17,9 +17,9 @@ model Thruster "Amplifier, motor and propeller, with a slot for an effect at eve
   Interfaces.Mount mount "What the thruster pushes" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   Electrical.Amplifier amplifier(u = u) annotation (Placement(transformation(extent = {{-100, -10}, {-80, 10}})));
   Electrical.Ground ground annotation (Placement(transformation(extent = {{-80, -50}, {-60, -30}})));
-  ElectricalEffect electricalEffect annotation (Placement(transformation(extent = {{-60, 20}, {-40, 40}})));
+  ElectricalEffect electricalEffect(orientation = orientation, w = motor.flange.w) annotation (Placement(transformation(extent = {{-60, 20}, {-40, 40}})));
   Electrical.DCMotor motor(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s) annotation (Placement(transformation(extent = {{-20, -10}, {0, 10}})));
-  RotorEffect rotorEffect annotation (Placement(transformation(extent = {{20, -50}, {40, -30}})));
+  RotorEffect rotorEffect(orientation = orientation, i = motor.p.i) annotation (Placement(transformation(extent = {{20, -50}, {40, -30}})));
   Propeller propeller(k_t = k_t, k_d = k_d, redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{20, -10}, {40, 10}})));
   ThrustEffect thrustEffect(orientation = orientation, w = propeller.flange.w) annotation (Placement(transformation(extent = {{60, -10}, {80, 10}})));

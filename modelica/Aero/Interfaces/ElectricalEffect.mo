@@ -3,6 +3,8 @@ partial model ElectricalEffect "What can lie between an amplifier and its motor"
   Pin p "Towards the amplifier" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
   Pin n "Towards the motor" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   Pin r "Return" annotation (Placement(transformation(extent = {{-10, -110}, {10, -90}})));
+  parameter Real orientation = 1 "1 where a positive motor voltage pitches the body up, -1 where it pitches it down";
+  input Real w(unit = "rad/s") "Speed of the motor";
   annotation (
     Documentation(info = "<html><p>A three-pin element: in series between <code>p</code> and <code>n</code>, with the return <code>r</code> for effects that
 depend on the voltage itself.</p></html>"),

@@ -4,10 +4,8 @@ partial model ThrustEffect "What can lie between a propeller and the body that c
   Mount propeller "Towards the propeller" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
   Mount frame "Towards the body" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   input Real w(unit = "rad/s") "Speed of the propeller";
-equation
-  propeller.v = frame.v;
   annotation (
-    Documentation(info = "<html><p>Extend it with one equation between <code>propeller.f</code> and <code>frame.f</code>. The thrust that the propeller
+    Documentation(info = "<html><p>Extend it with <code>propeller.v = frame.v</code> and one equation between <code>propeller.f</code> and <code>frame.f</code>. The thrust that the propeller
 makes is <code>propeller.f</code>, the thrust that reaches the body is <code>-frame.f</code>.</p></html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {
       Line(points = {{-90, 0}, {-60, 0}}, color = {0, 110, 60}), Line(points = {{60, 0}, {90, 0}}, color = {0, 110, 60}),

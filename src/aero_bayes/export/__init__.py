@@ -13,11 +13,41 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.catalogue import CATALOGUE, PORTS, Effect, EffectParameter, Port
+from aero_bayes.export.extend import (
+    CURVE_STATES,
+    PROBES,
+    EffectUse,
+    ExtendedModel,
+    FreeForm,
+    effect_of,
+    write_extension,
+    write_probes,
+    write_screening,
+)
 from aero_bayes.export.library import modelica_root
 
 Compiler = Literal["auto", "omc", "embedded"]
 
-__all__ = ["Compiler", "export_fmu", "modelica_root"]
+__all__ = [
+    "CATALOGUE",
+    "CURVE_STATES",
+    "PORTS",
+    "PROBES",
+    "Compiler",
+    "Effect",
+    "EffectParameter",
+    "EffectUse",
+    "ExtendedModel",
+    "FreeForm",
+    "Port",
+    "effect_of",
+    "export_fmu",
+    "modelica_root",
+    "write_extension",
+    "write_probes",
+    "write_screening",
+]
 
 
 def export_fmu(model: str, out: Path | str, *, compiler: Compiler = "auto", sources: Sequence[Path] = ()) -> Path:

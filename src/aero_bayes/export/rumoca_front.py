@@ -1,12 +1,30 @@
-"""Modelica source -> flat Modelica text, by rumoca."""
+"""Modelica source -> flat Modelica text, by rumoca in a process of its own (it has been seen to crash)."""
 
 from __future__ import annotations
 
+import importlib.util
+import json
 import re
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.source_check import find_event, refuse_dropped
+
+TIME_LIMIT = 300.0
+
+_WORK = """
+import json, sys
+import rumoca
+root, file, model = sys.argv[1:]
+try:
+    text = rumoca.Session(roots=[root]).load(file, model=model).render("dae-modelica")
+    print(json.dumps({"text": str(text)}))
+except Exception as error:
+    print(json.dumps({"error": str(error)}))
+"""
 
 
 def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
@@ -17,15 +35,21 @@ def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
     InputError
         One line that says what rumoca found wrong, or which construct cannot be exported.
     """
+    if importlib.util.find_spec("rumoca") is None:
+        raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
+    refuse_dropped(root)
+    command = [sys.executable, "-c", _WORK, str(root), str(_file_of(model, files)), model]
     try:
-        import rumoca
-    except ImportError:
-        raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'") from None
-    session = rumoca.Session(roots=[str(root)])
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{model}: rumoca did not finish within {TIME_LIMIT:g} s") from None
     try:
-        return str(session.load(str(_file_of(model, files)), model=model).render("dae-modelica"))
-    except Exception as error:
-        raise InputError(f"{model}: {_one_line(str(error), root)}") from None
+        answer = json.loads(done.stdout)
+    except ValueError:
+        raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
+    if "error" in answer:
+        raise InputError(f"{model}: {_one_line(str(answer['error']), model, root)}")
+    return str(answer["text"])
 
 
 def _file_of(model: str, files: Sequence[Path]) -> Path:
@@ -37,8 +61,17 @@ def _file_of(model: str, files: Sequence[Path]) -> Path:
     return files[-1]
 
 
-def _one_line(text: str, root: Path) -> str:
-    lines = [line.strip() for line in text.replace(str(root) + "/", "").splitlines() if line.strip()]
-    line = lines[0] if lines else "unknown error"
-    line = re.sub(r"^Target rendering error: ", "", line)
-    return line
+def _one_line(text: str, model: str, root: Path) -> str:
+    lines = [line.strip(" -") for line in text.replace(str(root) + "/", "").splitlines() if line.strip()]
+    line = lines[0] if lines else "rumoca failed without a message"
+    unsupported = re.search(r"unsupported-feature:(?:dae-modelica-scalar:)?(\w+)", line)
+    if unsupported and "event" in unsupported[1]:
+        where = find_event(model, root)
+        return f"{where}: the embedded exporter does not support events; use noEvent() or smooth(), or OpenModelica"
+    if unsupported:
+        return f"the embedded exporter does not support {unsupported[1].replace('_', ' ')}"
+    located = next((other for other in lines[1:] if ".mo [" in other), "")
+    file = located.split(" [")[0] if located else ""
+    message = re.sub(r"^\w+ failed: ", "", line)
+    message = re.sub(rf"^{re.escape(model)} (failed in \w+: |could not be compiled: ?)", "", message)
+    return f"{file}: {message}" if file and file not in message else message

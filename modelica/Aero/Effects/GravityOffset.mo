@@ -1,0 +1,12 @@
+within Aero.Effects;
+model GravityOffset "Centre of mass beside the pivot"
+  extends Interfaces.BodyEffect;
+  parameter Real tau_g(unit = "N.m", nominal = 1e-3) = 0 "Torque of gravity at zero pitch, positive where it pitches the body up";
+equation
+  flange.tau = -tau_g * cos(theta);
+  annotation (
+    Documentation(info = "<html>
+<p>A centre of mass in front of or behind the pivot gives the torque <code>tau_g cos(theta)</code>.</p>
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -15}, {45, 25}}, color = {60, 60, 60})}));
+end GravityOffset;

@@ -1,0 +1,14 @@
+within Aero.Effects;
+model PivotCoulombFriction "Dry friction at the pivot"
+  extends Interfaces.BodyEffect;
+  parameter Real tau_c(unit = "N.m", min = 0, nominal = 1e-3) = 0 "Friction torque";
+  parameter Real w_smooth(unit = "rad/s", min = 1e-7, nominal = 1e-3) = 2e-4 "Pitch rate over which the torque changes its sign";
+equation
+  flange.tau = tau_c * tanh(flange.w / w_smooth);
+  annotation (
+    Documentation(info = "<html>
+<p>The bearing brakes with <code>tau_c sign(theta')</code>, here with the step rounded to <code>tanh(theta' / w_smooth)</code>. A body that sticks creeps by
+less than <code>w_smooth</code> times the time.</p>
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -25}, {-5, -25}, {5, 25}, {45, 25}}, color = {60, 60, 60})}));
+end PivotCoulombFriction;

@@ -1,0 +1,15 @@
+within Aero.Effects;
+model ThrustAsymmetry "Thrust that differs between pitching up and down"
+  extends Interfaces.ThrustEffect;
+  parameter Real a_f(unit = "1", min = -0.9, max = 0.9, nominal = 0.1) = 0 "Relative gain where the thrust pitches up, loss where it pitches down";
+  parameter Real f_smooth(unit = "N", min = 1e-6, nominal = 1e-3) = 5e-4 "Thrust over which the sign changes";
+equation
+  propeller.v = frame.v;
+  -frame.f = propeller.f * (1 + a_f * tanh(orientation * propeller.f / f_smooth));
+  annotation (
+    Documentation(info = "<html>
+<p>The frame stands in the wake on one side only: <code>F (1 + a_f sign(F))</code>, with <code>F</code> counted in the direction that pitches the
+body up and the step rounded to a hyperbolic tangent.</p>
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -10}, {0, 0}, {45, 25}}, color = {60, 60, 60})}));
+end ThrustAsymmetry;

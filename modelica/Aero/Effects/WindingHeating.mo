@@ -1,0 +1,18 @@
+within Aero.Effects;
+model WindingHeating "Armature resistance that grows as the winding heats"
+  extends Interfaces.ElectricalEffect;
+  parameter Real r_h(unit = "Ohm/A2", min = 0, nominal = 1) = 0 "Added resistance for each square ampere after a long time";
+  parameter Real T_h(unit = "s", min = 0.1, nominal = 10) = 10 "Thermal time constant";
+  Real R_h(unit = "Ohm", start = 0, fixed = true, nominal = 1) "Added resistance";
+equation
+  p.i + n.i = 0;
+  r.i = 0;
+  T_h * der(R_h) = r_h * p.i * p.i - R_h;
+  p.v - n.v = R_h * p.i;
+  annotation (
+    Documentation(info = "<html>
+<p>The heat <code>i^2 R</code> warms the winding with the time constant <code>T_h</code>; its resistance grows in proportion to the
+temperature. The small growth of the heat with the added resistance is left out.</p>
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -25}, {-25, 5}, {0, 18}, {45, 22}}, color = {60, 60, 60})}));
+end WindingHeating;

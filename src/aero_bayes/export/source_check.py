@@ -1,0 +1,81 @@
+"""Looks at Modelica source text for what rumoca drops without a word, and for what makes events."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+
+_HIDDEN = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:[^"\\]|\\.)*"', re.DOTALL)
+_KIND = r"(?:model|block|class|package|record|connector|type|function)"
+_DROPPED = (
+    (
+        re.compile(rf"\bredeclare\s+(?:(?:final|each|replaceable)\s+)*{_KIND}\s+(\w+)\s*=\s*[\w.]+\s*\(\s*[^)\s]"),
+        "modifiers of the redeclared class {0!r} would be dropped; give them at the component that uses it",
+    ),
+    (
+        re.compile(r"\bconstrainedby\s+([\w.]+)\s*\(\s*[^)\s]"),
+        "modifiers of the constraining class {0!r} would be dropped; give them at the declaration",
+    ),
+)
+_EVENT = re.compile(
+    r"\b(when|reinit|sample|pre|edge|change|delay|assert|terminate|terminal|initial|floor|ceil|integer|mod|rem|div)\b"
+    r"(?!\s+(?:equation|algorithm))"
+)
+_BRANCH = re.compile(r"\bif\b")
+_GUARD = re.compile(r"\b(?:noEvent|smooth)\s*\(")
+
+
+def _plain(path: Path) -> str:
+    """Text with comments, strings and annotations blanked, so that positions stay."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    text = _HIDDEN.sub(lambda m: re.sub(r"[^\n]", " ", m.group()), text)
+    return _blank_calls(text, re.compile(r"\bannotation\s*\("))
+
+
+def _blank_calls(text: str, opening: re.Pattern[str]) -> str:
+    while (match := opening.search(text)) is not None:
+        depth, at = 1, match.end()
+        while at < len(text) and depth:
+            depth += {"(": 1, ")": -1}.get(text[at], 0)
+            at += 1
+        text = text[: match.start()] + re.sub(r"[^\n]", " ", text[match.start() : at]) + text[at:]
+    return text
+
+
+def _sources(root: Path) -> Iterator[Path]:
+    yield from sorted(root.rglob("*.mo"))
+
+
+def _line(text: str, at: int) -> int:
+    return text.count("\n", 0, at) + 1
+
+
+def refuse_dropped(root: Path) -> None:
+    """Raise InputError, with file and line, where a source below ``root`` has a construct that rumoca would drop."""
+    for path in _sources(root):
+        text = _plain(path)
+        for pattern, message in _DROPPED:
+            match = pattern.search(text)
+            if match is not None:
+                where = f"{path.relative_to(root)}:{_line(text, match.start())}"
+                raise InputError(f"{where}: {message.format(match[1])}")
+
+
+def find_event(model: str, root: Path) -> str:
+    """Where the sources make an event, as well as text can tell: ``file:line: 'when'``."""
+    files = list(_sources(root))
+    own = [p for p in files if "Aero" not in p.relative_to(root).parts]
+    last = model.rpartition(".")[2]
+    named = [p for p in files if p.stem == last]
+    for path in [*own, *named]:
+        text = _plain(path)
+        match = _EVENT.search(text)
+        if match is None:
+            guarded = _blank_calls(text, _GUARD)
+            match = _BRANCH.search(guarded)
+        if match is not None:
+            return f"{path.relative_to(root)}:{_line(text, match.start())}: {match.group()!r} makes an event"
+    return model
