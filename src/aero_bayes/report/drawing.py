@@ -100,11 +100,13 @@ def line(time: FloatArray, values: FloatArray, colour: str, columns: int, width:
     return Line(*envelope(time, values, columns), colour, width)
 
 
-def cloud(time: FloatArray, values: FloatArray, colour: str, columns: int, *, trend: bool = False) -> tuple[Layer, ...]:
+def cloud(
+    time: FloatArray, values: FloatArray, colour: str, columns: int, *, opacity: float = 0.4, trend: bool = False
+) -> tuple[Layer, ...]:
     """A noisy series: the area between its extremes, and on request its slow part; a curve where it is short."""
     if len(time) <= 4 * columns:
         return (line(time, values, colour, columns, 1.1),)
-    area = Band(*band_envelope(time, values, values, columns), colour, 0.4, edge=0.6)
+    area = Band(*band_envelope(time, values, values, columns), colour, opacity, edge=2.5 * opacity - 0.4)
     slow = Line(*column_means(time, values, columns // 4), colour, 1.6)
     return (area, slow) if trend else (area,)
 
@@ -133,24 +135,25 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     Markup
         An ``<svg>`` element.
     """
-    left, right, title, gap, foot = 48.0, 14.0, 25.0, 10.0, 40.0
+    right, title, gap, foot = 14.0, 25.0, 10.0, 40.0
     height = sum(panel.height + title for panel in panels) + gap * (len(panels) - 1) + foot
     figure = Figure(figsize=(width / 72, height / 72), dpi=72)
-    top = height
     limits = _common_limits(panels)
+    frames = []
     for index, panel in enumerate(panels):
-        top -= title
-        axes = figure.add_axes(
-            (left / width, (top - panel.height) / height, (width - left - right) / width, panel.height / height)
-        )
+        axes = figure.add_axes((0, 0, 1, 1), label=str(index))
         _fill(axes, panel, limits)
+        frames.append(axes)
         _style(axes, panel, width, last=index == len(panels) - 1)
-        axes.text(-left / (width - left - right) + 4 / width, 1 + 10 / panel.height, panel.title,
-                  transform=axes.transAxes, fontsize=_FONT + 0.5, color=INK)  # fmt: skip
-        top -= panel.height + gap
-    figure.text(
-        (left + (width - left - right) / 2) / width, 5 / height, x_label, ha="center", fontsize=_FONT, color=MUTED
-    )
+    left = max(_label_width(axes) for axes in frames)
+    top = height
+    for axes, panel in zip(frames, panels, strict=True):
+        figure.text(3 / width, (top - 15) / height, panel.title, fontsize=_FONT + 0.5, color=INK, parse_math=False)
+        top -= title + panel.height
+        axes.set_position((left / width, top / height, (width - left - right) / width, panel.height / height))
+        top -= gap
+    middle = (left + (width - left - right) / 2) / width
+    figure.text(middle, 5 / height, x_label, ha="center", fontsize=_FONT, color=MUTED, parse_math=False)
     return to_svg(figure, alt)
 
 
@@ -219,6 +222,14 @@ def _style(axes: Axes, panel: Panel, width: float, *, last: bool) -> None:
     else:
         axes.minorticks_off()
     axes.xaxis.set_major_formatter(FuncFormatter(_tick))
+
+
+def _label_width(axes: Axes) -> float:
+    """Room for the tick labels of the y axis, in pixels; the system font's digits are about 0.6 of its size wide."""
+    low, high = axes.get_ylim()
+    ticks = [tick for tick in axes.get_yticks() if low <= tick <= high]
+    longest = max((len(_tick(float(tick))) for tick in ticks), default=0)
+    return max(40.0, 14 + 0.62 * _FONT * longest)
 
 
 def _tick(value: float, _position: int | None = None) -> str:

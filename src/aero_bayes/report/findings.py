@@ -9,26 +9,23 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table
 from aero_bayes.report.series_figures import unit_of
-from aero_bayes.report.tables import Column, generic_cell, html_table, ratio_glyph
-from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, significant, symbol
+from aero_bayes.report.tables import Column, generic_cell, html_table, ratio_glyph, status_pill
+from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, significant, symbol, tidy
 
 
 def residual_table(run: RunDirectory) -> Markup | None:
     """Residual size against the noise floor and the whiteness test, by recording and output."""
     rows: list[tuple[object, ...]] = []
-    marked = []
-    roles = {row.get("name"): row.get("role", "") for row in table(run.result, "recordings")}
+    roles = {str(row.get("name")): row.get("role", "") for row in table(run.result, "recordings")}
     for recording, outputs in mapping(run.result, "residual").items():
         for output, entry in mapping(outputs).items():
             found = mapping(entry)
             ratio = number(found.get("ratio"))
-            if found.get("verdict") == "structured":
-                marked.append(len(rows))
             rows.append((
-                Markup("{}<small>{}</small>").format(recording, roles.get(recording, "")), symbol(output),
+                Markup("{}<small>{}</small>").format(recording, role_words(roles.get(recording, ""))), symbol(output),
                 significant(number(found.get("rms"))), significant(number(found.get("noise_floor"))),
                 pretty_unit(unit_of(run, output)), significant(ratio), ratio_glyph(None, ratio),
-                probability(number(found.get("p_value"))), found.get("verdict", NOTHING),
+                probability(number(found.get("p_value"))), status_pill(str(found.get("verdict") or "")),
             ))  # fmt: skip
     if not rows:
         return None
@@ -36,7 +33,7 @@ def residual_table(run: RunDirectory) -> Markup | None:
         "recording", "output", Column("RMS", "right"), Column("noise floor", "right"), "unit", Column("ratio", "right"),
         Column("floor │ residual", "centre"), Column("p (white)", "right"), "verdict",
     )  # fmt: skip
-    return html_table(columns, rows, "Residual against noise floor", marked)
+    return html_table(columns, rows, "Residual against noise floor")
 
 
 def noise_table(run: RunDirectory) -> Markup | None:
@@ -72,10 +69,10 @@ def sampler_table(run: RunDirectory) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "parameter", Column(Markup("R&#770;"), "right"), Column("effective draws, bulk", "right"),
-        Column("effective draws, tail", "right"), Column(Markup("<i>τ</i> (steps)"), "right"),
+        "parameter", Column(Markup("R&#770;"), "right"), Column("ESS, bulk", "right"),
+        Column("ESS, tail", "right"), Column(Markup("<i>τ</i> (steps)"), "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "Convergence by parameter (marked: above 1.01)", marked)
+    return html_table(columns, rows, "Convergence (ESS: effective draws; marked: R-hat above 1.01)", marked)
 
 
 def sampler_facts(run: RunDirectory) -> list[tuple[str, str]]:
@@ -106,10 +103,9 @@ def rms_table(run: RunDirectory) -> Markup | None:
          pretty_unit(unit_of(run, output)))
         for output in outputs
     ]  # fmt: skip
-    words = {"train": "training", "test": "unseen"}
     columns: tuple[Column | str, ...] = (
         "output",
-        *(Column(words.get(split, split), "right") for split in errors),
+        *(Column(role_words(split), "right") for split in errors),
         "unit",
     )
     return html_table(columns, rows, "RMS error of the fit")
@@ -145,7 +141,7 @@ def replay_table(run: RunDirectory) -> Markup | None:
         (
             Markup("{}<small>{}</small>").format(row.get("model", NOTHING), row.get("note") or ""),
             *(_replay_value(mapping(row, "parameters").get(name)) for name in names),
-            significant(value, 4), significant(number(row.get("paper_fitness")), 6),
+            significant(value, 4), tidy(number(row.get("paper_fitness")), 6),
         )
         for row, value in zip(entries, fitness, strict=True)
     ]  # fmt: skip

@@ -40,15 +40,15 @@ def before_and_after(run: RunDirectory, recording: str) -> Plate | None:
     def panels(width: float) -> list[Panel]:
         drawn = []
         for name in outputs:
-            pair = [(before.get(name), WARM), (after.get(name), ACCENT)]
+            pair = [(before.get(name), WARM, 0.25), (after.get(name), ACCENT, 0.55)]
             factor, unit = scaled_unit(largest(before.get(name), after.get(name)), unit_of(run, name))
             floor = noise_floor(run, recording, name)
             levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
             curves = tuple(
                 layer
-                for values, colour in pair
+                for values, colour, opacity in pair
                 if values is not None
-                for layer in cloud(time, values * factor, colour, columns_for(width), trend=True)
+                for layer in cloud(time, values * factor, colour, columns_for(width), opacity=opacity, trend=True)
             )
             drawn.append(Panel(signal_title(name, unit), curves, 110, levels=levels, ticks=3))
         return drawn
@@ -104,7 +104,7 @@ def replay_plate(run: RunDirectory) -> Plate | None:
     legend = (("measured", "measured"), *((f"s{i % len(SERIES) + 1}", name) for i, name in enumerate(models)))
     return Plate(
         draw([panel(WIDE)], WIDE, alt, "time (s)"), draw([panel(NARROW)], NARROW, alt, "time (s)"), alt,
-        Markup("The paper’s Fig. 6, redrawn from this run."), legend,
+        Markup("The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it."), legend,
     )  # fmt: skip
 
 

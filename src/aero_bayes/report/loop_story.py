@@ -18,7 +18,7 @@ from aero_bayes.report.tables import (
     parameter_quantity,
     ratio_glyph,
 )
-from aero_bayes.report.text import NOTHING, count, minus, pretty_unit, significant, symbol
+from aero_bayes.report.text import NOTHING, count, minus, pretty_unit, role_words, significant, symbol, tidy
 
 _SHOWN_CANDIDATES = 8
 _OUTCOMES = {
@@ -108,7 +108,7 @@ def error_table(run: RunDirectory) -> Markup | None:
             ratios = [x / floor if x is not None and floor else None for x in (old, new)]
             change = None if old is None or new is None or not old else 100 * (new / old - 1)
             rows.append((
-                {"train": "training", "test": "unseen"}.get(split, split), symbol(output), significant(old),
+                role_words(split), symbol(output), significant(old),
                 significant(new), significant(floor), pretty_unit(unit_of(run, output)),
                 NOTHING if change is None else minus(f"{change:+.0f} %"), ratio_glyph(*ratios),
             ))  # fmt: skip
@@ -188,7 +188,7 @@ def _port_table(step: Mapping[str, Any]) -> Markup | None:
         return None
     most = max(map(abs, scores.values())) or 1.0
     ranked = sorted(scores.items(), key=lambda item: -item[1])
-    rows = [(port, bar(score / most, f"score of port {port}"), significant(score)) for port, score in ranked]
+    rows = [(port, bar(score / most, f"score of port {port}"), tidy(score, 3)) for port, score in ranked]
     return html_table(
         ("port", "", Column("score", "right")), rows, "How well an unknown signal at each port explains all outputs"
     )
@@ -214,7 +214,7 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
         share = gain / most if gain is not None and most > 0 else 0.0
         words = f"evidence gained by {name}: {significant(gain)}"
         after = row.get("rms_after")
-        rows.append((label, row.get("port", NOTHING), bar(share, words), _gain(gain), generic_cell(after), note))
+        rows.append((label, row.get("port", NOTHING), bar(share, words), _gain(gain), generic_cell(after, 3), note))
     marked = [index for index, row in enumerate(ranked) if chosen is not None and row.get("id") == chosen]
     columns = (
         "candidate", "port", "", Column("evidence gained", "right"), Column("RMS after", "right"), "",

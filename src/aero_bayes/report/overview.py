@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.tables import Column, generic_cell, html_table
-from aero_bayes.report.text import count, describe_signal, duration, significant, symbol, tidy
+from aero_bayes.report.text import count, describe_signal, duration, role_words, significant, symbol, tidy
 
 _LEVELS = {"good", "warning", "bad"}
 _HASH_SHOWN = 16
@@ -68,7 +68,7 @@ def readings(run: RunDirectory) -> list[Reading]:
 def provenance(run: RunDirectory) -> list[Markup]:
     """Tables of where the data, the model and the software came from, and what the work cost."""
     result, tables = run.result, []
-    recordings = {row.get("name"): row for row in table(result, "recordings")}
+    recordings = {str(row.get("name")): row for row in table(result, "recordings")}
     files = [
         (str(row.get("file", "–")), count(number(row.get("rows"))), tidy(number(row.get("rate_hz"))),
          _hash(str(row.get("sha256") or "–")))
@@ -79,8 +79,8 @@ def provenance(run: RunDirectory) -> list[Markup]:
         tables.append(html_table(heads, files, "Data"))
     if recordings:
         used = [
-            (str(name), row.get("role", "–"), count(number(row.get("rows"))), duration(number(row.get("duration_s"))),
-             _signals(row.get("inputs")), _signals(row.get("outputs")))
+            (str(name), role_words(row.get("role", "–")), count(number(row.get("rows"))),
+             duration(number(row.get("duration_s"))), _signals(row.get("inputs")), _signals(row.get("outputs")))
             for name, row in recordings.items()
         ]  # fmt: skip
         columns = ("recording", "role", Column("rows", "right"), Column("length", "right"), "inputs", "outputs")
@@ -132,6 +132,7 @@ def _residual_reading(run: RunDirectory, output: str) -> Reading:
 
 
 def _exact(value: object) -> object:
+    """Whole numbers such as a seed stay as they are."""
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
     return _hash(value) if isinstance(value, str) and len(value) == 64 else generic_cell(value)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from aero_bayes.report import (
@@ -23,7 +24,7 @@ from aero_bayes.report import (
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.run_directory import RunDirectory, mapping, table, texts
 from aero_bayes.report.tables import generic_cell, parameter_table
-from aero_bayes.report.text import sentence, symbol
+from aero_bayes.report.text import role_words, sentence, symbol
 
 _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
@@ -77,12 +78,18 @@ def write_report(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """The page's text. The same run always gives the same page."""
+    return _template().render(_context(run))
+
+
+@cache
+def _template() -> Template:
+    """The compiled template; compiling takes longer than drawing a small page."""
     environment = Environment(
         loader=PackageLoader("aero_bayes.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"sentence": sentence, "symbol": symbol, "cell": generic_cell}
-    return environment.get_template("page.html.jinja").render(_context(run))
+    return environment.get_template("page.html.jinja")
 
 
 def _context(run: RunDirectory) -> dict[str, Any]:
@@ -107,9 +114,9 @@ def _context(run: RunDirectory) -> dict[str, Any]:
 
 
 def _recording(run: RunDirectory, name: str) -> RecordingPlates:
-    roles = {row.get("name"): str(row.get("role", "")) for row in table(run.result, "recordings")}
+    roles = {str(row.get("name")): str(row.get("role", "")) for row in table(run.result, "recordings")}
     return RecordingPlates(
-        name, roles.get(name, ""), series_figures.measured_against_fitted(run, name),
+        name, role_words(roles.get(name, "")), series_figures.measured_against_fitted(run, name),
         series_figures.after_jumps(run, name), residual_figures.over_time(run, name),
         residual_figures.statistics(run, name),
     )  # fmt: skip

@@ -32,7 +32,7 @@ from aero_bayes.report.drawing import (
     to_svg,
 )
 from aero_bayes.report.run_directory import FloatArray
-from aero_bayes.report.text import minus, plain_name, pretty_unit, quantity, significant, symbol
+from aero_bayes.report.text import minus, plain_name, quantity, significant, symbol
 
 _TRACE_BINS = 60
 _Chunks = tuple[list[FloatArray | None], list[NDArray[np.uint8] | None]]
@@ -71,7 +71,15 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
             x0 = left + cell * column
             if row == column:
                 _marginal(axes, draws[name], x0, y0, cell)
-                axes.text(x0 + cell / 2, y0 + cell + 3, plain_name(name), ha="center", fontsize=12.5, color=INK)
+                axes.text(
+                    x0 + cell / 2,
+                    y0 + cell + 3,
+                    plain_name(name),
+                    ha="center",
+                    fontsize=12.5,
+                    color=INK,
+                    parse_math=False,
+                )
             else:
                 _joint(axes, draws[name], draws[below], x0, y0, cell)
                 _number(
@@ -174,13 +182,14 @@ def _joint(axes: Axes, across: FloatArray, up: FloatArray, x0: float, y0: float,
 def _number(axes: Axes, correlation: float, x0: float, y0: float, cell: float) -> None:
     """The rank correlation in the mirrored cell: the stronger, the larger and darker."""
     strength = abs(correlation)
-    axes.text(x0 + cell / 2 - 4, y0 + cell / 2 - 8, minus(f"{correlation:+.2f}"), fontsize=11 + 9 * strength, ha="center",
-              color=INK if strength >= 0.5 else MUTED, alpha=1 if strength >= 0.2 else 0.6)  # fmt: skip
+    colour, opacity = INK if strength >= 0.5 else MUTED, 1.0 if strength >= 0.2 else 0.6
+    x, y, text = x0 + cell / 2 - 4, y0 + cell / 2 - 8, minus(f"{correlation:+.2f}")
+    axes.text(x, y, text, ha="center", fontsize=11 + 9 * strength, color=colour, alpha=opacity)
 
 
 def _cell_scale(axes: Axes, draws: FloatArray, unit: str, x0: float, cell: float, foot: float) -> None:
     low, high = _range(draws)
-    shown = quantity(0.5 * (low + high), low, high, unit)
-    axes.text(x0, foot - 14, shown.low, fontsize=9.5, color=MUTED, ha="left")
-    axes.text(x0 + cell - 8, foot - 14, shown.high, fontsize=9.5, color=MUTED, ha="right")
-    axes.text(x0 + (cell - 8) / 2, foot - 29, shown.unit or pretty_unit(unit), fontsize=9.5, color=MUTED, ha="center")
+    shown = quantity(0.5 * (low + high), low, high, unit, digits=1)
+    axes.text(x0, foot - 14, shown.low, fontsize=10.5, color=MUTED, ha="left")
+    axes.text(x0 + cell - 8, foot - 14, shown.high, fontsize=10.5, color=MUTED, ha="right")
+    axes.text(x0 + (cell - 8) / 2, foot - 29, shown.unit, fontsize=10.5, color=MUTED, ha="center", parse_math=False)

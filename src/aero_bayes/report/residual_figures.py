@@ -106,7 +106,7 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     floor = noise_floor(run, recording, name)
     factor, unit = scaled_unit(largest(values), unit_of(run, name))
     reach = max(float(np.quantile(np.abs(finite), 0.995)), 3.5 * (floor or 0.0)) or 1.0
-    density, edges = np.histogram(np.clip(finite, -reach, reach), bins=61, range=(-reach, reach), density=True)
+    density, edges = np.histogram(finite, bins=61, range=(-reach, reach), density=True)
     density = density / max(density.max(), 1e-300)
     layers: list[Line | Band] = [
         Band(factor * np.repeat(edges, 2)[1:-1], np.zeros(2 * len(density)), np.repeat(density, 2), ACCENT, 0.45)

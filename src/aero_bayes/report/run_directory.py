@@ -54,7 +54,7 @@ class RunDirectory:
     def recordings(self) -> tuple[str, ...]:
         """Names of the recordings that have series, training before test, else in file order."""
         drawn = [key.removeprefix("time/") for key in self.series if key.startswith("time/")]
-        order = {row["name"]: rank for rank, row in enumerate(table(self.result, "recordings")) if "name" in row}
+        order = {str(row.get("name")): rank for rank, row in enumerate(table(self.result, "recordings"))}
         return tuple(sorted(drawn, key=lambda name: order.get(name, len(order))))
 
     def time(self, recording: str) -> FloatArray:
@@ -135,7 +135,7 @@ def _read_series(path: Path) -> dict[str, FloatArray]:
         with np.load(path, allow_pickle=False) as archive:
             return {key: np.asarray(archive[key], dtype=np.float64) for key in archive.files}
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable archive of series ({error})") from None
+        raise InputError(f"{path}: not a readable archive of series ({_first_line(error)})") from None
 
 
 def _read_posterior(path: Path) -> dict[str, FloatArray]:
@@ -145,7 +145,11 @@ def _read_posterior(path: Path) -> dict[str, FloatArray]:
         with xarray.open_dataset(path, group="posterior") as group:
             return {str(name): _flat for name, values in group.items() for name, _flat in _columns(str(name), values)}
     except (ValueError, OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable posterior ({error})") from None
+        raise InputError(f"{path}: not a readable posterior ({_first_line(error)})") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _columns(name: str, values: xarray.DataArray) -> list[tuple[str, FloatArray]]:

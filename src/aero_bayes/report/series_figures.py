@@ -136,7 +136,7 @@ def _output_panel(
         if name in (found := run.signals(group, recording))
     }
     factor, unit = scaled_unit(largest(picked["measured"]), unit_of(run, name))
-    layers: list[Layer] = [*cloud(time, factor * picked["measured"], MEASURED, columns)]
+    layers: list[Layer] = [*cloud(time, factor * picked["measured"], MEASURED, columns, opacity=0.8)]
     if "lower" in picked and "upper" in picked:
         layers.append(band(time, factor * picked["lower"], factor * picked["upper"], ACCENT, columns, 0.2))
     if "fitted" in picked:

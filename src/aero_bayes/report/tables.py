@@ -17,6 +17,8 @@ _STATUS_WORDS = {
     "weak": "the data say little more than the prior",
     "unidentified": "the data do not determine it",
     "fixed": "held, not fitted",
+    "adequate": "nothing but noise is left",
+    "structured": "the model lacks something",
 }
 
 
@@ -82,12 +84,12 @@ def parameter_table(parameters: Mapping[str, Any]) -> Markup:
         note = stated.get("note") or ""
         prior = Markup("{}<small>{}</small>").format(stated.get("prior") or NOTHING, note)
         value = shown.value if status != "unidentified" else Markup('<span class="held">{}</span>').format(shown.value)
-        rows.append((about, value, interval, shown.unit, glyph, prior, status_pill(status)))
+        rows.append((about, value, interval, shown.unit, status_pill(status), glyph, prior))
     columns = (
-        "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit",
-        Column("interval in prior", "centre"), "prior", "status",
+        "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status",
+        Column("interval in prior", "centre"), "prior",
     )  # fmt: skip
-    return html_table(columns, rows, "Parameters")
+    return html_table(columns, rows, "Estimates")
 
 
 def parameter_quantity(stated: Mapping[str, Any]) -> tuple[Quantity, bool]:
@@ -100,7 +102,7 @@ def parameter_quantity(stated: Mapping[str, Any]) -> tuple[Quantity, bool]:
 
 
 def status_pill(status: str) -> Markup:
-    """A status as a small label with its meaning."""
+    """A parameter's status or a residual's verdict as a small label with its meaning."""
     if not status:
         return Markup(NOTHING)
     known = status if status in _STATUS_WORDS else "other"
@@ -171,14 +173,14 @@ def bar(share: float, words: str) -> Markup:
     ).format(words, 140 * min(1.0, max(0.0, share)))
 
 
-def generic_cell(value: object) -> object:
+def generic_cell(value: object, digits: int = 4) -> object:
     """Whatever a run stated, as a cell: numbers rounded, mappings and lists spelt out."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tidy(number(value), 4)
+        return tidy(number(value), digits)
     if isinstance(value, Mapping):
-        pairs = (Markup("{} {}").format(key_label(key), generic_cell(item)) for key, item in value.items())
+        pairs = (Markup("{} {}").format(key_label(key), generic_cell(item, digits)) for key, item in value.items())
         return Markup(", ").join(pairs)
     if isinstance(value, list | tuple):
         return Markup(", ").join(escape(str(generic_cell(item))) for item in value)

@@ -75,7 +75,7 @@ class Quantity:
     unit: str
 
 
-def quantity(value: float | None, low: float | None, high: float | None, unit: str) -> Quantity:
+def quantity(value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2) -> Quantity:
     """Round a value to two digits of its interval's half-width; without an interval, to four digits.
 
     Parameters
@@ -84,6 +84,8 @@ def quantity(value: float | None, low: float | None, high: float | None, unit: s
         Estimate and the ends of its interval.
     unit : str
         Unit as a model writes it (``kg.m2``, ``ohm``).
+    digits : int
+        Digits of the half-width to keep.
 
     Returns
     -------
@@ -96,10 +98,10 @@ def quantity(value: float | None, low: float | None, high: float | None, unit: s
     scale = 10.0**power
     decimals = max(0, min(9, 3 - math.floor(math.log10(largest / scale))))
     if low is not None and high is not None and high > low:
-        decimals = max(0, min(9, 1 - math.floor(math.log10((high - low) / 2 / scale))))
+        decimals = max(0, min(9, digits - 1 - math.floor(math.log10((high - low) / 2 / scale))))
     label = pretty_unit(unit)
     if power:
-        label = f"10{str(power).translate(_SUPERSCRIPT)} {label}".strip()
+        label = f"×10{str(power).translate(_SUPERSCRIPT)} {label}".strip()
 
     def show(x: float | None) -> str:
         if x is None or not math.isfinite(x):
@@ -155,6 +157,11 @@ def key_label(key: object) -> Markup:
     head = text.partition("_")[0]
     known = head in _GREEK or (len(head) <= 2 and "_" in text)
     return symbol(text) if known else escape(text.replace("_", " "))
+
+
+def role_words(role: object) -> str:
+    """A recording's role as a person says it."""
+    return {"train": "training", "test": "unseen"}.get(str(role), str(role))
 
 
 def describe_signal(name: str) -> str:

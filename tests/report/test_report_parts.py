@@ -1,0 +1,170 @@
+"""Thinning, numbers, names and statistics of the page, against closed forms and plain loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.report import Column, html_table
+from aero_bayes.report.posterior_figures import most_correlated
+from aero_bayes.report.residual_figures import autocorrelation
+from aero_bayes.report.series_figures import input_jumps
+from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, significant, symbol, tidy
+from aero_bayes.report.thinning import band_envelope, column_means, envelope
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_envelope_keeps_the_extremes_of_every_column(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.1, 2.0, 5000))
+    values = rng.standard_normal(5000).cumsum()
+    values[rng.integers(5000)] += 1000
+    thin_time, thin = envelope(time, values, 100)
+    assert len(thin) <= 200
+    assert np.all(np.diff(thin_time) >= 0)
+    assert (thin.min(), thin.max()) == (values.min(), values.max())
+    column = np.minimum(((time - time[0]) / (time[-1] - time[0]) * 100).astype(int), 99)
+    for index, pair in zip(np.unique(column), thin.reshape(-1, 2), strict=True):
+        assert sorted(pair) == [values[column == index].min(), values[column == index].max()]
+
+
+def test_envelope_keeps_gaps_and_leaves_short_series_alone() -> None:
+    time = np.linspace(0, 1, 1001)
+    values = np.sin(time)
+    values[400:600] = np.nan
+    thin_time, thin = envelope(time, values, 50)
+    inside = (thin_time > 0.42) & (thin_time < 0.58)
+    assert np.isnan(thin[inside]).all()
+    assert np.isfinite(thin[~inside & (np.abs(thin_time - 0.5) > 0.12)]).all()
+    assert envelope(time[:90], values[:90], 50)[1] is not None
+    np.testing.assert_array_equal(envelope(time[:90], values[:90], 50)[1], values[:90])
+
+
+def test_envelope_follows_a_fall_from_high_to_low() -> None:
+    time = np.linspace(0, 1, 1001)
+    assert np.all(np.diff(envelope(time, -time, 50)[1]) <= 0)
+    assert np.all(np.diff(envelope(time, time, 50)[1]) >= 0)
+
+
+def test_thinned_band_contains_the_band() -> None:
+    rng = np.random.default_rng(4)
+    time = np.linspace(0, 10, 4000)
+    low, high = -rng.uniform(1, 2, 4000), rng.uniform(1, 2, 4000)
+    _, thin_low, thin_high = band_envelope(time, low, high, 80)
+    column = np.minimum((time / 10 * 80).astype(int), 79)
+    assert np.all(thin_low[column] <= low)
+    assert np.all(thin_high[column] >= high)
+
+
+def test_column_means_average_what_is_there() -> None:
+    time = np.linspace(0, 1, 1000)
+    values = np.where(np.arange(1000) % 2, 3.0, 1.0)
+    values[np.arange(1000) % 4 == 1] = np.nan
+    values[500:750] = np.nan
+    _, means = column_means(time, values, 4)
+    np.testing.assert_allclose(means[[0, 1, 3]], 5 / 3, rtol=0.01)
+    assert np.isnan(means[2])
+
+
+def test_autocorrelation_is_the_plain_sum() -> None:
+    rng = np.random.default_rng(5)
+    values = np.convolve(rng.standard_normal(300), [1, 0.7, 0.3], mode="same")
+    centred = values - values.mean()
+    plain = np.array([np.sum(centred[: len(centred) - lag] * centred[lag:]) for lag in range(300)])
+    np.testing.assert_allclose(autocorrelation(values), plain / plain[0], atol=1e-12)
+
+
+def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
+    rng = np.random.default_rng(6)
+    values = np.zeros(200_000)
+    for index, noise in enumerate(rng.standard_normal(200_000)):
+        values[index] = 0.8 * values[index - 1] + noise
+    values[rng.random(200_000) < 0.1] = np.nan
+    found = autocorrelation(values)
+    # gaps take a tenth of every lag's partners but not of lag 0
+    np.testing.assert_allclose(found[1:8] / found[1], 0.8 ** np.arange(7), atol=0.03)
+
+
+def test_input_jumps_are_found_with_the_largest_first() -> None:
+    time = np.arange(100) / 10
+    drive = np.select([time < 3, time < 6], [10.0, -10.0], 0.0)
+    assert input_jumps(time, [drive]) == [(30, 60), (0, 30), (60, 99)]
+    assert input_jumps(time, [np.sin(time)]) == []
+    assert input_jumps(time, [np.zeros(100)]) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [
+        ((9.6021, 9.5861, 9.6189, "ohm"), ("9.602", "9.586", "9.619", "Ω")),
+        ((1.1203e-5, 1.0987e-5, 1.1409e-5, "kg.m2"), ("11.20", "10.99", "11.41", "×10⁻⁶ kg·m²")),
+        ((-0.0021, -0.0040, -0.0003, "N.m"), ("−0.0021", "−0.0040", "−0.0003", "N·m")),
+        ((0.0, -1.2, 1.3, "V"), ("0.0", "−1.2", "1.3", "V")),
+        ((0.0219, None, None, "kg m^2"), ("0.0219", "–", "–", "kg·m²")),
+        ((4.0e-6, None, None, "kg.m2"), ("4", "–", "–", "×10⁻⁶ kg·m²")),
+        ((12345.6, 12000.0, 12700.0, "1"), ("12346", "12000", "12700", "")),
+        ((None, None, None, ""), ("–", "–", "–", "")),
+        ((float("nan"), 1.0, 2.0, "s"), ("–", "1.00", "2.00", "s")),
+    ],
+)
+def test_quantities_carry_the_digits_their_interval_justifies(given: tuple, shown: tuple) -> None:
+    found = quantity(*given)
+    assert (found.value, found.low, found.high, found.unit) == shown
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [(0, "0"), (1234.5, "1230"), (0.00123456, "0.00123"), (9.999e-5, "1.00×10⁻⁴"), (-2.5e7, "−2.50×10⁷"),
+     (99.97, "100"), (None, "–"), (float("inf"), "–")],
+)  # fmt: skip
+def test_significant_digits(given: float | None, shown: str) -> None:
+    assert significant(given) == shown
+
+
+def test_tidy_numbers_and_times() -> None:
+    numbers = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
+    assert numbers == [
+        "3.1",
+        "1000",
+        "251\u202f307",
+        "0.011",
+        "1×10⁻¹²",
+    ]
+    assert [duration(x) for x in (0.021, 9.4, 148, 7325)] == ["21 ms", "9.40 s", "2 min 28 s", "2 h 02 min"]
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [("kg.m2", "kg·m²"), ("kg m^2", "kg·m²"), ("N.m.s/rad", "N·m·s/rad"), ("N*s^2", "N·s²"), ("ohm", "Ω"), ("Ohm", "Ω"),
+     ("m.s-1", "m·s⁻¹"), ("rad/s", "rad/s"), ("1", ""), (None, ""), ("%", "%")],
+)  # fmt: skip
+def test_units_are_set_as_a_person_writes_them(given: str | None, shown: str) -> None:
+    assert pretty_unit(given) == shown
+
+
+def test_symbols_and_code() -> None:
+    assert "<i>R</i><sub>a</sub>" in symbol("R_a")
+    assert "<i>ω</i><sub>m</sub>" in symbol("omega_m")
+    assert symbol("input_delay[a<b]") == "<code>input_delay[a&lt;b]</code>"
+    assert sentence("`theta` < 3") == f"{symbol('theta')} &lt; 3"
+    assert sentence("a ` b") == "a ` b"
+
+
+def test_tables_escape_what_is_not_markup() -> None:
+    table = html_table(("name", Column("size", "right")), [("<b>", 3), ("ok", None)], "a & b", marked=(1,))
+    assert "&lt;b&gt;" in table
+    assert "<b>" not in table
+    assert "a &amp; b" in table
+    assert table.count('class="marked"') == 1
+    assert "–" in table
+
+
+def test_pair_plot_picks_the_strongest_correlations() -> None:
+    rng = np.random.default_rng(7)
+    draws = {f"p{index}": rng.standard_normal((4, 500)) for index in range(12)}
+    draws["p11"] = draws["p3"] + 0.1 * draws["p11"]
+    draws["still"] = np.ones((4, 500))
+    chosen = most_correlated(draws, most=4)
+    assert len(chosen) == 4
+    assert {"p3", "p11"} <= set(chosen)
+    assert "still" not in chosen
