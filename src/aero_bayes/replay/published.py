@@ -1,0 +1,67 @@
+"""Table 1 of the paper (Podlaski et al.), as data, and how its numbers enter our models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+#: Columns of Table 1, and the only parameters that the paper searches.
+TABLE_PARAMETERS = ("R_a", "L_a", "J_r", "J_s", "k_d", "k_t")
+UNITS: Mapping[str, str] = MappingProxyType(
+    {"R_a": "Ω", "L_a": "H", "J_r": "kg·m²", "J_s": "kg·m²", "k_d": "N·m·s/rad", "k_t": "N·s/rad"}
+)
+
+#: What Quanser documents for the voltage-to-pitch model (torque about the pitch axis for each volt), N.m/V.
+TRANSFER_GAIN = 0.0011
+
+
+@dataclass(frozen=True)
+class Published:
+    """One row of Table 1.
+
+    ``parameters`` are the table's own numbers; ``fitness`` is its Eq. 6, of data that is not public.
+    """
+
+    label: str
+    kind: Literal["multi-domain", "transfer function"]
+    parameters: Mapping[str, float]
+    fitness: float
+
+    @property
+    def model_values(self) -> dict[str, float]:
+        """Values as ``Aero.Systems.OneDofLinear`` takes them.
+
+        The table gives ``k_d`` the sign of a load on the rotor; the model's drag torque ``k_d w`` already opposes the
+        rotation, so its coefficient is positive.
+        """
+        return {name: -value if name == "k_d" else value for name, value in self.parameters.items()}
+
+
+def _row(label: str, fitness: float, *values: float) -> Published:
+    return Published(label, "multi-domain", MappingProxyType(dict(zip(TABLE_PARAMETERS, values, strict=True))), fitness)
+
+
+UNOPTIMISED = _row("Unoptimised", 29.3903, 8.4, 0.00116, 4e-6, 4e-6, -1e-5, 0.00045)
+PSO = _row("PSO Model 1", 498.7173, 0.187, 0.0487, 84.2, 0.0, -0.587, 0.000689)
+PSO_DATASHEET = _row("PSO Model 1 with data-sheet R_a and L_a", 28.2230, 8.4, 0.00116, 84.2, 0.0, -0.587, 0.000689)
+FMINCON = _row("fmincon", 0.2280, 8.4, 0.00116, 3.45e-11, 0.000174, -1e-5, 0.0004)
+TRANSFER = Published(
+    "Transfer function", "transfer function", MappingProxyType({"R_a": 8.4, "k_d": -1e-5, "k_t": 0.00045}), 42.7060
+)
+
+TABLE_1 = (UNOPTIMISED, PSO, PSO_DATASHEET, FMINCON, TRANSFER)
+
+#: Corners of the box that is searched. The paper does not print its own; this one reaches, on every axis, from zero to
+#: the next power of ten above everything that Table 1 holds.
+BOX: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "R_a": (0.0, 10.0),
+        "L_a": (0.0, 0.1),
+        "J_r": (0.0, 100.0),
+        "J_s": (0.0, 100.0),
+        "k_d": (0.0, 1.0),
+        "k_t": (0.0, 1e-3),
+    }
+)
