@@ -27,6 +27,7 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.sundials import CVodeSolver
+from numpy.typing import NDArray
 
 from aero_bayes.simulation.gaussian import products
 from aero_bayes.simulation.interface import (
@@ -257,7 +258,7 @@ class FmpySimulator:
             return out, Outcome.SOLVER_FAILED
         return (found, Outcome.OK) if np.all(np.isfinite(found)) else (out, Outcome.NOT_FINITE)
 
-    def _slopes(self, number: int, values: FloatArray, columns: FloatArray | Sequence[int]) -> FloatArray:
+    def _slopes(self, number: int, values: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
         problem = self.problem
         experiment, row = problem.experiments[number], problem.targets[number]
         settings = replace(

@@ -8,7 +8,7 @@ variance of the white noise, K = Q^-1 + s2 I, so K^-1 = Q (I + s2 Q)^-1 and det 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cholesky_banded, cho_solve_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from aero_bayes.simulation.interface import FloatArray
 

@@ -134,7 +134,7 @@ int run_differences(Run *r)
     double **slopes = calloc((size_t)r->q + 1, sizeof *slopes);
     double *trial = malloc(sizeof *trial * (size_t)(r->problem->p + 1));
     int outcome = plain && base && down && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
-    double relative = 1e-4;
+    double relative = 1e-5;
     if (!outcome) {
         memcpy(trial, r->values, sizeof *trial * (size_t)r->problem->p);
         plain->values = trial;

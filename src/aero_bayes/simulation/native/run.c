@@ -166,7 +166,6 @@ typedef struct {
     double h;          /* size of the next step */
     int fresh;         /* no step size is known */
     int have_f, have_jac, have_node;
-    int bad;           /* steps in a row that gave no number */
     int event;         /* a state or step event ended the segment early */
 } Segment;
 
@@ -212,13 +211,10 @@ static int smaller(Run *r, Segment *g, double h, double error)
     r->rejected++;
     if (error == error) {
         g->h = h * fmax(0.15, 0.9 * pow(error, -0.2));
-        g->bad = 0;
-    } else {
+    } else
         g->h = 0.2 * h;
-        g->bad++;
-    }
     if (g->h > 16.0 * DBL_EPSILON * fmax(fabs(r->t), 1e-30)) return AB_OK;
-    return g->bad > 3 ? AB_NOT_FINITE : AB_SOLVER_FAILED;
+    return error == error || r->status == FMI_DISCARD ? AB_SOLVER_FAILED : AB_NOT_FINITE;
 }
 
 static int stuck(Run *r)
@@ -252,7 +248,11 @@ static int integrate_segment(Run *r, Segment *g)
         if (last) h = left;
         double error = 0.0;
         if (n) {
-            if (r->time_dependent && worse(status = time_derivative(r, h))) return outcome_of(r, status);
+            if (r->time_dependent && worse(r->status = time_derivative(r, h))) {
+                if (r->status != FMI_DISCARD) return outcome_of(r, r->status);
+                if ((outcome = smaller(r, g, h, NAN))) return outcome;
+                continue;
+            }
             error = rodas_step(r, h, r->time_dependent ? r->ft : NULL);
             if (r->status == FMI_ERROR || r->status == FMI_FATAL) return outcome_of(r, r->status);
             if (!(error <= 1.0) && !(r->replay && error < INFINITY)) {
@@ -303,7 +303,6 @@ static int integrate_segment(Run *r, Segment *g)
         remember_step(r, h / (g->end - g->begin));
         r->at_step++;
         r->taken++;
-        g->bad = 0;
         r->t = reached;
         swap(&r->x, &r->x1);
         g->have_f = g->have_jac = g->have_node = 0;

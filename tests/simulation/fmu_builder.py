@@ -1,0 +1,136 @@
+"""Builds the small test FMUs under fmus/ with the C compiler at hand."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+SOURCES = Path(__file__).parent / "fmus"
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """One variable of a test model: ``derivative_of`` names the state."""
+
+    name: str
+    reference: int
+    causality: str
+    start: float | None = None
+    derivative_of: str | None = None
+    kind: str = "Real"
+    nominal: float | None = None
+    calculated: bool = False
+
+
+def state(name: str, reference: int, start: float, output: bool = True, nominal: float | None = None) -> list[Scalar]:
+    """A state and its derivative (the next reference)."""
+    return [
+        Scalar(name, reference, "output" if output else "local", start, nominal=nominal),
+        Scalar(f"der({name})", reference + 1, "local", derivative_of=name),
+    ]
+
+
+def parameter(name: str, reference: int, start: float, nominal: float | None = None) -> Scalar:
+    return Scalar(name, reference, "parameter", start, nominal=nominal)
+
+
+MODELS: dict[str, list[Scalar]] = {
+    "Dahlquist": [
+        *state("x", 0, 1.0),
+        parameter("k", 2, 1.0),
+        parameter("a", 3, 0.0),
+        parameter("w", 4, 1.0),
+        parameter("b", 5, 1.0),
+        Scalar("u", 6, "input", 0.0),
+        Scalar("y", 7, "output"),
+        parameter("c", 8, 0.0),
+        parameter("g", 9, 0.0),
+    ],
+    "VanDerPol": [*state("x0", 0, 2.0), *state("x1", 2, 0.0), parameter("mu", 4, 1.0)],
+    "BouncingBall": [*state("h", 0, 1.0), *state("v", 2, 0.0), parameter("g", 4, -9.81), parameter("e", 5, 0.7)],
+    "Stair": [
+        *state("x", 0, 0.0),
+        Scalar("counter", 2, "output", kind="Integer"),
+        parameter("period", 3, 0.3),
+        parameter("kick", 4, 0.0),
+    ],
+    "Feedthrough": [
+        Scalar("u", 0, "input", 0.0),
+        Scalar("y", 1, "output"),
+        parameter("gain", 2, 1.0),
+        parameter("offset", 3, 0.0),
+        Scalar("resource", 4, "output"),
+    ],
+    "Circuit": [
+        *(s for k in range(3) for s in (*state(f"i{k}", 4 * k, 0.0, k == 0), *state(f"v{k}", 4 * k + 2, 0.0, k == 2))),
+        Scalar("u", 12, "input", 0.0),
+        parameter("R", 13, 10.0),
+        parameter("L", 14, 1e-4),
+        parameter("C", 15, 1e-3),
+        parameter("G", 16, 1e-3),
+        Scalar("power", 17, "output"),
+    ],
+    "Trouble": [*state("x", 0, 1.0), parameter("mode", 2, 0.0)],
+}
+INDICATORS = {"BouncingBall": 1}
+
+
+def _variable(scalar: Scalar, index: dict[str, int]) -> str:
+    constant = scalar.causality == "parameter"
+    variability = "tunable" if constant else "discrete" if scalar.kind != "Real" else "continuous"
+    attributes = ""
+    if scalar.start is not None and not scalar.calculated:
+        attributes += f' start="{scalar.start!r}"'
+    if scalar.nominal is not None:
+        attributes += f' nominal="{scalar.nominal!r}"'
+    if scalar.derivative_of is not None:
+        attributes += f' derivative="{index[scalar.derivative_of]}"'
+    initial = ' initial="exact"' if scalar.start is not None and scalar.causality in ("output", "local") else ""
+    return (
+        f'<ScalarVariable name="{scalar.name}" valueReference="{scalar.reference}" causality="{scalar.causality}" '
+        f'variability="{variability}"{initial}><{scalar.kind}{attributes}/></ScalarVariable>'
+    )
+
+
+def description(name: str, model: str, directional: bool, extra: str = "") -> str:
+    """The modelDescription.xml of a test model."""
+    scalars = MODELS[model]
+    index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
+    derivatives = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.derivative_of is not None)
+    outputs = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.causality == "output")
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
+        f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '
+        f'providesDirectionalDerivative="{str(directional).lower()}"{extra}/>'
+        f"<ModelVariables>{''.join(_variable(s, index) for s in scalars)}</ModelVariables>"
+        f"<ModelStructure><Outputs>{outputs}</Outputs><Derivatives>{derivatives}</Derivatives></ModelStructure>"
+        "</fmiModelDescription>"
+    )
+
+
+def compiler() -> list[str]:
+    """The C compiler: $CC, cc, or the ziglang wheel's."""
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        if name and shutil.which(name):
+            return [name]
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[str, ...] = ()) -> Path:
+    """Compile one test model and zip it as an FMU."""
+    name = "_".join([model, "dd" if directional else "nodd", *defines])
+    library = folder / f"{name}.so"
+    flags = ["-O2", "-w", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-D{d}" for d in defines)]
+    command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    fmu = folder / f"{name}.fmu"
+    with zipfile.ZipFile(fmu, "w") as archive:
+        archive.writestr("modelDescription.xml", description(name, model, directional))
+        archive.write(library, f"binaries/linux64/{name}.so")
+        archive.writestr("resources/y.txt", "42.5")
+    return fmu

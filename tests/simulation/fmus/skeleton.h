@@ -1,0 +1,167 @@
+/* A minimal FMI 2.0 Model Exchange skeleton for test models. A model defines before including it:
+ *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below.
+ * Variables live in m->r, addressed by their value reference. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <math.h>
+#include <unistd.h>
+
+typedef struct {
+    void (*logger)(void *, const char *, int, const char *, const char *, ...);
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void (*finished)(void *, int);
+    void *environment;
+} Callbacks;
+
+typedef struct {
+    int again, terminate, nominals_changed, states_changed, next_defined;
+    double next;
+} Events;
+
+typedef struct {
+    double r[64];
+    double t;
+    const Callbacks *callbacks;
+    char name[64], resources[512];
+    int initialized;
+} Model;
+
+enum { OK, WARNING, DISCARD, ERROR, FATAL };
+
+static const unsigned states[] = STATES, derivatives_of[] = DERIVATIVES;
+
+static void start(Model *m);           /* default values */
+static int initialize(Model *m);       /* at the end of initialisation */
+static int update(Model *m);           /* derivatives and outputs from states, inputs and time */
+static int discrete(Model *m, Events *e);
+static void zero_crossings(Model *m, double *z);
+static int derivative(Model *m, unsigned unknown, unsigned known, double *value); /* partial derivative */
+
+#define API __attribute__((visibility("default")))
+
+API const char *fmi2GetTypesPlatform(void) { return "default"; }
+API const char *fmi2GetVersion(void) { return "2.0"; }
+API int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *what) { return OK; }
+
+API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *f,
+                          int visible, int logging)
+{
+    Model *m = calloc(1, sizeof *m);
+    m->callbacks = f;
+    snprintf(m->name, sizeof m->name, "%s", name);
+    snprintf(m->resources, sizeof m->resources, "%s", resources ? resources : "");
+    start(m);
+    return m;
+}
+API void fmi2FreeInstance(void *c) { free(c); }
+API int fmi2SetupExperiment(void *c, int td, double tol, double t0, int sd, double t1)
+{
+    ((Model *)c)->t = t0;
+    return OK;
+}
+API int fmi2EnterInitializationMode(void *c) { return OK; }
+API int fmi2ExitInitializationMode(void *c)
+{
+    Model *m = c;
+    m->initialized = 1;
+    return initialize(m);
+}
+API int fmi2Terminate(void *c) { return OK; }
+API int fmi2Reset(void *c)
+{
+    Model *m = c;
+    memset(m->r, 0, sizeof m->r);
+    m->initialized = 0;
+    start(m);
+    return OK;
+}
+API int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *v)
+{
+    Model *m = c;
+    const int status = m->initialized ? update(m) : OK;
+    for (size_t i = 0; i < n; i++) v[i] = m->r[vr[i]];
+    return status;
+}
+API int fmi2GetInteger(void *c, const unsigned *vr, size_t n, int *v)
+{
+    for (size_t i = 0; i < n; i++) v[i] = (int)((Model *)c)->r[vr[i]];
+    return OK;
+}
+API int fmi2GetBoolean(void *c, const unsigned *vr, size_t n, int *v) { return fmi2GetInteger(c, vr, n, v); }
+API int fmi2GetString(void *c, const unsigned *vr, size_t n, const char **v) { return ERROR; }
+API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
+{
+    for (size_t i = 0; i < n; i++) ((Model *)c)->r[vr[i]] = v[i];
+    return OK;
+}
+API int fmi2SetInteger(void *c, const unsigned *vr, size_t n, const int *v) { return ERROR; }
+API int fmi2SetBoolean(void *c, const unsigned *vr, size_t n, const int *v) { return ERROR; }
+API int fmi2SetString(void *c, const unsigned *vr, size_t n, const char *const *v) { return ERROR; }
+API int fmi2GetFMUstate(void *c, void **s) { return ERROR; }
+API int fmi2SetFMUstate(void *c, void *s) { return ERROR; }
+API int fmi2FreeFMUstate(void *c, void **s) { return ERROR; }
+API int fmi2SerializedFMUstateSize(void *c, void *s, size_t *n) { return ERROR; }
+API int fmi2SerializeFMUstate(void *c, void *s, char *d, size_t n) { return ERROR; }
+API int fmi2DeSerializeFMUstate(void *c, const char *d, size_t n, void **s) { return ERROR; }
+API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu, const unsigned *known, size_t nk,
+                                     const double *dv, double *out)
+{
+    for (size_t i = 0; i < nu; i++) {
+        out[i] = 0.0;
+        for (size_t k = 0; k < nk; k++) {
+            double v = 0.0;
+            const int status = derivative(c, unknown[i], known[k], &v);
+            if (status > WARNING) return status;
+            out[i] += v * dv[k];
+        }
+    }
+    return OK;
+}
+API int fmi2EnterEventMode(void *c) { return OK; }
+API int fmi2NewDiscreteStates(void *c, Events *e)
+{
+    memset(e, 0, sizeof *e);
+    return discrete(c, e);
+}
+API int fmi2EnterContinuousTimeMode(void *c) { return OK; }
+API int fmi2CompletedIntegratorStep(void *c, int keep, int *event, int *stop)
+{
+    *event = *stop = 0;
+    return OK;
+}
+API int fmi2SetTime(void *c, double t)
+{
+    ((Model *)c)->t = t;
+    return OK;
+}
+API int fmi2SetContinuousStates(void *c, const double *x, size_t n)
+{
+    for (size_t i = 0; i < n; i++) ((Model *)c)->r[states[i]] = x[i];
+    return OK;
+}
+API int fmi2GetDerivatives(void *c, double *x, size_t n)
+{
+    const int status = update(c);
+    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[derivatives_of[i]];
+    return status;
+}
+API int fmi2GetEventIndicators(void *c, double *z, size_t n)
+{
+    const int status = update(c);
+    if (n) zero_crossings(c, z);
+    return status;
+}
+API int fmi2GetContinuousStates(void *c, double *x, size_t n)
+{
+    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[states[i]];
+    return OK;
+}
+API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)
+{
+    for (size_t i = 0; i < n; i++) x[i] = 1.0;
+    return OK;
+}

@@ -1,0 +1,107 @@
+"""The native engine and FMPy's CVode agree on the same problems."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.simulation import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    InputTarget,
+    Model,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    open_simulator,
+)
+
+TIGHT = SolverSettings(1e-8, 1e-8)
+
+
+def compare(problem: Problem, values: np.ndarray, pool, active=None, slack: float = 1.0) -> None:
+    with open_simulator(problem, pool=pool) as native, open_simulator(problem, "fmpy") as reference:
+        a, b = native.simulate(values, active=active), reference.simulate(values, active=active)
+    assert np.all(a.outcomes == Outcome.OK)
+    assert np.all(b.outcomes == Outcome.OK)
+    for x, y in zip(a.outputs, b.outputs, strict=True):
+        scale = np.ptp(y, axis=1, keepdims=True) + 1e-3
+        np.testing.assert_allclose(x / scale, y / scale, atol=slack * 1e-6)
+    for s, r, y in zip(a.sensitivities or (), b.sensitivities or (), b.outputs, strict=True):
+        unit = np.ptp(y, axis=1, keepdims=True)[..., None] / np.abs(values[:, None, None, list(active or ())])
+        scale = np.abs(r).max(axis=1, keepdims=True) + 1e-2 * unit  # differences see noise where nothing depends
+        np.testing.assert_allclose(s / scale, r / scale, atol=slack * 3e-5)
+
+
+def test_test_models(test_fmu, here):
+    time = np.linspace(0.0, 2.0, 57)
+    for name, outputs, targets, values in (
+        ("VanDerPol", ("x0", "x1"), (ParameterTarget("mu"), StartTarget("x1")), [[2.0, 0.3]]),
+        ("BouncingBall", ("h", "v"), (ParameterTarget("e"),), [[0.6]]),
+        ("Stair", ("counter", "x"), (ParameterTarget("kick"),), [[0.4]]),
+        ("Circuit", ("i0", "v2", "power"), (ParameterTarget("R"), ParameterTarget("C")), [[8.0, 2e-3]]),
+    ):
+        model = test_fmu(name)
+        inputs = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0])),) if model.inputs else ()
+        problem = Problem(model, (Experiment(time + 1e-4, outputs, inputs),), (targets,), settings=TIGHT)
+        compare(problem, np.array(values), here, slack=10.0 if model.event_indicators else 1.0)
+
+
+@pytest.fixture(scope="module")
+def aero_problem(aero: Model) -> tuple[Problem, np.ndarray]:
+    rng = np.random.default_rng(1)
+    time = np.linspace(0.0, 4.0, 201)
+    outputs = ("i_m", "omega_m", "theta")
+    measured = rng.standard_normal((201, 3))
+    measured[rng.uniform(size=measured.shape) < 0.1] = np.nan
+    held = InputSignal("V_m", np.array([-1.0, 0.0, 2.0]), np.array([0.0, 24.0, 5.0]))
+    ramp = InputSignal("V_m", np.array([0.0, 1.0, 2.5]), np.array([0.0, 24.0, 5.0]), "linear")
+    experiments = (
+        Experiment(time, outputs, (held,), {"theta": 0.1}, measured),
+        Experiment(np.sort(rng.uniform(0.0, 3.0, 100)), ("theta",), (ramp,), measured=rng.standard_normal((100, 1))),
+    )
+    names = ("R_a", "c_m", "J_r", "k_t")
+    targets = (*(ParameterTarget(n) for n in names), StartTarget("theta"), DelayTarget(), InputTarget("V_m", 1))
+    values = np.array([[*(model_start(aero, n) for n in names), 0.1, 0.0061, 0.5]])
+    return Problem(aero, experiments, (targets, targets), settings=TIGHT), values
+
+
+def model_start(model: Model, name: str) -> float:
+    start = model.parameter(name).start
+    assert start is not None
+    return start
+
+
+def test_aero_trajectories_and_sensitivities(aero_problem, here):
+    problem, values = aero_problem
+    compare(problem, values, here, active=[0, 1, 2, 3, 5, 6])
+
+
+def test_aero_likelihood_and_products(aero_problem, here):
+    problem, values = aero_problem
+    noise = np.array([[[0.1, 0.2, 0.05], [0.3, 0.0, 0.0], [0.2, 1.0, 0.01]]])
+    active = [0, 2, 3, 5]
+    with open_simulator(problem, pool=here) as native, open_simulator(problem, "fmpy") as reference:
+        a, b = (s.gauss_newton(values, noise, active=active) for s in (native, reference))
+        c, d = (s.log_likelihood(values, noise).log_likelihood for s in (native, reference))
+    np.testing.assert_allclose(c, d, rtol=1e-6)
+    np.testing.assert_allclose(a.log_likelihood, b.log_likelihood, rtol=1e-6)
+    np.testing.assert_allclose(a.log_likelihood, c.sum(axis=1), rtol=1e-6)
+    scale = np.sqrt(np.diag(b.hessian[0]))
+    np.testing.assert_allclose(a.gradient[0] / scale, b.gradient[0] / scale, atol=1e-3 * np.sqrt(2 * b.cost[0]) ** 0.5)
+    np.testing.assert_allclose(a.hessian[0] / np.outer(scale, scale), b.hessian[0] / np.outer(scale, scale), atol=1e-4)
+
+
+def test_aero_within_a_hundred_thousandth_of_the_range(aero, here):
+    time = np.linspace(0.0, 40.0, 2001)
+    signal = InputSignal("V_m", np.array([0.0, 20.0]), np.array([24.0, 0.0]))
+    experiment = Experiment(time, ("i_m", "omega_m", "theta"), (signal,))
+    runs = []
+    for settings in (SolverSettings(), SolverSettings(1e-11, 1e-11)):
+        with NativeSimulator(Problem(aero, (experiment,), ((),), settings=settings), pool=here) as simulator:
+            runs.append(simulator.simulate(np.zeros((1, 0))).outputs[0][0])
+    assert np.all(np.abs(runs[0] - runs[1]).max(axis=0) < 1e-5 * np.ptp(runs[1], axis=0))

@@ -1,0 +1,238 @@
+"""Trajectories and sensitivities of the native engine against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from aero_bayes.simulation import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    InputTarget,
+    Model,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    Target,
+    WorkerPool,
+)
+
+TIGHT = SolverSettings(1e-9, 1e-9)
+VARIANTS = [
+    pytest.param({"directional": True}, id="exact derivatives"),
+    pytest.param({"directional": True, "defines": ("REFUSE",)}, id="no derivatives for parameters"),
+    pytest.param({"directional": False}, id="no derivatives"),
+]
+
+
+def run(
+    pool: WorkerPool,
+    model: Model,
+    experiment: Experiment,
+    targets: tuple[Target | None, ...] = (),
+    values: tuple[float, ...] = (),
+    settings: SolverSettings = TIGHT,
+    fixed: dict[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    problem = Problem(model, (experiment,), (targets,), fixed or {}, settings)
+    with NativeSimulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.array([values]).reshape(1, -1), active=range(len(targets)))
+    assert found.outcomes[0, 0] == Outcome.OK
+    assert found.sensitivities is not None
+    return found.outputs[0][0], found.sensitivities[0][0]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_decay_with_a_driven_input(test_fmu, here, variant):
+    # x' = -k x + b u, u = 2 from 1 + d on: x = x0 e^(-k t) + 2 b / k (1 - e^(-k (t - 1 - d)))
+    time = np.linspace(0.0, 4.0, 81)
+    signal = InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+    experiment = Experiment(time, ("x", "y"), (signal,))
+    targets = (ParameterTarget("k"), ParameterTarget("b"), ParameterTarget("c"), StartTarget("x"), DelayTarget(), None)
+    k, b, c, x0, d = 1.3, 0.7, 0.2, 1.5, 0.013
+    out, slopes = run(here, test_fmu("Dahlquist", **variant), experiment, targets, (k, b, c, x0, d, 9.0))
+    s = time - 1.0 - d
+    on = s >= 0.0
+    decay, driven = np.exp(-k * time), np.where(on, np.exp(-k * np.where(on, s, 0.0)), 1.0)
+    x = x0 * decay + 2.0 * b / k * (1.0 - driven)
+    np.testing.assert_allclose(out[:, 0], x, atol=2e-8)
+    np.testing.assert_allclose(out[:, 1], 2.0 * x + 6.0 * on + c, atol=4e-8)
+    expected = np.stack(
+        [
+            -time * x0 * decay - 2.0 * b / k**2 * (1.0 - driven) + 2.0 * b / k * np.where(on, s, 0.0) * driven,
+            2.0 / k * (1.0 - driven),
+            np.zeros_like(time),
+            decay,
+            np.where(on, -2.0 * b * driven, 0.0),
+            np.zeros_like(time),
+        ],
+        axis=1,
+    )
+    np.testing.assert_allclose(slopes[:, 0], expected, atol=2e-6)
+    direct = 2.0 * expected
+    direct[:, 2] = 1.0
+    np.testing.assert_allclose(slopes[:, 1], direct, atol=4e-6)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_explicit_time_dependence(test_fmu, here, variant):
+    # x' = -k x + a cos(w t), the particular solution rotates with w
+    time = np.linspace(0.0, 10.0, 101)
+    k, a, w = 2.0, 1.5, 3.0
+    targets = (ParameterTarget("a"), ParameterTarget("w"))
+    model = test_fmu("Dahlquist", **variant)
+
+    def exact(a: float, w: float) -> np.ndarray:
+        particular = a * (k * np.cos(w * time) + w * np.sin(w * time)) / (k**2 + w**2)
+        return particular + (1.0 - a * k / (k**2 + w**2)) * np.exp(-k * time)
+
+    out, slopes = run(here, model, Experiment(time, ("x",)), targets, (a, w), fixed={"k": k})
+    np.testing.assert_allclose(out[:, 0], exact(a, w), atol=3e-8)
+    np.testing.assert_allclose(slopes[:, 0, 0], (exact(a + 1e-5, w) - exact(a - 1e-5, w)) / 2e-5, atol=1e-6)
+    np.testing.assert_allclose(slopes[:, 0, 1], (exact(a, w + 1e-5) - exact(a, w - 1e-5)) / 2e-5, atol=3e-6)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_linear_input_and_its_grid_values(test_fmu, here, variant):
+    # x' = -x + u with u a triangle of height 1 at t = 1 over (0, 2): piecewise closed form
+    time = np.linspace(0.0, 4.0, 161)
+    signal = InputSignal("u", np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]), "linear")
+    experiment = Experiment(time, ("x", "y"), (signal,), start={"x": 0.0})
+    targets = (InputTarget("u", 1), DelayTarget())
+
+    def ramp(t: np.ndarray) -> np.ndarray:
+        t = np.maximum(t, 0.0)
+        return t - 1.0 + np.exp(-t)
+
+    def exact(height: float, delay: float) -> np.ndarray:
+        return height * (ramp(time - delay) - 2.0 * ramp(time - 1.0 - delay) + ramp(time - 2.0 - delay))
+
+    out, slopes = run(here, test_fmu("Dahlquist", **variant), experiment, targets, (0.0, 0.02))
+    np.testing.assert_allclose(out[:, 0], exact(1.0, 0.02), atol=2e-8)
+    np.testing.assert_allclose(slopes[:, 0, 0], exact(1.0, 0.02), atol=1e-6)
+    np.testing.assert_allclose(slopes[:, 0, 1], (exact(1.0, 0.02 + 1e-6) - exact(1.0, 0.02 - 1e-6)) / 2e-6, atol=2e-6)
+
+
+def test_added_value_of_a_held_input(test_fmu, here):
+    # an input that is zero everywhere: only the target's cell forces the sensitivity, the state never jumps
+    time = np.linspace(0.0, 1.0, 101)
+    signal = InputSignal("u", np.linspace(0.0, 0.9, 10), np.zeros(10))
+    experiment = Experiment(time, ("x",), (signal,))
+    k = 500.0
+    out, slopes = run(
+        here,
+        test_fmu("Dahlquist"),
+        experiment,
+        tuple(InputTarget("u", i) for i in range(10)),
+        (0.0,) * 10,
+        fixed={"k": k},
+    )
+    np.testing.assert_allclose(out[:, 0], np.exp(-k * time), atol=1e-8)
+    for i in range(10):
+        a, b = 0.1 * i, 0.1 * (i + 1) if i < 9 else np.inf
+        rise = np.where(time > a, (1.0 - np.exp(-k * np.clip(time - a, 0.0, None))) / k, 0.0)
+        fall = np.where(time > b, (1.0 - np.exp(-k * np.clip(time - b, 0.0, None))) / k, 0.0)
+        np.testing.assert_allclose(slopes[:, 0, i], rise - fall, atol=1e-5 / k)
+
+
+@pytest.mark.parametrize("directional", [True, False])
+def test_start_that_depends_on_a_parameter(test_fmu, here, directional):
+    time = np.linspace(0.0, 2.0, 21)
+    model = test_fmu("Dahlquist", directional=directional)
+    out, slopes = run(here, model, Experiment(time, ("x",)), (ParameterTarget("g"), ParameterTarget("k")), (3.0, 1.0))
+    np.testing.assert_allclose(out[:, 0], 3.0 * np.exp(-time), atol=1e-8)
+    np.testing.assert_allclose(slopes[:, 0, 0], np.exp(-time), atol=1e-6)
+    np.testing.assert_allclose(slopes[:, 0, 1], -3.0 * time * np.exp(-time), atol=1e-6)
+
+
+@pytest.mark.parametrize("directional", [True, False])
+def test_stiff_circuit(test_fmu, here, directional):
+    model = test_fmu("Circuit", directional=directional)
+    r, inductance, c, g = 10.0, 1e-4, 1e-3, 1e-3
+
+    def system(r: float) -> tuple[np.ndarray, np.ndarray]:
+        a, b = np.zeros((6, 6)), np.zeros(6)
+        b[0] = 1.0 / inductance
+        for k in range(3):
+            i, v = 2 * k, 2 * k + 1
+            a[i, i], a[i, v], a[v, i], a[v, v] = -r / inductance, -1.0 / inductance, 1.0 / c, -g / c
+            if k:
+                a[i, v - 2] = 1.0 / inductance
+            if k < 2:
+                a[v, i + 2] = -1.0 / c
+        return a, b
+
+    def exact(r: float, time: np.ndarray) -> np.ndarray:
+        a, b = system(r)
+        steady = -np.linalg.solve(a, b) * 5.0
+        return np.stack([steady - expm(a * t) @ steady for t in time])
+
+    time = np.concatenate([np.linspace(0.0, 1e-4, 6), np.linspace(2e-4, 0.5, 15)])
+    signal = InputSignal("u", np.array([0.0]), np.array([5.0]))
+    out, slopes = run(here, model, Experiment(time, ("i0", "v2", "power"), (signal,)), (ParameterTarget("R"),), (r,))
+    x = exact(r, time)
+    np.testing.assert_allclose(out[:, 0], x[:, 0], atol=3e-8)
+    np.testing.assert_allclose(out[:, 1], x[:, 5], atol=1e-7)
+    np.testing.assert_allclose(out[:, 2], 5.0 * x[:, 0], atol=2e-7)
+    dx = (exact(r + 1e-4, time) - exact(r - 1e-4, time)) / 2e-4
+    np.testing.assert_allclose(slopes[:, 0, 0], dx[:, 0], atol=2e-6)
+    np.testing.assert_allclose(slopes[:, 1, 0], dx[:, 5], atol=2e-6)
+    np.testing.assert_allclose(slopes[:, 2, 0], 5.0 * dx[:, 0], atol=1e-5)
+
+
+def test_error_follows_the_tolerance(test_fmu, here):
+    model = test_fmu("VanDerPol")
+    experiment = Experiment(np.linspace(0.0, 20.0, 401), ("x0", "x1"))
+    exact = run(here, model, experiment, (ParameterTarget("mu"),), (5.0,), SolverSettings(1e-12, 1e-12))[0]
+    errors = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        out, _ = run(here, model, experiment, (ParameterTarget("mu"),), (5.0,), SolverSettings(tolerance, tolerance))
+        errors.append(np.max(np.abs(out - exact)))
+    # the fast flanks turn an error of the phase into a large one of x1
+    assert errors[0] < 2e-1
+    assert errors[1] < 2e-3
+    assert errors[2] < 2e-5
+    assert errors[0] > 4.0 * errors[1] > 16.0 * errors[2]
+
+
+@pytest.mark.parametrize("directional", [True, False])
+def test_nonlinear_sensitivity_against_differences(test_fmu, here, directional):
+    model = test_fmu("VanDerPol", directional=directional)
+    experiment = Experiment(np.linspace(0.0, 10.0, 101), ("x0", "x1"))
+    targets = (ParameterTarget("mu"), StartTarget("x0"))
+    _, slopes = run(here, model, experiment, targets, (3.0, 1.5), SolverSettings(1e-7, 1e-7))
+    tiny = SolverSettings(1e-12, 1e-12)
+    for column, step in enumerate(1e-5 * np.eye(2)):
+        high = run(here, model, experiment, targets, tuple(np.array([3.0, 1.5]) + step), tiny)[0]
+        low = run(here, model, experiment, targets, tuple(np.array([3.0, 1.5]) - step), tiny)[0]
+        expected = (high - low) / 2e-5
+        np.testing.assert_allclose(slopes[..., column], expected, atol=2e-4 * np.max(np.abs(expected)))
+
+
+def test_no_states_and_a_resource(test_fmu, here):
+    time = np.linspace(0.0, 1.0, 11)
+    signal = InputSignal("u", np.array([0.0, 0.5]), np.array([1.0, 3.0]))
+    experiment = Experiment(time, ("y", "resource"), (signal,))
+    targets = (ParameterTarget("gain"), ParameterTarget("offset"))
+    out, slopes = run(here, test_fmu("Feedthrough"), experiment, targets, (2.0, 0.5))
+    u = np.where(time >= 0.5, 3.0, 1.0)
+    np.testing.assert_allclose(out, np.stack([2.0 * u + 0.5, np.full(11, 42.5)], axis=1))
+    np.testing.assert_allclose(slopes[:, 0], np.stack([u, np.ones(11)], axis=1))
+    np.testing.assert_allclose(slopes[:, 1], 0.0)
+
+
+def test_sample_at_a_jump_takes_the_value_after_it(test_fmu, here):
+    signal = InputSignal("u", np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 2.0]))
+    experiment = Experiment(np.array([0.0, 0.5, 1.0]), ("y",), (signal,), start={"x": 0.0})
+    out, _ = run(here, test_fmu("Dahlquist"), experiment, fixed={"b": 0.0})
+    np.testing.assert_allclose(out[:, 0], [0.0, 3.0, 6.0], atol=1e-12)
+
+
+def test_single_sample(test_fmu, here):
+    out, _ = run(here, test_fmu("Dahlquist"), Experiment(np.array([3.0]), ("x", "y"), start={"x": 2.0}))
+    np.testing.assert_allclose(out, [[2.0, 4.0]])

@@ -1,0 +1,84 @@
+"""State and time events of the native engine."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import quad
+
+from aero_bayes.simulation import (
+    Experiment,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+)
+
+
+def bounce(time: np.ndarray, height: float, e: float, g: float = 9.81) -> np.ndarray:
+    """Closed form of the ball's height."""
+    out = np.empty_like(time)
+    for k, t in enumerate(time):
+        begin, v = -np.sqrt(2.0 * height / g), np.sqrt(2.0 * height * g)  # as if thrown up from the ground before t = 0
+        while t > begin + 2.0 * v / g and v > 1e-3:
+            begin += 2.0 * v / g
+            v *= e
+        out[k] = max(0.0, v * (t - begin) - 0.5 * g * (t - begin) ** 2) if v > 1e-3 else 0.0
+    return out
+
+
+def test_bouncing_ball(test_fmu, here):
+    time = np.linspace(0.0, 3.0, 301)
+    problem = Problem(
+        test_fmu("BouncingBall"), (Experiment(time, ("h", "v")),), ((StartTarget("h"), ParameterTarget("e")),)
+    )
+    values = np.array([[1.0, 0.7], [0.5, 0.5]])
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(values, active=[0, 1])
+    assert np.all(found.outcomes == Outcome.OK)
+    for row, (height, e) in enumerate(values):
+        np.testing.assert_allclose(found.outputs[0][row, :, 0], bounce(time, height, e), atol=1e-7)
+    smooth = slice(0, 150)  # away from the bounces' pile-up, and off the bounces themselves
+    exact = np.stack(
+        [
+            (bounce(time, 1.0 + 1e-6, 0.7) - bounce(time, 1.0 - 1e-6, 0.7)) / 2e-6,
+            (bounce(time, 1.0, 0.7 + 1e-6) - bounce(time, 1.0, 0.7 - 1e-6)) / 2e-6,
+        ],
+        axis=1,
+    )
+    assert found.sensitivities is not None
+    error = np.abs(found.sensitivities[0][0, smooth, 0] - exact[smooth])
+    assert np.quantile(error, 0.97) < 1e-3
+
+
+def test_stair_with_time_events(test_fmu, here):
+    time = np.linspace(0.0, 3.0, 61) + 1e-3
+    problem = Problem(
+        test_fmu("Stair"), (Experiment(time, ("counter", "x")),), ((ParameterTarget("kick"),),), {"period": 0.25}
+    )
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.array([[0.5]]), active=[0])
+    assert found.outcomes[0, 0] == Outcome.OK
+
+    def counter(t: float) -> float:
+        return np.floor(t / 0.25) + 1.0
+
+    np.testing.assert_array_equal(found.outputs[0][0, :, 0], counter(time))
+    points = np.arange(0.25, 3.0, 0.25)
+    area = [quad(counter, time[0], t, points=points[points < t], limit=200)[0] for t in time]
+    np.testing.assert_allclose(found.outputs[0][0, :, 1], np.array(area) + 0.5 * (time >= 2.0), atol=1e-6)
+    assert found.sensitivities is not None
+    np.testing.assert_allclose(found.sensitivities[0][0, :, 1, 0], (time >= 2.0).astype(float), atol=1e-6)
+
+
+def test_events_cost_no_accuracy(test_fmu, here):
+    time = np.linspace(0.0, 1.5, 31)
+    errors = []
+    for tolerance in (1e-4, 1e-8):
+        settings = SolverSettings(tolerance, tolerance)
+        problem = Problem(test_fmu("BouncingBall"), (Experiment(time, ("h",)),), ((),), settings=settings)
+        with NativeSimulator(problem, pool=here) as simulator:
+            out = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
+        errors.append(np.max(np.abs(out - bounce(time, 1.0, 0.7))))
+    assert max(errors) < 1e-9  # parabolas are integrated exactly: only the event times could err

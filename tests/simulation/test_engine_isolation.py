@@ -1,0 +1,213 @@
+"""Models that crash, hang, fail, flood or return nonsense cost one typed outcome each; the batch goes on."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time as clock
+
+import numpy as np
+import pytest
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    WorkerPool,
+)
+
+FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
+    range(13)
+)
+EXPECTED = {
+    FINE: {Outcome.OK},
+    CRASH: {Outcome.CRASHED},
+    HANG: {Outcome.TIMED_OUT},
+    FAIL: {Outcome.MODEL_ERROR},
+    REJECT: {Outcome.SOLVER_FAILED, Outcome.NOT_FINITE},
+    FLOOD: {Outcome.OK},
+    NOT_A_NUMBER: {Outcome.NOT_FINITE},
+    REFUSE_START: {Outcome.MODEL_ERROR},
+    EVENTS_FOREVER: {Outcome.MODEL_ERROR},
+    GONE: {Outcome.CRASHED},
+    FATALLY: {Outcome.MODEL_ERROR},
+    STIFFEN: {Outcome.SOLVER_FAILED, Outcome.NOT_FINITE, Outcome.TIMED_OUT},
+    BLOW_UP: {Outcome.SOLVER_FAILED, Outcome.NOT_FINITE},
+}
+TIME = np.linspace(0.0, 2.0, 41)
+
+
+def trouble(test_fmu, time_limit: float = 0.4) -> Problem:
+    settings = SolverSettings(time_limit=time_limit)
+    experiment = Experiment(TIME, ("x",), measured=np.zeros((41, 1)))
+    return Problem(test_fmu("Trouble"), (experiment,), ((ParameterTarget("mode"),),), settings=settings)
+
+
+def test_every_kind_of_trouble(test_fmu, pool):
+    modes = [m for mode in range(13) for m in (mode, FINE)]
+    with NativeSimulator(trouble(test_fmu), pool=pool) as simulator:
+        found = simulator.simulate(np.array(modes, dtype=float)[:, None])
+        again = simulator.simulate(np.zeros((3, 1)))
+    for mode, outcome, out in zip(modes, found.outcomes[:, 0], found.outputs[0], strict=True):
+        assert Outcome(outcome) in EXPECTED[mode], mode
+        if outcome == Outcome.OK:
+            np.testing.assert_allclose(out[:, 0], np.exp(-TIME), atol=1e-5)
+        else:
+            assert np.all(np.isnan(out))
+    assert np.all(again.outcomes == Outcome.OK)
+
+
+def test_trouble_in_the_reduced_calls(test_fmu, pool):
+    values = np.array([[FINE], [CRASH], [NOT_A_NUMBER], [FINE]], dtype=float)
+    noise = np.array([0.1, 0.0, 0.0])
+    with NativeSimulator(trouble(test_fmu), pool=pool) as simulator:
+        likelihood = simulator.log_likelihood(values, noise)
+        products = simulator.gauss_newton(values, noise, active=[])
+    assert list(likelihood.outcomes[:, 0]) == [Outcome.OK, Outcome.CRASHED, Outcome.NOT_FINITE, Outcome.OK]
+    assert np.array_equal(np.isneginf(likelihood.log_likelihood[:, 0]), [False, True, True, False])
+    assert np.array_equal(np.isneginf(products.log_likelihood), [False, True, True, False])
+    assert np.array_equal(np.isinf(products.cost), [False, True, True, False])
+
+
+def test_not_finite_values_are_not_run(test_fmu, here):
+    with NativeSimulator(trouble(test_fmu), pool=here) as simulator:
+        found = simulator.simulate(np.array([[np.nan], [np.inf], [0.0]]))
+    assert list(found.outcomes[:, 0]) == [Outcome.NOT_FINITE, Outcome.NOT_FINITE, Outcome.OK]
+
+
+def test_results_do_not_depend_on_workers(test_fmu, pool, here):
+    rng = np.random.default_rng(5)
+    signals = (InputSignal("u", np.array([0.0, 1.0]), np.array([1.0, 0.0])),)
+    experiments = tuple(
+        Experiment(TIME, ("x", "y"), signals, measured=rng.standard_normal((41, 2)), start={"x": x}) for x in (0.5, 2.0)
+    )
+    targets = (ParameterTarget("k"), ParameterTarget("b"))
+    problem = Problem(test_fmu("Dahlquist"), experiments, (targets, targets))
+    values = rng.uniform(0.5, 2.0, (60, 2))
+    noise = rng.uniform(0.1, 0.2, (60, 2, 2, 3))
+    found = []
+    with WorkerPool(2) as two:
+        for workers in (here, pool, two):
+            with NativeSimulator(problem, pool=workers) as simulator:
+                products = simulator.gauss_newton(values, noise, active=[1, 0])
+                likelihood = simulator.log_likelihood(values, noise).log_likelihood
+                one_by_one = [simulator.log_likelihood(values[i : i + 1], noise[i : i + 1]) for i in range(5)]
+                found.append((products.hessian, products.gradient, likelihood, simulator.simulate(values).outputs[1]))
+                np.testing.assert_array_equal(likelihood[:5], np.concatenate([o.log_likelihood for o in one_by_one]))
+    for other in found[1:]:
+        for a, b in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_two_problems_share_a_pool(test_fmu, pool):
+    first = Problem(test_fmu("Dahlquist"), (Experiment(TIME, ("x",)),), ((ParameterTarget("k"),),), {"b": 0.0})
+    second = Problem(test_fmu("VanDerPol"), (Experiment(TIME, ("x0",)),), ((ParameterTarget("mu"),),))
+    with NativeSimulator(first, pool=pool) as a, NativeSimulator(second, pool=pool) as b:
+        one = a.simulate(np.array([[2.0]])).outputs[0]
+        for _ in range(3):
+            b.simulate(np.array([[2.0]]))
+            np.testing.assert_array_equal(a.simulate(np.array([[2.0]])).outputs[0], one)
+    with NativeSimulator(first, pool=pool) as again:
+        np.testing.assert_array_equal(again.simulate(np.array([[2.0]])).outputs[0], one)
+
+
+def test_a_killed_worker_is_replaced(test_fmu):
+    problem = trouble(test_fmu)
+    with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        simulator.simulate(np.zeros((1, 1)))
+        worker = pool._workers[0]
+        assert worker is not None
+        os.kill(worker.process.pid, signal.SIGKILL)
+        worker.process.wait()
+        assert np.all(simulator.simulate(np.zeros((2, 1))).outcomes == Outcome.OK)
+        assert pool.replaced == 1
+
+
+def test_large_results_grow_the_shared_memory(test_fmu, pool):
+    time = np.linspace(0.0, 1.0, 200_001)
+    problem = Problem(test_fmu("Dahlquist"), (Experiment(time, ("x", "y")),), ((ParameterTarget("k"),),))
+    with NativeSimulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.array([[1.0], [2.0], [3.0]]), active=[0])
+    for row, k in enumerate((1.0, 2.0, 3.0)):
+        np.testing.assert_allclose(found.outputs[0][row, :, 0], np.exp(-k * time), atol=1e-5)
+
+
+def test_memory_is_bounded_in_the_batch(test_fmu, pool):
+    problem = Problem(
+        test_fmu("Dahlquist"),
+        (Experiment(TIME, ("x",), measured=np.zeros((41, 1))),),
+        ((ParameterTarget("k"),),),
+        settings=SolverSettings(1e-3, 1e-3),
+    )
+    with NativeSimulator(problem, pool=pool) as simulator:
+        simulator.log_likelihood(np.full((20_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
+        before = pool.arena.size
+        result = simulator.log_likelihood(np.full((100_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
+        assert pool.arena.size == before
+    assert np.unique(result.log_likelihood).size == 1
+
+
+def test_pickled_simulator_runs(test_fmu):
+    with NativeSimulator(trouble(test_fmu), workers=0) as simulator:
+        copy = pickle.loads(pickle.dumps(simulator))
+    with copy:
+        assert copy.simulate(np.zeros((1, 1))).outcomes[0, 0] == Outcome.OK
+
+
+def test_wrong_shapes_and_names_are_named(test_fmu, here):
+    model = test_fmu("Dahlquist")
+    good = Experiment(TIME, ("x",))
+    with pytest.raises(InputError, match="nosuch"):
+        NativeSimulator(Problem(model, (good,), ((ParameterTarget("nosuch"),),)), pool=here)
+    with pytest.raises(InputError, match="increasing"):
+        NativeSimulator(Problem(model, (Experiment(TIME[::-1], ("x",)),), ((),)), pool=here)
+    with pytest.raises(InputError, match="wrong"):
+        NativeSimulator(Problem(model, (Experiment(TIME, ("wrong",)),), ((),)), pool=here)
+    with NativeSimulator(Problem(model, (good,), ((ParameterTarget("k"),),)), pool=here) as simulator:
+        with pytest.raises(InputError, match="shape"):
+            simulator.simulate(np.zeros((2, 3)))
+        with pytest.raises(InputError, match="active"):
+            simulator.simulate(np.zeros((2, 1)), active=[1])
+        with pytest.raises(InputError, match="measurements"):
+            simulator.log_likelihood(np.ones((1, 1)), np.array([1.0, 0.0, 0.0]))
+
+
+ORPHAN = """
+import os, sys
+import numpy as np
+from aero_bayes.simulation import *
+problem = Problem(Model.load(sys.argv[1]), (Experiment(np.linspace(0, 2, 41), ("x",)),), ((ParameterTarget("mode"),),),
+                  settings=SolverSettings(time_limit=60.0))
+simulator = NativeSimulator(problem, workers=1)
+simulator.simulate(np.zeros((1, 1)))
+print(simulator.pool._workers[0].process.pid, flush=True)
+simulator.simulate(np.full((1, 1), 2.0))
+"""
+
+
+def test_a_hanging_worker_ends_with_its_parent(test_fmu):
+    command = [sys.executable, "-c", ORPHAN, str(test_fmu("Trouble").path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        clock.sleep(0.2)
+        parent.kill()
+    deadline = clock.monotonic() + 20.0
+    while clock.monotonic() < deadline:
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        with open(f"/proc/{worker}/stat") as stat:
+            if stat.read().rpartition(")")[2].split()[0] == "Z":
+                return
+        clock.sleep(0.1)
+    pytest.fail("the worker outlived its parent")
