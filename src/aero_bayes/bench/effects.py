@@ -149,7 +149,7 @@ KINDS: dict[str, EffectKind] = {
     for kind in (
         EffectKind("supply_resistance", "electrical", {"R_s": (0.2, 3.0)}, _supply_resistance),
         EffectKind("brush_drop", "electrical", {"V_b": (0.1, 1.5)}, _brush_drop),
-        EffectKind("winding_heating", "electrical", {"r_h": (5.0, 150.0), "T_h": (4.0, 20.0)}, _winding_heating),
+        EffectKind("winding_heating", "electrical", {"r_h": (2.0, 60.0), "T_h": (4.0, 20.0)}, _winding_heating),
         EffectKind("amplifier_deadzone", "electrical", {"V_dz": (0.1, 2.0)}, _amplifier_deadzone),
         EffectKind("amplifier_saturation", "electrical", {"s_sat": (1.0 / 19.0, 1.0 / 10.0)}, _amplifier_saturation),
         EffectKind("rotor_coulomb_friction", "rotor", {"tau_r": (1e-4, 3e-3)}, _rotor_coulomb_friction),

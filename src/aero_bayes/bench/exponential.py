@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass
+from math import factorial
 
 Matrix = tuple[float, float, float, float]
 
@@ -60,26 +61,35 @@ def _sum(*terms: tuple[float, Matrix]) -> Matrix:
 
 
 def _functions(a: Matrix, h: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """exp(ah) and phi_1..3(ah) by the spectral form f(A) = f(x) I + f[x, y] (A - x I)."""
+    """exp(ah) and phi_1..3(ah): f(A) = f(x) I + f[x, y] (A - x I), or by series where that cancels."""
     mean, half_gap = 0.5 * (a[0] + a[3]), cmath.sqrt(0.25 * (a[0] - a[3]) ** 2 + a[1] * a[2])
     x, y = mean + half_gap, mean - half_gap
-    if abs(x - y) * h < 1e-4:
-        # Close eigenvalues: move one, which changes the result by less than the difference quotient would lose.
-        shift = 1e-4 / h
-        slopes = [(f - g) / (2.0 * shift * h) for f, g in zip(phi((x + shift) * h), phi((x - shift) * h), strict=True)]
-        values = phi(x * h)
-    else:
-        values = phi(x * h)
-        slopes = [(f - g) / ((x - y) * h) for f, g in zip(values, phi(y * h), strict=True)]
+    if abs(x - y) * h < 1e-4 or max(map(abs, a)) * h < 0.5:
+        return _series((a[0] * h, a[1] * h, a[2] * h, a[3] * h))
+    values = phi(x * h)
     out = []
-    for value, slope in zip(values, slopes, strict=True):
-        base = value - slope * x * h
-        out.append(
-            (
-                (base + slope * h * a[0]).real,
-                (slope * h * a[1]).real,
-                (slope * h * a[2]).real,
-                (base + slope * h * a[3]).real,
-            )
-        )
+    for value, other in zip(values, phi(y * h), strict=True):
+        slope = (value - other) / (x - y)
+        base = value - slope * x
+        out.append(((base + slope * a[0]).real, (slope * a[1]).real, (slope * a[2]).real, (base + slope * a[3]).real))
     return out[0], out[1], out[2], out[3]
+
+
+def _series(z: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """exp(z) and phi_1..3(z) from phi_3(z) = sum of z^k / (k + 3)! and phi_(k-1)(z) = z phi_k(z) + I / (k - 1)!."""
+    p3: Matrix = (0.0, 0.0, 0.0, 0.0)
+    for k in range(24, 2, -1):
+        p3 = _next(z, p3, 1.0 / factorial(k))
+    p2 = _next(z, p3, 0.5)
+    p1 = _next(z, p2, 1.0)
+    return _next(z, p1, 1.0), p1, p2, p3
+
+
+def _next(z: Matrix, f: Matrix, unit: float) -> Matrix:
+    """z f + unit I."""
+    return (
+        z[0] * f[0] + z[1] * f[2] + unit,
+        z[0] * f[1] + z[1] * f[3],
+        z[2] * f[0] + z[3] * f[2],
+        z[2] * f[1] + z[3] * f[3] + unit,
+    )

@@ -24,6 +24,8 @@ JUMP = 1.0
 #: How far current (A), speed (rad/s) and pitch rate (rad/s) may stand on the wrong side of zero before it is an event:
 #: rounding at a release is no reversal.
 SLACK = (1e-10, 1e-8, 1e-11)
+#: How long after a jump, in s, steps stay short where the circuit is not linear.
+SETTLING = 0.15
 _FROZEN: Matrix = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -66,11 +68,13 @@ class Integrator:
         out[0] = state
         mode: Mode = (_sign(state[0]), _sign(state[1]), _sign(state[3]))
         t = float(times[0])
-        previous = 0.0
+        previous, since = 0.0, -np.inf
         for k, applied in enumerate(volts[:-1].tolist()):
             end = float(times[k + 1])
             mode = self._settle(t, state, mode, applied)
-            pieces = self._pieces(end - t, abs(applied - previous) > JUMP)
+            jump = abs(applied - previous) > JUMP
+            since = t if jump else since
+            pieces = self._pieces(end - t, jump, t - since < SETTLING)
             for h in pieces:
                 state, mode = self._advance(t, state, mode, applied, h, 0)
                 t += h
@@ -78,9 +82,10 @@ class Integrator:
             out[k + 1] = state
         return out
 
-    def _pieces(self, length: float, jump: bool) -> list[float]:
+    def _pieces(self, length: float, jump: bool, settling: bool) -> list[float]:
         """Step lengths that fill an interval; graded where a jump excites the armature's fast mode."""
-        count = max(1, int(np.ceil(length / self._plan.max_step - 1e-9)))
+        longest = self._plan.max_step / (8.0 if settling and self._plan.slopes else 1.0)
+        count = max(1, int(np.ceil(length / longest - 1e-9)))
         h = round(length / count, 15)
         if not jump:
             return [h] * count

@@ -102,7 +102,7 @@ KINDS: dict[str, EffectKind] = {
     for kind in (
         EffectKind("battery_sag", "electrical", {"share": (0.02, 0.2), "tau": (10.0, 60.0)}, _battery_sag),
         EffectKind("contact_film", "electrical", {"V_f": (0.2, 2.0), "i_f": (0.05, 0.3)}, _contact_film),
-        EffectKind("cogging", "rotor", {"tau_g": (5e-4, 5e-3), "periods": (4.0, 4.0)}, _cogging),
+        EffectKind("cogging", "rotor", {"tau_g": (2e-3, 2e-2), "periods": (4.0, 4.0)}, _cogging),
         EffectKind("eddy_drag", "rotor", {"tau_e": (3e-4, 3e-3), "w_e": (40.0, 150.0)}, _eddy_drag),
         EffectKind("propeller_stall", "thrust", {"s": (1e-4, 1e-3)}, _propeller_stall),
         EffectKind("ground_effect", "thrust", {"gain": (0.02, 0.3), "angle": (0.1, 0.4)}, _ground_effect),
