@@ -185,8 +185,8 @@ def test_difference_of_the_source_is_coloured_line_by_line(pages: dict[str, str]
 
 def test_candidates_are_ranked_by_evidence_and_the_chosen_is_marked(pages: dict[str, str]) -> None:
     rows = [row for row in Page(pages["loop"]).rows if "Coulomb" not in row]
-    ranked = [next(i for i, row in enumerate(rows) if row.startswith(name)) for name in
-              ("pivot_coulomb_friction", "body_quadratic_drag", "cubic_stiffness", "rotor_coulomb_friction")]  # fmt: skip
+    names = ("pivot_coulomb_friction", "body_quadratic_drag", "cubic_stiffness", "rotor_coulomb_friction")
+    ranked = [next(i for i, row in enumerate(rows) if row.startswith(name)) for name in names]
     assert ranked == sorted(ranked)
     assert "chosen" in rows[ranked[0]]
     assert "cannot be told apart" in rows[ranked[1]]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from aero_bayes.report import Column, html_table
+from aero_bayes.report.drawing import Line, Panel, draw, nice_ticks
 from aero_bayes.report.posterior_figures import most_correlated
 from aero_bayes.report.residual_figures import autocorrelation
 from aero_bayes.report.series_figures import input_jumps
+from aero_bayes.report.svg import Canvas
 from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, significant, symbol, tidy
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
@@ -168,3 +173,71 @@ def test_pair_plot_picks_the_strongest_correlations() -> None:
     assert len(chosen) == 4
     assert {"p3", "p11"} <= set(chosen)
     assert "still" not in chosen
+
+
+def test_ticks_are_round_and_within_the_ends() -> None:
+    assert nice_ticks(0, 30, 9) == [0, 5, 10, 15, 20, 25, 30]
+    assert nice_ticks(-0.013, 0.021, 4) == pytest.approx([-0.01, 0, 0.01, 0.02])
+    assert nice_ticks(1, 1, 4) == []
+    rng = np.random.default_rng(8)
+    for low, span in zip(rng.uniform(-1e3, 1e3, 300), 10 ** rng.uniform(-6, 6, 300), strict=True):
+        ticks = nice_ticks(low, low + span, 5)
+        assert 2 <= len(ticks) <= 6
+        assert low - 1e-6 * span <= ticks[0] <= ticks[-1] <= low + span * (1 + 1e-6)
+
+
+def drawn_points(svg: str) -> list[np.ndarray]:
+    """The polylines of a drawing's paths, each of shape (n, 2)."""
+    pieces = [piece for data in re.findall(r' d="([^"]*)"', svg) for piece in data.split("M") if piece]
+    return [np.array([pair.split() for pair in piece.split("L")], dtype=float) for piece in pieces]
+
+
+def test_curves_pass_every_point_with_no_more_points_than_needed() -> None:
+    rng = np.random.default_rng(9)
+    corners = np.column_stack([np.sort(rng.uniform(0, 900, 40)), rng.uniform(0, 200, 40)])
+    share = np.linspace(0, 39, 4000)
+    x, y = (np.interp(share, np.arange(40), corners[:, axis]) for axis in (0, 1))
+    canvas = Canvas(900, 200, "a curve")
+    canvas.curve(np.repeat(x, 2), np.repeat(y, 2), "ink")
+    (path,) = drawn_points(canvas.svg())
+    assert len(path) < 4000
+    starts, ways = path[:-1], np.diff(path, axis=0)
+    for point in np.column_stack([x, y])[::7]:
+        along = np.clip(np.sum((point - starts) * ways, axis=1) / np.sum(ways**2, axis=1), 0, 1)
+        assert np.min(np.hypot(*(starts + along[:, None] * ways - point).T)) < 0.1
+
+
+def test_repeated_points_do_not_hide_a_corner_and_gaps_break_the_curve() -> None:
+    canvas = Canvas(10, 10, "corner")
+    canvas.curve([0, 1, 1, 1, 2, 3, 4, np.nan, 6, 7], [0, 0, 0, 5, 5, 5, 5, 1, 1, 1], "ink")
+    first, second = drawn_points(canvas.svg())
+    assert first.tolist() == [[0, 0], [1, 0], [1, 5], [4, 5]]
+    assert second.tolist() == [[6, 1], [7, 1]]
+
+
+def test_drawings_escape_words_and_set_subscripts() -> None:
+    canvas = Canvas(10, 10, 'a "quoted" <name>')
+    canvas.text(1, 1, "R_a < k_t2 and some_name")
+    svg = str(canvas.svg())
+    assert "R<tspan" in svg
+    assert "some_name" in svg
+    assert "&lt; k<tspan" in svg
+    assert "<name>" not in svg
+    assert ElementTree.fromstring(svg).get("aria-label") == 'a "quoted" <name>'
+
+
+def test_panels_put_values_where_the_axis_says() -> None:
+    x = np.array([0.0, 10.0])
+    svg = draw(
+        [Panel("p (V)", (Line(x, np.array([-1.0, 1.0]), "accent"),), height=100, y_limits=(-1, 1))], 300, "words", "x"
+    )
+    curve = next(points for points, style in zip(drawn_points(svg), re.findall(r'style="(fill:none[^"]*)', svg), strict=True)
+                 if "accent" in style)  # fmt: skip
+    (left, foot), (right, top) = curve
+    assert foot - top == pytest.approx(100)
+    assert right == pytest.approx(300 - 14)
+    labels = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)<', svg)
+    assert {text for _, _, text in labels} >= {"0", "10", "−1", "1"}
+    height_of = {text: float(y) - 4 for x, y, text in labels if float(x) < left}
+    assert height_of["1"] == pytest.approx(top, abs=0.1)
+    assert height_of["−1"] == pytest.approx(foot, abs=0.1)

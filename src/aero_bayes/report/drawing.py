@@ -1,33 +1,22 @@
-"""Matplotlib figures as inline SVG that takes its colours from the page, so that one drawing serves light and dark."""
+"""Panels of curves over a common x axis: the one kind of figure that most of the page is made of."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import re
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import matplotlib
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
+from aero_bayes.report.svg import INK, MUTED, RULE, Canvas
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 FloatArray = NDArray[np.float64]
 
-# Colours that no drawing uses otherwise; each is replaced by a CSS variable of the page.
-INK, MUTED, RULE, MEASURED, ACCENT, WARM = (f"#fe00{index:02x}" for index in range(6))
-SERIES = tuple(f"#fe01{index:02x}" for index in range(6))
-_VARIABLES = dict(
-    zip((INK, MUTED, RULE, MEASURED, ACCENT, WARM), ["ink", "muted", "rule", "measured", "accent", "warm"], strict=True)
-)
-_VARIABLES |= {colour: f"s{index + 1}" for index, colour in enumerate(SERIES)}
 _FONT = 11.5
+_RIGHT, _TITLE, _GAP, _FOOT = 14.0, 25.0, 10.0, 40.0
 
 
 @dataclass(frozen=True)
@@ -60,15 +49,19 @@ class Dots:
     x: FloatArray
     y: FloatArray
     colour: str
-    size: float = 2.5
-    opacity: float = 0.45
+    size: float = 1.6
+    opacity: float = 0.5
+
+
+Layer = Line | Band | Dots
 
 
 @dataclass(frozen=True)
 class Panel:
     """One pair of axes: what is drawn, and how it is named.
 
-    ``title`` stands above the panel and names the quantity with its unit.
+    ``title`` stands above the panel and names the quantity with its unit; ``levels`` are dashed horizontal lines;
+    ``ticks`` is about how many values the y axis names, none for 0.
     """
 
     title: str
@@ -81,9 +74,6 @@ class Panel:
     ticks: int = 4
 
 
-Layer = Line | Band | Dots
-
-
 @dataclass(frozen=True)
 class Plate:
     """A figure of the page: drawing for wide screens, one for phones, words for those who do not see it."""
@@ -93,6 +83,30 @@ class Plate:
     alt: str
     caption: Markup
     legend: tuple[tuple[str, str], ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Where a panel's values go on the canvas."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    x_limits: tuple[float, float]
+    y_limits: tuple[float, float]
+    log_y: bool
+
+    def across(self, x: FloatArray) -> FloatArray:
+        low, high = self.x_limits
+        return self.left + self.width * (np.asarray(x, dtype=np.float64) - low) / (high - low)
+
+    def down(self, y: FloatArray) -> FloatArray:
+        low, high = (math.log10(end) if self.log_y else end for end in self.y_limits)
+        values = np.asarray(y, dtype=np.float64)
+        if self.log_y:
+            values = np.log10(np.maximum(values, 1e-300))
+        return self.top + self.height * (1 - (values - low) / (high - low))
 
 
 def line(time: FloatArray, values: FloatArray, colour: str, columns: int, width: float = 1.4) -> Line:
@@ -135,141 +149,103 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     Markup
         An ``<svg>`` element.
     """
-    right, title, gap, foot = 14.0, 25.0, 10.0, 40.0
-    height = sum(panel.height + title for panel in panels) + gap * (len(panels) - 1) + foot
-    figure = Figure(figsize=(width / 72, height / 72), dpi=72)
-    limits = _common_limits(panels)
-    frames = []
-    for index, panel in enumerate(panels):
-        axes = figure.add_axes((0, 0, 1, 1), label=str(index))
-        _fill(axes, panel, limits)
-        frames.append(axes)
-        _style(axes, panel, width, last=index == len(panels) - 1)
-    left = max(_label_width(axes) for axes in frames)
-    top = height
-    for axes, panel in zip(frames, panels, strict=True):
-        figure.text(3 / width, (top - 15) / height, panel.title, fontsize=_FONT + 0.5, color=INK, parse_math=False)
-        top -= title + panel.height
-        axes.set_position((left / width, top / height, (width - left - right) / width, panel.height / height))
-        top -= gap
-    middle = (left + (width - left - right) / 2) / width
-    figure.text(middle, 5 / height, x_label, ha="center", fontsize=_FONT, color=MUTED, parse_math=False)
-    return to_svg(figure, alt)
+    height = sum(panel.height + _TITLE for panel in panels) + _GAP * (len(panels) - 1) + _FOOT
+    canvas = Canvas(width, height, alt)
+    x_limits = _x_limits(panels)
+    scales = [_scale(panel) for panel in panels]
+    longest = max((len(tick_text(tick)) for _, ticks in scales for tick in ticks), default=0)
+    left = max(40.0, 14 + 0.62 * _FONT * longest)
+    top = 0.0
+    for panel, (y_limits, ticks) in zip(panels, scales, strict=True):
+        canvas.text(3, top + 14, panel.title, INK, _FONT + 0.5)
+        top += _TITLE
+        frame = _Frame(left, top, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
+        _draw_panel(canvas, panel, frame, ticks)
+        top += panel.height + _GAP
+    _draw_x_axis(canvas, frame, x_label, 9 if width > 600 else 5)
+    return canvas.svg()
 
 
-def to_svg(figure: Figure, alt: str) -> Markup:
-    """A figure as an inline ``<svg>`` with real text and the page's colours; needs no global Matplotlib state."""
-    buffer = io.StringIO()
-    salt = hashlib.sha256(alt.encode() + repr(figure.get_size_inches().tolist()).encode()).hexdigest()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "path.simplify_threshold": 0.2}):
-        figure.savefig(
-            buffer, format="svg", transparent=True, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        )
-    return Markup(_lighten(buffer.getvalue(), alt))
+def nice_ticks(low: float, high: float, most: int) -> list[float]:
+    """At most ``most`` + 1 round values between two ends, steps of 1, 2, 2.5 or 5 times a power of ten."""
+    if not high > low or most < 1:
+        return []
+    rough = (high - low) / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough * (1 - 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [index * step for index in range(first, last + 1)]
 
 
-def _common_limits(panels: Sequence[Panel]) -> tuple[float, float]:
+def tick_text(value: float) -> str:
+    """A tick's value without rounding dust."""
+    return "0" if abs(value) < 1e-12 else f"{value:.6g}".replace("-", "−")
+
+
+def _x_limits(panels: Sequence[Panel]) -> tuple[float, float]:
     given = [panel.x_limits for panel in panels if panel.x_limits]
     if given:
         return given[0]
     xs = [layer.x for panel in panels for layer in panel.layers if len(layer.x)]
-    low, high = min(np.nanmin(x) for x in xs), max(np.nanmax(x) for x in xs)
-    return float(low), float(high) if high > low else float(low) + 1.0
+    low, high = min(float(np.nanmin(x)) for x in xs), max(float(np.nanmax(x)) for x in xs)
+    return low, high if high > low else low + 1.0
 
 
-def _fill(axes: Axes, panel: Panel, x_limits: tuple[float, float]) -> None:
+def _scale(panel: Panel) -> tuple[tuple[float, float], list[float]]:
+    """Limits of the y axis, a little beyond what is drawn, and its ticks."""
+    low, high = panel.y_limits or _reach(panel)
     if panel.log_y:
-        axes.set_yscale("log")
-    for level in panel.levels:
-        axes.axhline(level, color=MUTED, linewidth=0.9, dashes=(4, 3), zorder=1.5)
+        decades = [10.0**power for power in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)]
+        every = [factor * decade for decade in decades for factor in ((1,) if len(decades) > 3 else (1, 2, 5))]
+        return (low, high), [tick for tick in every if low <= tick <= high]
+    return (low, high), nice_ticks(low, high, panel.ticks)
+
+
+def _reach(panel: Panel) -> tuple[float, float]:
+    drawn = [
+        part for layer in panel.layers for part in ((layer.low, layer.high) if isinstance(layer, Band) else (layer.y,))
+    ]
+    values = np.concatenate([*drawn, np.array(panel.levels, dtype=np.float64)])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    if panel.log_y:
+        return low / 1.15, high * 1.15
+    spare = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - spare, high + spare
+
+
+def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[float]) -> None:
+    right, foot = frame.left + frame.width, frame.top + frame.height
+    for tick, y in zip(ticks, frame.down(np.array(ticks)).tolist(), strict=True):
+        canvas.curve([frame.left, right], [y, y], RULE, 0.8)
+        canvas.text(frame.left - 6, y + 4, tick_text(tick), MUTED, _FONT, "end")
+    canvas.curve([frame.left, right], [foot, foot], RULE, 0.8)
+    for y in frame.down(np.array(panel.levels)).tolist():
+        canvas.curve([frame.left, right], [y, y], MUTED, 0.9, "4 3")
+    cut = panel.y_limits is not None or panel.x_limits is not None
+    if cut:
+        canvas.clip(frame.left, frame.top, frame.width, frame.height)
     for layer in panel.layers:
         match layer:
             case Line():
-                style = (0, (5, 3)) if layer.dashes else "-"
-                axes.plot(layer.x, layer.y, color=layer.colour, linewidth=layer.width, linestyle=style)
+                dashes = "5 3" if layer.dashes else ""
+                canvas.curve(frame.across(layer.x), frame.down(layer.y), layer.colour, layer.width, dashes)
             case Band():
-                axes.fill_between(
-                    layer.x, layer.low, layer.high, color=layer.colour, alpha=layer.opacity, linewidth=layer.edge
-                )
+                low, high = frame.down(layer.low), frame.down(layer.high)
+                canvas.area(frame.across(layer.x), low, high, layer.colour, layer.opacity, layer.edge)
             case Dots():
-                axes.plot(layer.x, layer.y, linestyle="none", marker=".", markersize=layer.size, markeredgewidth=0,
-                          color=layer.colour, alpha=layer.opacity)  # fmt: skip
-    axes.set_xlim(x_limits)
-    if panel.y_limits:
-        axes.set_ylim(panel.y_limits)
-    else:
-        axes.margins(y=0.08)
+                canvas.dots(frame.across(layer.x), frame.down(layer.y), layer.colour, layer.size, layer.opacity)
+    if cut:
+        canvas.unclip()
 
 
-def _style(axes: Axes, panel: Panel, width: float, *, last: bool) -> None:
-    axes.set_facecolor("none")
-    for side in ("left", "right", "top"):
-        axes.spines[side].set_visible(False)
-    axes.spines["bottom"].set_color(MUTED if last else RULE)
-    axes.spines["bottom"].set_linewidth(0.8)
-    if panel.ticks:
-        axes.grid(axis="y", color=RULE, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(axis="y", length=0, pad=6, labelsize=_FONT, labelcolor=MUTED)
-    axes.tick_params(axis="x", length=3 if last else 0, pad=4, labelsize=_FONT, labelcolor=MUTED, color=MUTED,
-                     labelbottom=last)  # fmt: skip
-    axes.xaxis.set_major_locator(MaxNLocator(9 if width > 600 else 5))
-    if not panel.ticks:
-        axes.set_yticks([])
-    elif not panel.log_y:
-        axes.yaxis.set_major_locator(MaxNLocator(panel.ticks))
-        axes.yaxis.set_major_formatter(FuncFormatter(_tick))
-    else:
-        axes.minorticks_off()
-    axes.xaxis.set_major_formatter(FuncFormatter(_tick))
-
-
-def _label_width(axes: Axes) -> float:
-    """Room for the tick labels of the y axis, in pixels; the system font's digits are about 0.6 of its size wide."""
-    low, high = axes.get_ylim()
-    ticks = [tick for tick in axes.get_yticks() if low <= tick <= high]
-    longest = max((len(_tick(float(tick))) for tick in ticks), default=0)
-    return max(40.0, 14 + 0.62 * _FONT * longest)
-
-
-def _tick(value: float, _position: int | None = None) -> str:
-    return f"{value:.6g}".replace("-", "−") if abs(value) > 1e-12 else "0"
-
-
-def _lighten(svg: str, alt: str) -> str:
-    """Only what draws: no document head, no style sheet of its own, no unused ids, coordinates to 0.1 pixel."""
-    opening = re.search(r'<svg[^>]*viewBox="0 0 ([\d.]+) ([\d.]+)"[^>]*>', svg)
-    if opening is None:
-        raise ValueError("not an SVG drawing")
-    width, height = (float(size) for size in opening.groups())
-    body = svg[opening.end() : svg.rindex("</svg>")]
-    body = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</style>\s*</defs>", "", body, flags=re.DOTALL)
-    body = re.sub(r'<path d="[^"]*" style="fill: none"/>', "", body)
-    body = re.sub(r' d="([^"]*)"', lambda match: f' d="{_round(match[1])}"', body)
-    body = re.sub(r"<!--.*?-->", "", body, flags=re.DOTALL)
-    used = set(re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", body))
-    body = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", body)
-    body = re.sub(r' transform="rotate\(-0 [^"]*"', "", body)
-    body = re.sub(r"font-family:[^;\"]*;? ?", "", body)
-    body = re.sub(r"(>[^<]*<)", lambda match: _subscripts(match[1]), body)
-    for colour, variable in _VARIABLES.items():
-        body = body.replace(colour, f"var(--{variable})")
-    body = re.sub(r"(?:<g>\s*</g>|<defs>\s*</defs>)", "", re.sub(r">\s+<", "><", body))
-    label = Markup.escape(alt)
-    return (
-        f'<svg class="plot" viewBox="0 0 {width:g} {height:g}" style="max-width:{width:.0f}px" role="img" '
-        f'aria-label="{label}">{body}</svg>'
-    )
-
-
-def _round(path: str) -> str:
-    compact = re.sub(r"-?\d+\.\d+", lambda match: f"{float(match[0]):.1f}".removesuffix(".0"), path)
-    return re.sub(r"\s*([MLHVCSQTAZmlhvcsqtaz])\s*", r"\1", compact).strip()
-
-
-def _subscripts(text: str) -> str:
-    return re.sub(
-        r"(?<![\w.])([A-Za-zΑ-ω]{1,2})_([A-Za-z0-9]{1,6})(?![\w.])",
-        r'\1<tspan dy="2.5" font-size="85%">\2</tspan><tspan dy="-2.5">&#8203;</tspan>',
-        text,
-    )
+def _draw_x_axis(canvas: Canvas, frame: _Frame, label: str, most: int) -> None:
+    right, foot = frame.left + frame.width, frame.top + frame.height
+    canvas.curve([frame.left, right], [foot, foot], MUTED, 0.8)
+    ticks = nice_ticks(*frame.x_limits, most)
+    for tick, x in zip(ticks, frame.across(np.array(ticks)).tolist(), strict=True):
+        canvas.curve([x, x], [foot, foot + 3], MUTED, 0.8)
+        canvas.text(x, foot + 15, tick_text(tick), MUTED, _FONT, "middle")
+    canvas.text(frame.left + frame.width / 2, foot + 34, label, MUTED, _FONT, "middle")

@@ -5,24 +5,11 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import (
-    ACCENT,
-    INK,
-    MEASURED,
-    SERIES,
-    WARM,
-    Band,
-    Dots,
-    Line,
-    Panel,
-    Plate,
-    cloud,
-    draw,
-    line,
-)
+from aero_bayes.report.drawing import Band, Dots, Line, Panel, Plate, cloud, draw, line
 from aero_bayes.report.residual_figures import noise_floor, residuals
 from aero_bayes.report.run_directory import FloatArray, RunDirectory
 from aero_bayes.report.series_figures import NARROW, WIDE, columns_for, largest, named, unit_of
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, SERIES, WARM
 from aero_bayes.report.text import plain_name, scaled_unit, signal_title
 
 PORT = 430.0

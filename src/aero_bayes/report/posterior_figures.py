@@ -8,34 +8,15 @@ from typing import cast
 import contourpy
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection
-from matplotlib.figure import Figure
-from matplotlib.path import Path as Outline
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.stats import rankdata
 
-from aero_bayes.report.drawing import (
-    ACCENT,
-    INK,
-    MEASURED,
-    MUTED,
-    RULE,
-    SERIES,
-    Band,
-    Layer,
-    Line,
-    Panel,
-    Plate,
-    draw,
-    to_svg,
-)
+from aero_bayes.report.drawing import Band, Layer, Line, Panel, Plate, draw
 from aero_bayes.report.run_directory import FloatArray
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.text import minus, plain_name, quantity, significant, symbol
 
 _TRACE_BINS = 60
-_Chunks = tuple[list[FloatArray | None], list[NDArray[np.uint8] | None]]
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
@@ -58,43 +39,25 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     draws = {name: posterior[name].ravel() for name in names}
     correlation = _rank_correlation(posterior, names)
     cell = min(150.0, 980 / len(names))
-    left, foot = 2.0, 44.0
-    width, height = left + cell * len(names) + 8, foot + cell * len(names) + 22
-    figure = Figure(figsize=(width / 72, height / 72), dpi=72)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_xlim(0, width)
-    axes.set_ylim(0, height)
-    axes.set_axis_off()
-    for row, below in enumerate(names):
-        y0 = foot + cell * (len(names) - 1 - row)
-        for column, name in enumerate(names[: row + 1]):
-            x0 = left + cell * column
-            if row == column:
-                _marginal(axes, draws[name], x0, y0, cell)
-                axes.text(
-                    x0 + cell / 2,
-                    y0 + cell + 3,
-                    plain_name(name),
-                    ha="center",
-                    fontsize=12.5,
-                    color=INK,
-                    parse_math=False,
-                )
-            else:
-                _joint(axes, draws[name], draws[below], x0, y0, cell)
-                _number(
-                    axes, correlation[row, column], left + cell * row, foot + cell * (len(names) - 1 - column), cell
-                )
-            if row == len(names) - 1:
-                _cell_scale(axes, draws[name], units.get(name, ""), x0, cell, foot)
-    strongest = _strongest(names, correlation)
-    first, second, value = strongest
+    first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
+    canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
+    for row, below in enumerate(names):
+        for column, name in enumerate(names[: row + 1]):
+            corner = 2 + cell * column, 22 + cell * row
+            if row == column:
+                _marginal(canvas, draws[name], *corner, cell)
+                canvas.text(corner[0] + cell / 2 - 4, corner[1] - 4, plain_name(name), INK, 12.5, "middle")
+            else:
+                _joint(canvas, draws[name], draws[below], *corner, cell)
+                _number(canvas, correlation[row, column], 2 + cell * row, 22 + cell * column, cell)
+    for column, name in enumerate(names):
+        _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
     caption = Markup(
         "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlations. "
         "Every cell spans the central 99.8 % of its parameter. Strongest: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
-    return Plate(to_svg(figure, alt), None, alt, caption)
+    return Plate(canvas.svg(), None, alt, caption)
 
 
 def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
@@ -153,43 +116,40 @@ def _range(draws: FloatArray) -> tuple[float, float]:
     return low, high if high > low else low + 1e-12
 
 
-def _marginal(axes: Axes, draws: FloatArray, x0: float, y0: float, cell: float) -> None:
+def _marginal(canvas: Canvas, draws: FloatArray, left: float, top: float, cell: float) -> None:
     side = cell - 8
     counts, _ = np.histogram(draws, bins=40, range=_range(draws))
     smooth = gaussian_filter(counts.astype(np.float64), 1.2, mode="nearest")
-    x = x0 + np.linspace(0, side, 40)
-    axes.fill_between(x, y0, y0 + 0.9 * side * smooth / smooth.max(), color=ACCENT, alpha=0.35, linewidth=0)
-    axes.plot([x0, x0 + side], [y0, y0], color=MUTED, linewidth=0.8)
+    x, foot = left + np.linspace(0, side, 40), top + side
+    canvas.area(x, np.full(40, foot), foot - 0.9 * side * smooth / smooth.max(), ACCENT, 0.35, 0)
+    canvas.curve([left, left + side], [foot, foot], MUTED, 0.8)
 
 
-def _joint(axes: Axes, across: FloatArray, up: FloatArray, x0: float, y0: float, cell: float) -> None:
+def _joint(canvas: Canvas, across: FloatArray, up: FloatArray, left: float, top: float, cell: float) -> None:
     side, bins = cell - 8, 44
     counts, _, _ = np.histogram2d(up, across, bins=bins, range=(_range(up), _range(across)))
-    smooth = gaussian_filter(counts, 2.0, mode="nearest")
+    smooth = np.pad(gaussian_filter(counts, 2.0, mode="nearest"), 1)
     ranked = np.sort(smooth.ravel())[::-1]
     held = np.cumsum(ranked) / ranked.sum()
-    grid = (np.arange(bins) + 0.5) / bins * side
-    kind = contourpy.FillType.ChunkCombinedCode
-    contours = contourpy.contour_generator(x0 + grid, y0 + grid, smooth, fill_type=kind)
-    axes.plot([x0, x0, x0 + side], [y0 + side, y0, y0], color=RULE, linewidth=0.8)
+    grid = np.clip((np.arange(-1, bins + 1) + 0.5) / bins, 0, 1) * side
+    contours = contourpy.contour_generator(left + grid, top + side - grid, smooth)
+    canvas.curve([left, left, left + side], [top, top + side, top + side], RULE, 0.8)
     for share, opacity in ((0.9, 0.25), (0.5, 0.5)):
         level = ranked[min(int(np.searchsorted(held, share)), len(ranked) - 1)]
-        points, codes = cast("_Chunks", contours.filled(float(level), float(ranked[0]) + 1.0))
-        outlines = [Outline(ring, kinds) for ring, kinds in zip(points, codes, strict=True) if ring is not None]
-        axes.add_collection(PathCollection(outlines, facecolor=ACCENT, edgecolor="none", alpha=opacity))
+        canvas.regions(cast("list[FloatArray]", contours.lines(float(level))), ACCENT, opacity)
 
 
-def _number(axes: Axes, correlation: float, x0: float, y0: float, cell: float) -> None:
+def _number(canvas: Canvas, correlation: float, left: float, top: float, cell: float) -> None:
     """The rank correlation in the mirrored cell: the stronger, the larger and darker."""
     strength = abs(correlation)
-    colour, opacity = INK if strength >= 0.5 else MUTED, 1.0 if strength >= 0.2 else 0.6
-    x, y, text = x0 + cell / 2 - 4, y0 + cell / 2 - 8, minus(f"{correlation:+.2f}")
-    axes.text(x, y, text, ha="center", fontsize=11 + 9 * strength, color=colour, alpha=opacity)
+    colour = INK if strength >= 0.5 else MUTED
+    text = minus(f"{correlation:+.2f}")
+    canvas.text(left + cell / 2 - 4, top + cell / 2 + 2, text, colour, 11 + 9 * strength, "middle")
 
 
-def _cell_scale(axes: Axes, draws: FloatArray, unit: str, x0: float, cell: float, foot: float) -> None:
+def _cell_scale(canvas: Canvas, draws: FloatArray, unit: str, left: float, foot: float, cell: float) -> None:
     low, high = _range(draws)
     shown = quantity(0.5 * (low + high), low, high, unit, digits=1)
-    axes.text(x0, foot - 14, shown.low, fontsize=10.5, color=MUTED, ha="left")
-    axes.text(x0 + cell - 8, foot - 14, shown.high, fontsize=10.5, color=MUTED, ha="right")
-    axes.text(x0 + (cell - 8) / 2, foot - 29, shown.unit, fontsize=10.5, color=MUTED, ha="center", parse_math=False)
+    canvas.text(left, foot + 7, shown.low, MUTED, 10.5)
+    canvas.text(left + cell - 8, foot + 7, shown.high, MUTED, 10.5, "end")
+    canvas.text(left + (cell - 8) / 2, foot + 24, shown.unit, MUTED, 10.5, "middle")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import ACCENT, INK, WARM, Band, Line, Panel, Plate, cloud, draw, line
+from aero_bayes.report.drawing import Band, Line, Panel, Plate, cloud, draw, line
 from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number, table
 from aero_bayes.report.series_figures import NARROW, SMALL, WIDE, columns_for, largest, named, unit_of
+from aero_bayes.report.svg import ACCENT, INK, WARM
 from aero_bayes.report.text import scaled_unit, signal_title, significant
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from aero_bayes.report.drawing import ACCENT, INK, MEASURED, Layer, Panel, Plate, band, cloud, draw, line
+from aero_bayes.report.drawing import Layer, Panel, Plate, band, cloud, draw, line
 from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping
+from aero_bayes.report.svg import ACCENT, INK, MEASURED
 from aero_bayes.report.text import describe_signal, duration, scaled_unit, signal_title
 
 WIDE, NARROW, SMALL = 980.0, 350.0, 320.0
