@@ -5,8 +5,11 @@ from aero_bayes.inference.calibration import Calibration, CalibrationSettings, c
 from aero_bayes.inference.fit import FitSettings, fit, fit_calibration
 from aero_bayes.inference.identifiability import Combination, Identifiability, Status
 from aero_bayes.inference.local import LocalSettings, Stop
+from aero_bayes.inference.mcmc import SampleSettings
 from aero_bayes.inference.noise import NoiseEstimate, NoiseModel, estimate_noise, innovations
 from aero_bayes.inference.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.inference.posterior import Posterior, sample
+from aero_bayes.inference.predictive import Predictive
 from aero_bayes.inference.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.inference.pso import SwarmSettings
 from aero_bayes.inference.result import Estimate, Fit, StageReport
@@ -30,7 +33,10 @@ __all__ = [
     "Override",
     "Parameter",
     "ParameterSet",
+    "Posterior",
+    "Predictive",
     "Prior",
+    "SampleSettings",
     "Stage",
     "StageReport",
     "Status",
@@ -45,4 +51,5 @@ __all__ = [
     "fit_calibration",
     "innovations",
     "parameters_from_model",
+    "sample",
 ]

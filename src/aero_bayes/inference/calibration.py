@@ -38,7 +38,7 @@ class CalibrationSettings:
         Outputs to fit; all that were recorded and that the model has by default.
     delay : {"auto", "free", "none"}
         A delay of each recording's input: a nuisance parameter. ``auto`` frees it where the input jumps and the
-        samples are closer than ``delay_limit``.
+        samples are closer than five times ``delay_limit``.
     delay_limit : float
         Upper bound of the delay in s.
     start : {"auto", "reading", "estimated"}
@@ -278,7 +278,7 @@ def _delay_wanted(experiment: Experiment, recording: Recording, settings: Calibr
     if settings.delay == "none" or settings.delay == "free":
         return settings.delay == "free"
     jumps = any(s.interpolation == "hold" and s.values.size > 1 for s in experiment.inputs)
-    return jumps and recording.rate_hz > 1.0 / settings.delay_limit
+    return jumps and recording.rate_hz >= 0.2 / settings.delay_limit
 
 
 def split_targets(parameters: ParameterSet) -> tuple[tuple[int, ...], tuple[int, ...]]:

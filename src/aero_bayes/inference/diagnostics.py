@@ -118,3 +118,20 @@ def whiteness(values: FloatArray, lags: int = 20) -> tuple[float, float]:
     n = seen.size
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     return float(np.max(np.abs(rho))), statistic / lags
+
+
+def slow_excess(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
+    """Variance of block averages over what white noise of the same variance would have; the largest over block sizes.
+
+    Above one, slow errors are larger than the noise model says, and averages (hence parameters) are less certain than
+    it says. Fast ripple leaves it below one. Only sizes with 40 blocks or more count.
+    """
+    seen = values[np.isfinite(values)]
+    variance = float(np.var(seen)) if seen.size else 0.0
+    worst = 0.0
+    for size in sizes:
+        count = seen.size // size
+        if count >= 40 and variance > 0.0:
+            means = seen[: count * size].reshape(count, size).mean(axis=1)
+            worst = max(worst, float(np.mean(means**2)) * size / variance)
+    return worst

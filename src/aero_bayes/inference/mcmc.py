@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.checkpoint import pack_random, read_arrays, unpack_random, write_arrays
 from aero_bayes.inference.diagnostics import Diagnosis, diagnose
-from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, StretchMove
+from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, StretchMove, Warp
 
 FloatArray = NDArray[np.float64]
 MakeMoves = Callable[[HeavyTail], Sequence[tuple[Move, float]]]
@@ -278,14 +278,13 @@ class _Walk:
 
     def start(self, rng: np.random.Generator) -> None:
         """Draw overdispersed starts of finite density for every ensemble."""
-        wide = HeavyTail(self.proposal.mean, 1.5 * self.proposal.factor, 4.0)
+        wide = self.proposal.widened(1.5, 4.0)
         for child in rng.spawn(self.settings.ensembles):
             random = np.random.RandomState(np.random.MT19937(int(child.integers(2**63))))
             points = np.empty((0, self.dimension))
             values = np.empty(0)
             for attempt in range(60):
-                shrunk = HeavyTail(wide.mean, wide.factor * 0.85**attempt, wide.dof)
-                new = shrunk.sample(random, self.walkers)
+                new = wide.widened(0.85**attempt, 4.0).sample(random, self.walkers)
                 density = self._evaluate(new)
                 good = np.isfinite(density)
                 points, values = np.concatenate([points, new[good]]), np.concatenate([values, density[good]])
@@ -338,16 +337,14 @@ class _Walk:
             state.random_state = random.get_state(legacy=True)
 
     def _refit(self) -> None:
-        """Mean and covariance of the last burn-in round's second half, over all ensembles."""
+        """Fit the proposal to the last burn-in round's second half, over all ensembles."""
         length = dict(zip(self._refits, self.settings.burn_in, strict=True))[self.step]
         recent = self._points[:, self.step - length // 2 : self.step].reshape(-1, self.dimension)
         density = self._density[:, self.step - length // 2 : self.step].reshape(-1)
         floor = density.max() - 0.5 * float(chi2.isf(1e-7, self.dimension)) - 10.0
         good = recent[density >= floor]
         if len(np.unique(good[:, 0])) > 4 * self.dimension:
-            self.proposal = HeavyTail.of(
-                good.mean(axis=0), np.cov(good.T).reshape(self.dimension, -1), self.proposal.dof
-            )
+            self.proposal = HeavyTail.fit(good, self.proposal.dof)
             self._make_samplers()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -358,6 +355,9 @@ class _Walk:
             "mean": self.proposal.mean,
             "factor": self.proposal.factor,
             "dof": np.array(self.proposal.dof),
+            "knots": self.proposal.warp.knots,
+            "scores": self.proposal.warp.scores,
+            "tails": self.proposal.warp.tails,
             "counts": np.array([self.step, self.evaluations, self.next_check, self._accepted, self._tried]),
             "seconds": np.array(self.seconds),
         }
@@ -373,7 +373,8 @@ class _Walk:
         numbers = {key: np.asarray(value) for key, value in arrays.items()}
         self.step, self.evaluations, self.next_check, self._accepted, self._tried = map(int, numbers["counts"])
         self.seconds = float(numbers["seconds"])
-        self.proposal = HeavyTail(numbers["mean"], numbers["factor"], float(numbers["dof"]))
+        warp = Warp(numbers["knots"], numbers["scores"], numbers["tails"])
+        self.proposal = HeavyTail(numbers["mean"], numbers["factor"], float(numbers["dof"]), warp)
         size = max(256, self.step)
         self._points = np.empty((self.settings.ensembles, size, self.walkers, self.dimension))
         self._density = np.empty((self.settings.ensembles, size, self.walkers))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,14 +21,23 @@ FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
 _LOG_2PI = math.log(2.0 * math.pi)
 
+#: A correlation time above this share of the longest recording is taken for a fault of the model.
+STRUCTURED_ABOVE = 0.02
+
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none)."""
+    """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none).
+
+    ``structured`` marks an error so slow that the model and not the sensor must be at fault; its size is then that of
+    the residual, and it is not searched. ``white_seen`` is False where the data cannot tell white noise from none.
+    """
 
     sd_white: float
     sd_ou: float = 0.0
     tau: float = 0.0
+    structured: bool = False
+    white_seen: bool = True
 
     @property
     def kind(self) -> Literal["white", "ou"]:
@@ -44,6 +53,13 @@ class NoiseEstimate:
         if self.sd_ou == 0.0:
             return 0.0
         return (self.sd_ou / self.sd) ** 2 * math.exp(-interval / self.tau)
+
+    @property
+    def searched(self) -> tuple[bool, bool, bool]:
+        """Which of the three numbers the data determines."""
+        if self.structured:
+            return (False, False, False)
+        return (self.white_seen, self.kind == "ou", self.kind == "ou")
 
     def as_row(self) -> tuple[float, float, float]:
         """The triple that a simulator takes."""
@@ -147,7 +163,8 @@ def estimate_noise(
     times, residuals : sequences of ndarray, shape (n_e,)
         Sample times and residuals of each recording; NaN where there is no reading.
     kind : {"white", "ou", "auto"}
-        ``auto`` compares the two by BIC.
+        ``auto`` compares the two by BIC. A correlation time of more than 2 % of the longest recording makes the
+        estimate ``structured``.
     guess : NoiseEstimate, optional
         Where to start (an earlier estimate); saves most of the work.
     floor : float
@@ -176,10 +193,40 @@ def estimate_noise(
 
     best = _search(objective, low, high, _starts(pairs, rms, interval, longest, guess))
     correlated = _unpack(best)
-    if kind == "ou":
-        return correlated
-    gain = 2.0 * (total(correlated) - total(white))
-    return correlated if gain > 2.0 * math.log(count) else white
+    likelihood = total(correlated)
+    if kind != "ou" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
+        return white
+    if correlated.tau > STRUCTURED_ABOVE * longest and correlated.sd_ou > correlated.sd_white:
+        return _of_the_residual(pairs, correlated)
+    new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
+    unseen = replace(correlated, sd_white=max(0.003 * new, floor), white_seen=False)
+    if total(unseen) > likelihood - 1.0:
+        return unseen
+    return correlated
+
+
+def _of_the_residual(pairs: Sequence[tuple[FloatArray, FloatArray]], likely: NoiseEstimate) -> NoiseEstimate:
+    """A structured error, described by the size and the correlation time of the residual itself.
+
+    The likelihood of a smooth error sees mostly its increments and would trade a good fit for small ones; its size and
+    how long it lasts give each stretch of that length the weight of one reading, and intervals to match.
+    """
+    count = sum(t.size for t, _ in pairs)
+    rms = math.sqrt(sum(float(r @ r) for _, r in pairs) / count)
+    lengths = [_correlation_time(t, r) for t, r in pairs if t.size > 10]
+    sd_ou = math.sqrt(max(rms**2 - likely.sd_white**2, (0.1 * rms) ** 2))
+    return NoiseEstimate(likely.sd_white, sd_ou, max(lengths), structured=True)
+
+
+def _correlation_time(time: FloatArray, residual: FloatArray) -> float:
+    """Area under the autocorrelation (about zero, not about the mean) up to its first zero, in s."""
+    grid = np.linspace(time[0], time[-1], min(4096, 2 * time.size))
+    values = np.interp(grid, time, residual)
+    spectrum = np.fft.rfft(values, 2 * values.size)
+    rho = np.fft.irfft(np.abs(spectrum) ** 2)[: values.size]
+    rho = rho / rho[0]
+    below = np.flatnonzero(rho <= 0.0)
+    return float(np.sum(rho[: below[0] if below.size else rho.size]) * (grid[1] - grid[0]))
 
 
 def _unpack(x: FloatArray) -> NoiseEstimate:
@@ -194,7 +241,7 @@ def _starts(
     longest: float,
     guess: NoiseEstimate | None,
 ) -> list[FloatArray]:
-    if guess is not None and guess.sd_ou > 0.0:
+    if guess is not None and guess.sd_ou > 0.0 and not guess.structured:
         return [np.log(guess.as_row())]
     steps = np.concatenate([np.diff(r) for _, r in pairs if r.size > 1])
     white = min(max(1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2.0), 0.02 * rms), 0.9 * rms)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.inference import cost as costs
 from aero_bayes.inference.aero import FIXED
 from aero_bayes.inference.calibration import Calibration
-from aero_bayes.inference.diagnostics import whiteness
+from aero_bayes.inference.diagnostics import slow_excess
 from aero_bayes.inference.identifiability import Identifiability, Status
 from aero_bayes.inference.laplace import Laplace
 from aero_bayes.inference.local import Stop
@@ -265,24 +265,23 @@ def structure_warnings(
     calibration: Calibration, residuals: Sequence[FloatArray], noise: Mapping[str, NoiseEstimate]
 ) -> tuple[str, ...]:
     """One sentence for each output whose residual the sensors cannot explain."""
-    interval = float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
     units = {v.name: v.unit for v in calibration.model.outputs}
     lines = []
     for k, name in enumerate(calibration.outputs):
         n, unit = noise[name], units.get(name, "")
-        if n.sd_ou > n.sd_white and n.rho(interval) > 0.5:
+        if n.structured:
             lines.append(
-                f"The residual of {name} is structured: an error of {n.sd_ou:.3g} {unit} that lasts {n.tau:.3g} s, "
-                f"{n.sd_ou / n.sd_white:.2g} times the white noise. The model lacks something or the sensor drifts; "
-                "intervals count it as correlated noise, and hold only if it is no systematic error of the model."
+                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} lasts {n.tau:.2g} s at a time, "
+                f"which no sensor noise does (white noise: {n.sd_white:.2g} {unit}). Intervals are widened to match, "
+                "but a systematic error of the model can still lie outside of them."
             )
             continue
         white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
-        largest, ratio = whiteness(np.concatenate(white))
-        if largest > 0.1 and ratio > 5.0:
+        excess = slow_excess(np.concatenate(white))
+        if excess > 2.0:
             lines.append(
-                f"The residual of {name} is not white even with the noise model (autocorrelation up to "
-                f"{largest:.2f}): its intervals may be too narrow."
+                f"The residual of {name} wanders more slowly than its noise model allows ({excess:.1f} times the "
+                "variance expected of averages): its intervals are too narrow."
             )
     return tuple(lines)
 

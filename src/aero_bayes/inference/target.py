@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,11 @@ class NoiseLayout:
 
     White noise has its median at 1 % of the output's range, correlated noise at 3 %, the correlation time at the
     geometric mean of sample interval and duration; each may be off by a factor of 12 (one standard deviation), so
-    that a few hundred samples outweigh the prior completely.
+    that a few hundred samples outweigh the prior completely. Numbers that the data does not determine are held.
     """
 
     outputs: tuple[str, ...]
-    correlated: tuple[bool, ...]
+    held: tuple[NoiseEstimate, ...]
     centre: FloatArray
     sigma: float = 2.5
     limit: float = 12.0
@@ -42,11 +42,11 @@ class NoiseLayout:
         interval = min(float(np.median(np.diff(e.time))) for e in calibration.experiments)
         duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
         centre = np.log(np.stack([0.01 * scale, 0.03 * scale, np.full(scale.shape, np.sqrt(interval * duration))], 1))
-        return cls(outputs, tuple(noise[name].kind == "ou" for name in outputs), centre)
+        return cls(outputs, tuple(noise[name] for name in outputs), centre)
 
     @property
     def _mask(self) -> NDArray[np.bool_]:
-        return np.array([[True, c, c] for c in self.correlated], dtype=bool)
+        return np.array([n.searched for n in self.held], dtype=bool)
 
     @property
     def size(self) -> int:
@@ -64,14 +64,17 @@ class NoiseLayout:
 
     def unpack(self, coordinates: FloatArray) -> FloatArray:
         """Noise triples as a simulator takes them, shape (n, 1, m, 3)."""
-        full = np.zeros((len(coordinates), len(self.outputs), 3))
+        full = np.tile(np.array([n.as_row() for n in self.held]), (len(coordinates), 1, 1))
         full[:, self._mask] = np.exp(coordinates)
         return full[:, None]
 
     def estimates(self, coordinates: FloatArray) -> dict[str, NoiseEstimate]:
         """The estimate at one point, shape (q,)."""
         rows = self.unpack(coordinates[None])[0, 0]
-        return {name: NoiseEstimate(*map(float, row)) for name, row in zip(self.outputs, rows, strict=True)}
+        return {
+            name: replace(held, sd_white=float(row[0]), sd_ou=float(row[1]), tau=float(row[2]))
+            for name, held, row in zip(self.outputs, self.held, rows, strict=True)
+        }
 
     def log_prior(self, coordinates: FloatArray) -> FloatArray:
         """Log-density, shape (n,)."""

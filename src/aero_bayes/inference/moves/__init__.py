@@ -3,5 +3,6 @@
 from aero_bayes.inference.moves.differential import DifferentialMove
 from aero_bayes.inference.moves.independence import HeavyTail, IndependenceMove
 from aero_bayes.inference.moves.stretch import StretchMove
+from aero_bayes.inference.moves.warp import Warp
 
-__all__ = ["DifferentialMove", "HeavyTail", "IndependenceMove", "StretchMove"]
+__all__ = ["DifferentialMove", "HeavyTail", "IndependenceMove", "StretchMove", "Warp"]

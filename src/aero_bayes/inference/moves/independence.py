@@ -10,38 +10,58 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
+from aero_bayes.inference.moves.warp import Warp
+
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class HeavyTail:
-    """Multivariate t density: ``mean`` (d,), lower Cholesky factor of the scale matrix ``factor`` (d, d), ``dof``."""
+    """Multivariate t density over warped coordinates.
+
+    ``mean`` (d,), lower Cholesky factor of the scale matrix ``factor`` (d, d) and ``dof`` belong to the scores that
+    ``warp`` makes of the coordinates (the coordinates themselves for the identity).
+    """
 
     mean: FloatArray
     factor: FloatArray
-    dof: float = 8.0
+    dof: float
+    warp: Warp
 
     @classmethod
-    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0) -> HeavyTail:
+    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0, warp: Warp | None = None) -> HeavyTail:
         """The t density whose scale matrix is a covariance, made safely positive definite."""
         sd = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(sd, sd)
         values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
         safe = (vectors * np.maximum(values, 1e-10)) @ vectors.T
-        return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof)
+        return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof, warp or Warp.identity(len(mean)))
+
+    @classmethod
+    def fit(cls, samples: FloatArray, dof: float = 8.0) -> HeavyTail:
+        """The density that resembles samples (n, d): normal scores of each coordinate, correlated as they are."""
+        warp = Warp.fit(samples)
+        scores = np.clip(warp.forward(samples)[0], -4.0, 4.0)
+        return cls.of(scores.mean(axis=0), np.atleast_2d(np.cov(scores.T)), dof, warp)
+
+    def widened(self, factor: float, dof: float) -> HeavyTail:
+        """The same with its scale multiplied."""
+        return HeavyTail(self.mean, factor * self.factor, dof, self.warp)
 
     def sample(self, random: np.random.RandomState, size: int) -> FloatArray:
         """Independent draws, shape (size, d)."""
         normal = random.randn(size, self.mean.size) @ self.factor.T
-        return np.asarray(self.mean + normal / np.sqrt(random.chisquare(self.dof, size) / self.dof)[:, None])
+        scores = self.mean + normal / np.sqrt(random.chisquare(self.dof, size) / self.dof)[:, None]
+        return self.warp.inverse(scores)
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """Log-density at points (n, d), shape (n,)."""
         d, dof = self.mean.size, self.dof
-        z = solve_triangular(self.factor, (points - self.mean).T, lower=True)
+        scores, log_slope = self.warp.forward(points)
+        z = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
         constant = gammaln(0.5 * (dof + d)) - gammaln(0.5 * dof) - 0.5 * d * np.log(dof * np.pi)
         constant -= np.sum(np.log(np.diag(self.factor)))
-        return np.asarray(constant - 0.5 * (dof + d) * np.log1p(np.sum(z**2, axis=0) / dof))
+        return np.asarray(constant + log_slope - 0.5 * (dof + d) * np.log1p(np.sum(z**2, axis=0) / dof))
 
 
 class IndependenceMove(MHMove):  # type: ignore[misc]
