@@ -85,11 +85,10 @@ def _heavy_rotor(facts: Facts) -> Iterator[str]:
     yield (
         f"A rotor of {number(PSO.parameters['J_r'])} kg m^2 does not start: in 20 s at 24 V it reaches "
         f"{number(first['omega_m'])} rad/s, or {number(second['omega_m'])} rad/s with the data-sheet `R_a`, and the "
-        f"pitch stays below {number(max(first['theta'], second['theta']))} rad. Its fitness is that of a body that "
-        f"never moves: {number(facts.fitness(PSO.label, PAPER))} and "
-        f"{number(facts.fitness(PSO_DATASHEET.label, PAPER))} against {number(facts.still)}. The paper's "
-        f"{number(PSO.fitness)} for the first is of that size; its {number(PSO_DATASHEET.fitness)} for the second "
-        "cannot come from Eqs. 1 to 5 with this inertia."
+        f"pitch stays below {number(max(first['theta'], second['theta']))} rad. Both models must then cost what a body "
+        f"that never moves costs: {number(facts.fitness(PSO.label, PAPER))} and "
+        f"{number(facts.fitness(PSO_DATASHEET.label, PAPER))} here, against {number(facts.still)}. The paper prints "
+        f"{number(PSO.fitness)} and {number(PSO_DATASHEET.fitness)}: with this inertia Eqs. 1 to 5 cannot give both."
     )
 
 
@@ -98,9 +97,10 @@ def _swarm(facts: Facts) -> Iterator[str]:
     whole = details.quadratic.value("J_r") + details.visibility.values["J_s"]
     median, largest = np.median(details.endings, axis=0), np.max(details.endings, axis=0)
     yield (
-        f"Why 84 kg m^2: the axis is linear. Of 0 to {number(edge)} kg m^2 a share of {number(1e-4 / edge)} lies "
-        f"below 1e-4 kg m^2, where the rotor is ({number(whole)}). From 1 to {number(edge)} kg m^2 the speed's Eq. 6 "
-        f"changes by {number(100 * abs(heavy - light) / heavy, 2)} %: a rotor that does not start is equally wrong at "
+        f"How 84 kg m^2 can come out: the axis is linear. Of 0 to {number(edge)} kg m^2 a share of "
+        f"{number(1e-4 / edge)} lies below 1e-4 kg m^2, where the rotor is ({number(whole)}). From 1 to "
+        f"{number(edge)} kg m^2 the speed's Eq. 6 changes by {number(100 * abs(heavy - light) / heavy, 2)} %: a rotor "
+        "that does not start is equally wrong at "
         "any inertia."
     )
     spoilt = details.swarm[1].cost / details.swarm[1].start_cost
@@ -133,14 +133,14 @@ def _search(facts: Facts) -> Iterator[str]:
     moved = abs(l_a.value * r_a.coarse / l_a.coarse) if l_a.coarse else float("inf")
     won = 100 * (1 - exact[0].cost / electrical.start_cost)
     yield (
-        f"Why `R_a` and `L_a` stayed: along `L_a` the current's Eq. 6 has a slope of {number(l_a.exact)} per H; the "
+        f"How `R_a` and `L_a` can stay: along `L_a` the current's Eq. 6 has a slope of {number(l_a.exact)} per H; the "
         f"step of {number(l_a.step)} H sees {number(l_a.coarse)}{_sign(l_a)}. On unscaled axes this slope decides: by "
         f"the time `L_a` has moved by its own size, `R_a` has moved by {number(moved, 2)} Ω. {_stayed(electrical)} "
         f"There was little to win: the exact search lowers this stage's cost by {number(won, 2)} %."
     )
     drift = abs(k_t.value * k_d.coarse / k_t.coarse) if k_t.coarse else float("inf")
     yield (
-        f"Why `k_d` stayed: the step sees a slope of {number(k_t.coarse)} along `k_t` and {number(k_d.coarse)} along "
+        f"How `k_d` can stay: the step sees a slope of {number(k_t.coarse)} along `k_t` and {number(k_d.coarse)} along "
         f"`k_d` (exact: {number(k_t.exact)} and {number(k_d.exact)}). While a first step takes `k_t` through its "
         f"whole value, `k_d` moves by {number(100 * drift / k_d.value, 2)} % of itself."
     )
