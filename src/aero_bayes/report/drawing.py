@@ -16,7 +16,7 @@ from aero_bayes.report.thinning import band_envelope, column_means, envelope
 FloatArray = NDArray[np.float64]
 
 _FONT = 11.5
-_RIGHT, _TITLE, _GAP, _FOOT = 14.0, 25.0, 10.0, 40.0
+_RIGHT, _TITLE, _GAP, _FOOT = 14.0, 27.0, 9.0, 40.0
 
 
 @dataclass(frozen=True)
@@ -167,14 +167,15 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
 
 
 def nice_ticks(low: float, high: float, most: int) -> list[float]:
-    """At most ``most`` + 1 round values between two ends, steps of 1, 2, 2.5 or 5 times a power of ten."""
+    """At most ``most`` round values between two ends: the finest step of 1, 2, 2.5 or 5 times a power of ten."""
     if not high > low or most < 1:
         return []
-    rough = (high - low) / most
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [index * step for index in range(first, last + 1)]
+    power = 10.0 ** (math.floor(math.log10((high - low) / most)) - 1)
+    for step in (factor * scale * power for scale in (1, 10, 100, 1000) for factor in (1, 2, 2.5, 5)):
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last - first < most:
+            return [index * step for index in range(first, last + 1)]
+    return []
 
 
 def tick_text(value: float) -> str:

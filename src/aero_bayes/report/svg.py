@@ -104,7 +104,7 @@ def _rounded(values: FloatArray) -> list[str]:
 
 def _polyline(x: FloatArray, y: FloatArray) -> str:
     """Path data of every piece between gaps, without points that change nothing at a tenth of a pixel."""
-    points = np.round(np.column_stack([x, y]), 1)
+    points = np.asarray(np.round(np.column_stack([x, y]), 1), dtype=np.float64)
     known = np.isfinite(points).all(axis=1)
     path = []
     for piece in np.split(points, np.flatnonzero(np.diff(known)) + 1):
