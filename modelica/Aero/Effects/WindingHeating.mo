@@ -3,12 +3,12 @@ model WindingHeating "Armature resistance that grows as the winding heats"
   extends Interfaces.ElectricalEffect;
   parameter Real r_h(unit = "Ohm/A2", min = 0, nominal = 1) = 0 "Added resistance for each square ampere after a long time";
   parameter Real T_h(unit = "s", min = 0.1, nominal = 10) = 10 "Thermal time constant";
-  Real R_h(unit = "Ohm", start = 0, fixed = true, nominal = 1) "Added resistance";
+  Real h(unit = "A2", start = 0, fixed = true, nominal = 0.01) "Squared current as the winding's temperature follows it";
 equation
   p.i + n.i = 0;
   r.i = 0;
-  T_h * der(R_h) = r_h * p.i * p.i - R_h;
-  p.v - n.v = R_h * p.i;
+  T_h * der(h) = p.i * p.i - h;
+  p.v - n.v = r_h * h * p.i;
   annotation (
     Documentation(info = "<html>
 <p>The heat <code>i^2 R</code> warms the winding with the time constant <code>T_h</code>; its resistance grows in proportion to the

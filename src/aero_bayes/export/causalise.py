@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.expression import Builder, Node
@@ -18,7 +18,10 @@ from aero_bayes.export.translate import System
 
 @dataclass(frozen=True)
 class ExplicitModel:
-    """``der(states) = rates``; every other variable's expression in ``solved``. ``starts`` in terms of parameters."""
+    """``der(states) = rates``; every other variable's expression in ``solved``.
+
+    ``starts`` are in terms of parameters, and of other states where initial equations tie them together.
+    """
 
     system: System
     states: tuple[str, ...]
@@ -36,6 +39,8 @@ def causalise(system: System) -> ExplicitModel:
         For a structurally singular model or an algebraic loop that is not linear; names the variables.
     """
     b = system.builder
+    whole = system
+    system, aliases = _merge_aliases(whole)
     residuals = [r for r in system.residuals if r is not b.zero]
     by_name = {v.name: v for v in system.variables}
     dynamic = [v.name for v in system.variables if v.name in system.derivatives]
@@ -57,9 +62,61 @@ def causalise(system: System) -> ExplicitModel:
     solved = _solve(system, equations, unknowns, matched)
     states_in_order = tuple(v.name for v in system.variables if v.name in states)
     rates = tuple(solved[system.derivatives[n]] for n in states_in_order)
-    named = {n.name: e for n, e in solved.items()}
     starts = _starts(system, states_in_order, solved)
-    return ExplicitModel(system, states_in_order, rates, named, starts)
+    named = {n.name: e for n, e in solved.items()}
+    named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
+    return ExplicitModel(whole, states_in_order, rates, named, starts)
+
+
+def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
+    """Replace variables that equal another one, or its negative, by one of them: a state where there is one.
+
+    Returns the smaller system and, for each variable that is gone, what it equals.
+    """
+    b = system.builder
+    known = {b.symbol(v.name): v for v in system.variables}
+    inputs = {b.symbol(v.name) for v in system.inputs}
+    parent: dict[Node, tuple[Node, bool]] = {}
+
+    def root(node: Node) -> tuple[Node, bool]:
+        negative = False
+        while node in parent:
+            node, flip = parent[node]
+            negative ^= flip
+        return node, negative
+
+    def rank(node: Node) -> tuple[bool, bool, bool, int]:
+        variable = known.get(node)
+        dynamic = node.name in system.derivatives
+        return (node not in inputs, not dynamic, variable is None or not variable.fixed, node.index)
+
+    for r in system.residuals:
+        body = r.args[0] if r.op == "neg" else r
+        if body.op not in ("add", "sub") or not all(a in known or a in inputs for a in body.args):
+            continue
+        (one, flip_one), (two, flip_two) = root(body.args[0]), root(body.args[1])
+        if one is two or (one in inputs and two in inputs):
+            continue
+        kept, gone = sorted((one, two), key=rank)
+        parent[gone] = (kept, flip_one ^ flip_two ^ (body.op == "add"))
+    aliases: dict[Node, Node] = {}
+    replaced: dict[Node, Node] = {}
+    derivatives = dict(system.derivatives)
+    for gone in parent:
+        kept, negative = root(gone)
+        aliases[gone] = b.neg(kept) if negative else kept
+        if gone.name in derivatives:
+            rate = derivatives.setdefault(kept.name, b.symbol(f"der({kept.name})"))
+            replaced[derivatives.pop(gone.name)] = b.neg(rate) if negative else rate
+    memo = {**aliases, **replaced}
+    smaller = replace(
+        system,
+        variables=tuple(v for v in system.variables if b.symbol(v.name) not in aliases),
+        residuals=tuple(b.substitute(r, memo) for r in system.residuals),
+        initial_residuals=tuple(b.substitute(r, memo) for r in system.initial_residuals),
+        derivatives=derivatives,
+    )
+    return smaller, aliases
 
 
 def _demote(system: System, equation: Node, dynamic: list[str], extra: list[Node]) -> None:
@@ -264,8 +321,6 @@ def _starts(system: System, states: Sequence[str], solved: dict[Node, Node]) -> 
             raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
         used.append(choice[0])
     if residuals:
-        fixed = {s: e for s, e in starts.items() if s not in used}
-        residuals = [b.substitute(r, dict(fixed)) for r in residuals]
         matrix = [[b.derivative(r, s) for s in used] for r in residuals]
         if any(b.symbols(a) & set(used) for row in matrix for a in row):
             raise InputError(f"model {system.name}: the initial equations are not linear in the states")

@@ -203,7 +203,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     functions += [_function(name, targets, leaves, kept) for name, targets in groups.items()]
     fixed_starts = [(i, n.value) for i, n in enumerate(starts) if n.op == "const"]
     free_starts = [(i, n) for i, n in enumerate(starts) if n.op != "const"]
-    functions.append(_start_function(free_starts, {**leaves, **kept}))
+    functions.append(_start_function(free_starts, frozenset(states), b, leaves))
     time_varying = any(model.system.time in b.symbols(t.node) for g in groups.values() for t in g)
     nominals = [_attribute(v, "nominal", defaults, 1.0) for v in layout.states]
     set_defaults = [f"    m->r[{i}] = {value!r};" for i, value in fixed_starts]
@@ -265,11 +265,18 @@ def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], ke
     return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *body, "}"])
 
 
-def _start_function(starts: Sequence[tuple[int, Node]], leaves: dict[Node, str]) -> str:
-    writer = _Writer(leaves)
-    writer.write([n for _, n in starts])
-    stores = [f"    if (!m->started[{i}]) m->r[{i}] = {writer.term(n)};" for i, n in starts]
-    return "\n".join(["static void eval_start(Model *m) {", *(writer.lines + stores or ["    (void)m;"]), "}"])
+def _start_function(
+    starts: Sequence[tuple[int, Node]], states: frozenset[Node], b: Builder, leaves: dict[Node, str]
+) -> str:
+    """Initial values that depend on parameters, then those that depend on other states' initial values."""
+    lines: list[str] = []
+    for later in (False, True):
+        group = [(i, n) for i, n in starts if bool(b.symbols(n) & states) is later]
+        writer = _Writer(leaves)
+        writer.write([n for _, n in group])
+        stores = [f"    if (!m->started[{i}]) m->r[{i}] = {writer.term(n)};" for i, n in group]
+        lines += ["    {", *writer.lines, *stores, "    }"] if group else []
+    return "\n".join(["static void eval_start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
 
 
 class _Stages:

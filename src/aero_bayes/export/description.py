@@ -19,6 +19,10 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     for p in model.system.parameters:
         if p.binding is not None and p.binding.op == "const":
             values.setdefault(b.symbol(p.name), p.binding.value)
+    for later in (False, True):
+        for path, start in zip(layout.state_paths, model.starts, strict=True):
+            if (b.symbols(start) <= values.keys()) is not later and b.symbol(path) not in values:
+                values[b.symbol(path)] = _number(start, values)
     root = ET.Element(
         "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
         variableNamingConvention="structured", numberOfEventIndicators="0",

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from aero_bayes.export import export_fmu, write_probes, write_screening
+
+
+@pytest.fixture(scope="session")
+def aero_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The FMU of a shipped system, by its short name; built once."""
+    folder = tmp_path_factory.mktemp("fmu")
+
+    def built(name: str) -> Path:
+        path = folder / f"{name}.fmu"
+        if not path.exists():
+            export_fmu(f"Aero.Systems.{name}", path, compiler="embedded")
+        return path
+
+    return built
+
+
+@pytest.fixture(scope="session")
+def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """OneDof with every effect of the catalogue, switched off."""
+    folder = tmp_path_factory.mktemp("screening")
+    model = write_screening("Aero.Systems.OneDof", folder)
+    return export_fmu(model.name, folder / "screening.fmu", compiler="embedded", sources=[model.path])
+
+
+@pytest.fixture(scope="session")
+def probes_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """OneDof with an input at every port."""
+    folder = tmp_path_factory.mktemp("probes")
+    model = write_probes("Aero.Systems.OneDof", folder)
+    return export_fmu(model.name, folder / "probes.fmu", compiler="embedded", sources=[model.path])
+
+
+@pytest.fixture
+def modelica(tmp_path: Path) -> Callable[[str, str], Path]:
+    """Writes a Modelica file and returns its path."""
+
+    def write(name: str, text: str) -> Path:
+        path = tmp_path / f"{name}.mo"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write

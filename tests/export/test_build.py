@@ -1,0 +1,92 @@
+"""Compilers, archives, and the package as it is installed."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from aero_bayes.errors import InputError
+from aero_bayes.export import export_fmu, modelica_root
+from aero_bayes.export.build import c_compiler, write_archive
+from aero_bayes.export.units import base_units
+
+
+def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match="pip install ziglang"):
+        c_compiler()
+
+
+def test_the_compiler_named_by_the_environment_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "sh -x")
+    assert c_compiler() == ["sh", "-x"]
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(InputError, match="'no-such-compiler'"):
+        c_compiler()
+
+
+def test_a_failing_compiler_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(InputError, match="compiler 'false' failed"):
+        export_fmu("Aero.Systems.HalfQuad", tmp_path / "x.fmu", compiler="embedded")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_archive_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+    out = tmp_path / "a.zip"
+    write_archive(out, {"b": b"1", "modelDescription.xml": b"2"})
+    before = out.read_bytes()
+    with pytest.raises(TypeError):
+        write_archive(out, {"b": None})  # type: ignore[dict-item]
+    assert out.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zip"]
+    with zipfile.ZipFile(out) as archive:
+        assert archive.namelist()[0] == "modelDescription.xml"
+
+
+def test_every_folder_of_the_package_lists_its_classes() -> None:
+    root = modelica_root() / "Aero"
+    folders = [root, *(p for p in root.iterdir() if p.is_dir())]
+    for folder in folders:
+        listed = (folder / "package.order").read_text(encoding="utf-8").split()
+        classes = {p.stem for p in folder.glob("*.mo")} - {"package"}
+        packages = {p.name for p in folder.iterdir() if p.is_dir()}
+        assert set(listed) == classes | packages, folder
+        assert len(listed) == len(set(listed))
+
+
+def test_every_class_is_documented_and_drawn() -> None:
+    for path in sorted((modelica_root() / "Aero").rglob("*.mo")):
+        text = path.read_text(encoding="utf-8")
+        assert "Documentation(info" in text, path
+        inherits = "extends Interfaces." in text or "extends OneDof" in text or "extends HalfQuad" in text
+        assert "Icon(" in text or inherits, path
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "exponents"),
+    [
+        ("V", 1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+        ("Ohm/A2", 1.0, {"kg": 1, "m": 2, "s": -3, "A": -4}),
+        ("N.m.s/rad", 1.0, {"kg": 1, "m": 2, "s": -1, "rad": -1}),
+        ("N.s2/(m.rad)", 1.0, {"kg": 1, "rad": -1}),
+        ("1/V", 1.0, {"kg": -1, "m": -2, "s": 3, "A": 1}),
+        ("mA", 1e-3, {"A": 1}),
+        ("kg.m2", 1.0, {"kg": 1, "m": 2}),
+        ("1", 1.0, {}),
+    ],
+)
+def test_base_units(unit: str, factor: float, exponents: dict[str, int]) -> None:
+    found = base_units(unit)
+    assert found is not None
+    assert found[0] == pytest.approx(factor)
+    assert found[1] == exponents
+
+
+@pytest.mark.parametrize("unit", ["furlong", "m//s", "", "m^2"])
+def test_unknown_units_are_not_guessed(unit: str) -> None:
+    assert base_units(unit) is None

@@ -1,0 +1,209 @@
+"""Every effect: nothing where it is switched off, and the formula of its description where it is on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import cos, sqrt, tanh
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from export_driver import driven
+from fmpy.validation import validate_fmu
+from hand_written_aero import NOMINAL, SCALES, STATES, one_dof
+
+from aero_bayes.export import CATALOGUE
+
+#: A magnitude for each switching parameter, and the second parameters.
+ON = {
+    "R_s": 1.3, "V_b": 0.7, "r_h": 25.0, "V_dz": 0.6, "s_sat": 0.08, "tau_r": 8e-4, "d_r": 3e-6, "k_v": 2e-4,
+    "T_f": 0.12, "a_f": -0.2, "tau_c": 1.1e-3, "c_b": 4e-3, "tau_g": -9e-4, "k_3": 6e-3, "b_i": 0.02, "T_w": 0.04,
+    "T_d": 0.03, "b_th": -0.015,
+}  # fmt: skip
+
+EXTRA = (
+    "thruster_1.electricalEffect.winding_heating.h", "thruster_1.thrustEffect.thrust_lag.f", "speedSensor.q",
+    "pitchSensor.pitch_delay.q", "pitchSensor.pitch_delay.dq", "thruster_2.electricalEffect.winding_heating.h",
+    "thruster_2.thrustEffect.thrust_lag.f",
+)  # fmt: skip
+PATHS = {
+    "i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta",
+}  # fmt: skip
+
+
+def draw(rng: np.random.Generator, names: list[str]) -> dict[str, float]:
+    scale = dict(zip(STATES, SCALES, strict=True))
+    scale |= {path: scale[short] for short, path in PATHS.items()}
+    scale |= dict(zip(EXTRA, (1.0, 0.1, 100.0, 1.0, 10.0, 1.0, 0.1), strict=True))
+    return {n: float(rng.normal() * scale[n]) for n in names}
+
+
+def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
+    e = dict.fromkeys(ON, 0.0) | {"T_h": 10.0} | on
+    p = NOMINAL
+    rate, theta = x["body.omega"], x["body.theta"]
+    rates: dict[str, float] = {}
+    torque = 0.0
+    for k, side in ((1, 1.0), (2, -1.0)):
+        i, w = x[f"thruster_{k}.motor.inductor.i"], x[f"thruster_{k}.motor.rotor.w"]
+        heat = x[f"thruster_{k}.electricalEffect.winding_heating.h"]
+        f_late = x[f"thruster_{k}.thrustEffect.thrust_lag.f"]
+        u = side * v
+        d, eps = e["V_dz"], 0.01
+        u += 0.5 * (sqrt((u - d) ** 2 + eps**2) - sqrt((u + d) ** 2 + eps**2))
+        s, knee = e["s_sat"], 0.005
+        u *= 2 * sqrt(1 + knee**2) / (sqrt((1 + s * u) ** 2 + knee**2) + sqrt((1 - s * u) ** 2 + knee**2))
+        u -= e["R_s"] * i + e["V_b"] * tanh(i / 0.005) + e["r_h"] * heat * i
+        rates[f"thruster_{k}.electricalEffect.winding_heating.h"] = (i * i - heat) / e["T_h"]
+        rates[f"thruster_{k}.motor.inductor.i"] = (u - p["R_a"] * i - p["c_m"] * w) / p["L_a"]
+        brake = p["k_d"] * w * abs(w) + e["tau_r"] * tanh(w / 0.5) + e["d_r"] * w
+        rates[f"thruster_{k}.motor.rotor.w"] = (p["c_m"] * i - brake) / (p["J_r"] + p["J_s"])
+        f = p["k_t"] * w * abs(w) - e["k_v"] * abs(w) * side * p["D_t"] * rate
+        t = max(e["T_f"], 1e-3)
+        rates[f"thruster_{k}.thrustEffect.thrust_lag.f"] = (f - f_late) / t
+        f -= e["T_f"] / t * (f - f_late)
+        f *= 1 + e["a_f"] * tanh(side * f / 5e-4)
+        torque += side * p["D_t"] * f
+    torque += e["tau_g"] * cos(theta) - e["tau_c"] * tanh(rate / 2e-4)
+    torque -= e["c_b"] * rate * abs(rate) + e["k_3"] * theta**3
+    rates["body.theta"] = rate
+    rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]
+    t = max(e["T_w"], 1e-3)
+    rates["speedSensor.q"] = (rates["thruster_1.motor.rotor.w"] - x["speedSensor.q"]) / t
+    t = max(e["T_d"], 2e-3)
+    q, dq = x["pitchSensor.pitch_delay.q"], x["pitchSensor.pitch_delay.dq"]
+    rates["pitchSensor.pitch_delay.q"] = dq
+    rates["pitchSensor.pitch_delay.dq"] = (12 * (rate - q) - 6 * t * dq) / t**2
+    outputs = {
+        "i_m": x["thruster_1.motor.inductor.i"] + e["b_i"],
+        "omega_m": x["thruster_1.motor.rotor.w"] - e["T_w"] * x["speedSensor.q"],
+        "theta": theta - e["T_d"] * q + e["b_th"],
+    }
+    return rates, outputs
+
+
+def test_the_screening_model_is_a_valid_fmu(screening_fmu: Path) -> None:
+    assert validate_fmu(str(screening_fmu)) == []
+
+
+def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu: Path) -> None:
+    with driven(screening_fmu) as fmu:
+        for effect in CATALOGUE.values():
+            assert fmu.starts[effect.magnitude.name] == 0.0
+            for p in effect.parameters:
+                assert p.name in fmu.parameters
+                assert p.minimum <= p.default <= p.maximum
+                assert all(p.minimum <= s <= p.maximum for s in p.starts)
+        assert set(ON) == {e.magnitude.name for e in CATALOGUE.values()}
+
+
+def test_switched_off_all_together_they_change_nothing(screening_fmu: Path, aero_fmu: Callable[[str], Path]) -> None:
+    rng = np.random.default_rng(3)
+    with driven(screening_fmu) as fmu, driven(aero_fmu("OneDof")) as base:
+        fmu.begin()
+        base.begin()
+        for _ in range(20):
+            x = draw(rng, fmu.states)
+            inner = {s: x[PATHS.get(s, s)] for s in base.states}
+            for f in (fmu, base):
+                f.set(V_m=13.7)
+            rates = dict(zip(fmu.states, fmu.rhs(np.array([x[s] for s in fmu.states])), strict=True))
+            expected = base.rhs(np.array([inner[s] for s in base.states]))
+            found = np.array([rates[PATHS.get(s, s)] for s in base.states])
+            # equal but for the order in which terms are added
+            np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15 * np.abs(expected).max())
+            assert np.array_equal(fmu.get("i_m", "omega_m", "theta"), [inner[s] for s in ("i_m", "omega_m", "theta")])
+
+
+CASES = [{n: v} for n, v in ON.items()] + [ON, {"T_w": 4e-4, "T_f": 3e-4, "T_d": 1e-3}]
+
+
+@pytest.mark.parametrize("on", CASES, ids=lambda c: "_".join(c) if len(c) < 4 else "all")
+def test_an_effect_follows_its_formula(screening_fmu: Path, on: dict[str, float]) -> None:
+    rng = np.random.default_rng(4)
+    with driven(screening_fmu) as fmu:
+        fmu.begin()
+        fmu.set_all(on)
+        changed = False
+        for _ in range(8):
+            x = draw(rng, fmu.states)
+            v = float(rng.uniform(-24, 24))
+            fmu.set(V_m=v)
+            expected, outputs = with_effects(x, v, on)
+            without = with_effects(x, v, {})
+            changed = changed or expected != without[0] or outputs != without[1]
+            rates = fmu.rhs(np.array([x[s] for s in fmu.states]))
+            wanted = np.array([expected[s] for s in fmu.states])
+            np.testing.assert_allclose(rates, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
+            np.testing.assert_allclose(fmu.get(*outputs), list(outputs.values()), rtol=1e-13, atol=1e-15)
+        assert changed
+
+
+def test_derivatives_by_the_effects_parameters(screening_fmu: Path) -> None:
+    rng = np.random.default_rng(5)
+    with driven(screening_fmu) as fmu:
+        fmu.begin()
+        fmu.set_all(ON | {"V_m": 9.0})
+        x = np.array(list(draw(rng, fmu.states).values()))
+        unknown = [*fmu.rates, "i_m", "omega_m", "theta"]
+        for name, value in ON.items():
+            h = 1e-6 * abs(value)
+            values = []
+            for sign in (1, -1):
+                fmu.set_all({name: value + sign * h})
+                values.append(np.concatenate([fmu.rhs(x), fmu.get("i_m", "omega_m", "theta")]))
+            fmu.set_all({name: value})
+            fmu.move(x)
+            expected = (values[0] - values[1]) / (2 * h)
+            tolerance = 1e-8 * np.abs(values[0]).max() / abs(value) + 1e-9 * np.abs(expected).max()
+            np.testing.assert_allclose(fmu.slope(unknown, name), expected, rtol=1e-5, atol=tolerance)
+
+
+def test_probe_inputs_act_at_their_ports(probes_fmu: Path) -> None:
+    rng = np.random.default_rng(6)
+    p = NOMINAL
+    with driven(probes_fmu) as fmu:
+        fmu.begin()
+        x = np.array([rng.normal() * SCALES[STATES.index(s)] for s in fmu.states])
+        fmu.set(V_m=5.0)
+        base = dict(zip(fmu.states, fmu.rhs(x), strict=True))
+        by_hand = one_dof(np.array([x[fmu.states.index(s)] for s in STATES]), 5.0, p)
+        for state, rate in base.items():
+            assert rate == pytest.approx(by_hand[state], rel=1e-11)
+        inertia = p["J_r"] + p["J_s"]
+        expected = {
+            "u_electrical": {"i_m": 1 / p["L_a"], "thruster_2.motor.inductor.i": -1 / p["L_a"]},
+            "u_rotor": {"omega_m": 1 / inertia, "thruster_2.motor.rotor.w": -1 / inertia},
+            "u_thrust": {"body.omega": 2 * p["D_t"] / p["J_p"]},
+            "u_body": {"body.omega": 1 / p["J_p"]},
+        }
+        for name, effect in expected.items():
+            slopes = dict(zip(fmu.states, fmu.slope(fmu.rates, name), strict=True))
+            for state in fmu.states:
+                assert slopes[state] == pytest.approx(effect.get(state, 0.0), rel=1e-13), (name, state)
+
+
+def test_a_delay_delays_and_a_lag_lags(screening_fmu: Path) -> None:
+    # a slow sine of the voltage: the readings with and without, shifted by hand
+    time = np.arange(0, 12.0, 0.01)
+    signal = np.zeros(len(time), dtype=[("time", "f8"), ("V_m", "f8")])
+    signal["time"], signal["V_m"] = time, 8.0 * np.sin(1.5 * time) ** 2
+    runs = [
+        fmpy.simulate_fmu(
+            str(screening_fmu), input=signal, start_values=start, stop_time=12.0, output_interval=0.01,
+            relative_tolerance=1e-8, output=["theta", "omega_m"], fmi_type="CoSimulation",
+        )
+        for start in ({}, {"T_d": 0.05, "T_w": 0.05})
+    ]  # fmt: skip
+    t = runs[0]["time"]
+    late = t > 1.0
+    shifted = np.interp(t - 0.05, t, runs[0]["theta"])
+    np.testing.assert_allclose(runs[1]["theta"][late], shifted[late], atol=2e-5)
+    lagged = np.zeros(len(t))
+    decay = np.exp(-0.01 / 0.05)
+    for k in range(1, len(t)):
+        middle = 0.5 * (runs[0]["omega_m"][k] + runs[0]["omega_m"][k - 1])
+        lagged[k] = decay * lagged[k - 1] + (1 - decay) * middle
+    np.testing.assert_allclose(runs[1]["omega_m"][late], lagged[late], atol=0.02 * np.abs(lagged).max())

@@ -1,0 +1,252 @@
+"""Small Modelica models: what the embedded exporter translates, and what it refuses by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.embedded import explicit_model
+from aero_bayes.export.expression import evaluate
+
+Write = Callable[[str, str], Path]
+
+
+def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
+    b = model.system.builder
+    known = {
+        b.symbol(p.name): p.binding.value for p in model.system.parameters if p.binding and p.binding.op == "const"
+    }
+    known |= {b.symbol(n): v for n, v in at.items()}
+    solved = {n: e for n, e in model.solved.items() if not n.startswith("der(")}
+    names = [*(f"der({s})" for s in model.states), *solved]
+    return dict(zip(names, evaluate([*model.rates, *solved.values()], known), strict=True))
+
+
+def test_functions_conditions_and_arithmetic(modelica: Write) -> None:
+    source = modelica(
+        "Mixed",
+        """within ;
+model Mixed
+  function bent "a loop, a branch and a table"
+    input Real x; input Real c[:]; output Real y;
+  protected
+    Real a;
+  algorithm
+    a := 0;
+    for i in 1:size(c, 1) loop
+      a := a + c[i] * x ^ i;
+    end for;
+    if x > 0 then y := a; elseif x > -1 then y := -2 * a; else y := 5; end if;
+  end bent;
+  parameter Real c[3] = {1, -2, 0.5};
+  parameter Real k(unit = "N.m", min = 0, max = 3) = 0.5 "gain";
+  parameter Real twice = 2 * k;
+  input Real u;
+  Real x(start = 1, fixed = true), y, z(start = 0.3, fixed = true), w;
+equation
+  der(x) = -x + u * tanh(y / 0.7) + bent(x, c);
+  y = noEvent(if x > 0 then x else -x) + smooth(1, if x > 0.5 then x ^ 2 else x - 0.25) + twice;
+  der(z) = min(x, y) - max(z, 0) + sign(x) + abs(z) + sqrt(1 + x ^ 2) + atan2(x, y) + sum(c) * time;
+  w = exp(-x) * log(2 + x * x) - sin(x) * cos(z) / cosh(x) + x ^ 3 - (-x) ^ 2 + asin(x / 9) + 2 ^ x;
+end Mixed;
+""",
+    )
+    model = explicit_model("Mixed", [source])
+    for x in (0.8, -0.4, -1.7, 0.2):
+        u, z, t = 1.3, -0.2, 0.9
+        found = values(model, {"x": x, "z": z, "u": u, "time": t})
+        a = x - 2 * x**2 + 0.5 * x**3
+        bent = a if x > 0 else -2 * a if x > -1 else 5.0
+        y = abs(x) + (x**2 if x > 0.5 else x - 0.25) + 1.0
+        assert found["y"] == pytest.approx(y, rel=1e-14)
+        assert found["der(x)"] == pytest.approx(-x + u * math.tanh(y / 0.7) + bent, rel=1e-13)
+        sign = (x > 0) - (x < 0)
+        rate = min(x, y) - max(z, 0) + sign + abs(z) + math.sqrt(1 + x**2) + math.atan2(x, y) - 0.5 * t
+        assert found["der(z)"] == pytest.approx(rate, rel=1e-13)
+        w = math.exp(-x) * math.log(2 + x * x) - math.sin(x) * math.cos(z) / math.cosh(x)
+        assert found["w"] == pytest.approx(w + x**3 - x**2 + math.asin(x / 9) + 2**x, rel=1e-13)
+
+
+def test_an_algebraic_loop_is_solved(modelica: Write) -> None:
+    source = modelica(
+        "Loop",
+        """within ;
+model Loop
+  parameter Real a = 3; parameter Real b = 2;
+  Real x(start = 1, fixed = true); Real p, q, r;
+equation
+  p + a * q = x; q - r = 2 * p; b * r + q = 4;
+  der(x) = -p * x;
+end Loop;
+""",
+    )
+    found = values(explicit_model("Loop", [source]), {"x": 0.7})
+    p, q, r = found["p"], found["q"], found["r"]
+    assert p + 3 * q == pytest.approx(0.7)
+    assert q - r == pytest.approx(2 * p)
+    assert 2 * r + q == pytest.approx(4)
+
+
+def test_rigidly_coupled_inertias_share_their_acceleration(modelica: Write) -> None:
+    source = modelica(
+        "Coupled",
+        """within ;
+model Coupled
+  input Real u;
+  Aero.Mechanical.Torque drive(tau = u);
+  Aero.Mechanical.Inertia one(J = 2), two(J = 3);
+equation
+  connect(drive.flange, one.flange_a);
+  connect(one.flange_b, two.flange_a);
+end Coupled;
+""",
+    )
+    model = explicit_model("Coupled", [source])
+    assert len(model.states) == 1
+    assert values(model, {model.states[0]: 0.1, "u": 10.0})[f"der({model.states[0]})"] == pytest.approx(2.0)
+
+
+def test_the_rate_of_an_algebraic_variable(modelica: Write) -> None:
+    source = modelica(
+        "Rate",
+        """within ;
+model Rate
+  Real x(start = 1, fixed = true), F, y(start = 0, fixed = true);
+equation
+  der(x) = -2 * x; F = x ^ 3; der(y) = der(F);
+end Rate;
+""",
+    )
+    model = explicit_model("Rate", [source])
+    assert set(model.states) == {"x", "y"}
+    assert values(model, {"x": 0.5, "y": 0.0})["der(y)"] == pytest.approx(3 * 0.25 * -1.0)
+
+
+def test_start_values_follow_parameters_and_initial_equations(modelica: Write, tmp_path: Path) -> None:
+    from export_driver import driven
+
+    from aero_bayes.export import export_fmu
+
+    source = modelica(
+        "Starts",
+        """within ;
+model Starts
+  parameter Real a = 2; parameter Real both = 3 * a;
+  Real x(start = a + 1, fixed = true), z(start = 9);
+initial equation
+  der(z) = 0;
+equation
+  der(x) = -both * x; der(z) = 4 * x - a * z;
+end Starts;
+""",
+    )
+    path = export_fmu("Starts", tmp_path / "starts.fmu", compiler="embedded", sources=[source])
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(path)) == []
+    with driven(path) as fmu:
+        fmu.set(a=5.0)
+        fmu.begin()
+        assert fmu.get("both")[0] == 15.0
+        assert fmu.get("x", "z") == pytest.approx([6.0, 4 * 6.0 / 5.0])
+        fmu.fmu.reset()
+        fmu.set(a=5.0, x=1.5)
+        fmu.begin()
+        assert fmu.get("x", "z") == pytest.approx([1.5, 4 * 1.5 / 5.0])
+
+
+def test_inner_parameters_are_shown_only_where_they_act(modelica: Write, tmp_path: Path) -> None:
+    from export_driver import driven
+
+    from aero_bayes.export import export_fmu
+
+    source = modelica(
+        "Inner",
+        """within ;
+model Inner
+  input Real u(unit = "N.m");
+  Aero.Mechanical.Torque drive(tau = u);
+  Aero.Mechanical.PitchingBody body(J_p = 2);
+  parameter Real unused = 1;
+  parameter Boolean flag = true;
+equation
+  connect(drive.flange, body.flange);
+end Inner;
+""",
+    )
+    path = export_fmu("Inner", tmp_path / "inner.fmu", compiler="embedded", sources=[source])
+    with driven(path) as fmu:
+        assert set(fmu.parameters) == {"unused", "body.J_p", "body.D_p", "body.K_sp"}
+        fmu.begin()
+        fmu.set_all({"u": 3.0, "body.J_p": 6.0, "body.D_p": 0.0, "body.K_sp": 0.0})
+        rates = dict(zip(fmu.states, fmu.rhs(np_zeros(2)), strict=True))
+        assert rates["body.omega"] == pytest.approx(0.5)
+
+
+def np_zeros(n: int) -> object:
+    import numpy as np
+
+    return np.zeros(n)
+
+
+MODEL = "within ;\nmodel Bad\n  Real x(start = 1, fixed = true); Real y;\nequation\n  der(x) = -x;\n{}\nend Bad;\n"
+
+REFUSED = [
+    ("  y = 1;\n  when x < 0.5 then reinit(x, 1); end when;", r"Bad\.mo:7: 'when' makes an event"),
+    ("  y = if x > 0.5 then 1 else 0;", r"Bad\.mo:6: 'if' makes an event"),
+    ("  y = sample(0, 1);", "Bad"),
+    ("  y = floor(x);", "Bad"),
+    ("  y = delay(x, 0.1);", r"Bad\.mo:6: 'delay'"),
+    ('  y = 1; assert(x > 0, "no");', r"Bad\.mo:6: 'assert'"),
+    ("  y ^ 3 + y = x;", "loop over y is not linear"),
+    ("  der(2 * x) = y;", "derivative"),
+    ("  y = foo(x);", "foo"),
+    ("  y = x +;", "Bad"),
+    ("", "1 equations, 2 unknowns"),
+    ("  y = 1; y = 2;", "3 equations, 2 unknowns"),
+    ("  y = q;", "q"),
+    ("  0 = x - 2 * x;", "Bad"),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), REFUSED)
+def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: Write) -> None:
+    source = modelica("Bad", MODEL.format(line))
+    with pytest.raises(InputError, match=message) as caught:
+        explicit_model("Bad", [source])
+    assert "\n" not in str(caught.value)
+    assert "/tmp" not in str(caught.value)
+
+
+def test_modifiers_that_the_front_end_would_drop_are_refused(modelica: Write) -> None:
+    source = modelica(
+        "Dropped",
+        """within ;
+model Dropped
+  parameter Real tau_c = 1e-3;
+  extends Aero.Systems.OneDof(
+    redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction(tau_c = tau_c));
+end Dropped;
+""",
+    )
+    with pytest.raises(InputError, match=r"Dropped\.mo:5: modifiers of the redeclared class 'BodyEffect'"):
+        explicit_model("Dropped", [source])
+
+
+def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="Nothing"):
+        explicit_model("Aero.Systems.Nothing")
+    with pytest.raises(InputError, match=r"missing\.mo: expected a Modelica file"):
+        explicit_model("Missing", [tmp_path / "missing.mo"])
+    with pytest.raises(InputError, match="not a Modelica model name"):
+        explicit_model("Aero; quit()")
+
+
+def test_the_shipped_experiment_with_a_time_event_is_refused() -> None:
+    with pytest.raises(InputError, match=r"PaperStep\.mo:3: 'if' makes an event"):
+        explicit_model("Aero.Experiments.PaperStep")
