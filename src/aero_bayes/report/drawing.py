@@ -228,7 +228,7 @@ def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[flo
     cut = panel.y_limits is not None or panel.x_limits is not None
     if cut:
         canvas.clip(frame.left, frame.top, frame.width, frame.height)
-    for layer in panel.layers:
+    for layer in sorted(panel.layers, key=lambda layer: isinstance(layer, Line)):
         match layer:
             case Line():
                 dashes = "5 3" if layer.dashes else ""
