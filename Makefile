@@ -41,15 +41,15 @@ $(VENV)/.tested: $(VENV)/.installed
 fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (default reports/OneDof.fmu)
 	$(RUN) fmu $(if $(MODEL),--model $(MODEL)) --out $(or $(OUT),reports/$(lastword $(subst ., ,$(or $(MODEL),OneDof))).fmu)
 
-$(SIMULATED)/train.csv: $(VENV)/.installed
+$(SIMULATED)/simulated.json: | setup
 	$(RUN) bench --out $(SIMULATED) --seed $(SEED)
 
-fit posterior: setup $(if $(DATA),,$(SIMULATED)/train.csv) ## fit, or fit and sample, DATA (default: simulated) into OUT
-	$(RUN) $@ $(foreach f,$(or $(DATA),$(SIMULATED)/train.csv),--data $(f)) --out $(or $(OUT),reports/$@) $(OPTIONS)
+fit posterior: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## fit, or fit and sample, DATA (default: simulated) into OUT
+	$(RUN) $@ $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) --out $(or $(OUT),reports/$@) $(OPTIONS)
 
-loop: setup $(if $(DATA),,$(SIMULATED)/train.csv) ## close the loop on DATA, judged on TEST or a held-out part
-	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train.csv),--train $(f)) \
-	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
+loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA, judged on TEST or a held-out part
+	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
+	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
 
 replay: setup ## the paper's Table 1 and Fig. 6
 	$(RUN) replay --out $(or $(OUT),reports/replay) --seed $(SEED)

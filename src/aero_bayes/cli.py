@@ -1,4 +1,4 @@
-"""The command line: parses, calls one function of :mod:`aero_bayes.workflow`, turns errors into one line and a status."""
+"""The command line: parses, calls one function of the workflow, turns errors into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def run_options(command: Command) -> Command:
     for option in (
         click.option("--model", help="Modelica class or FMU file.  [default: Aero.Systems.OneDof]"),
         click.option("--config", type=FILE, help="TOML file with everything else."),
-        click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same numbers."),
+        click.option(
+            "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
+        ),
         click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one a core]"),
         click.option("--engine", type=click.Choice(["native", "fmpy"]), help="Simulator.  [default: native]"),
         click.option("--resume", is_flag=True, help="Go on from the checkpoint in the output folder."),

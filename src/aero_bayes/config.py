@@ -62,7 +62,7 @@ class ColumnSection(Section):
 
 
 class DataSection(Section):
-    """``[data]``: names of inputs and outputs (default: the AERO's, else the model's), and where they stand in the file."""
+    """``[data]``: names of inputs and outputs (default: the AERO's, else the model's), and their columns."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
@@ -73,16 +73,16 @@ class PsoSection(Section):
     """``[fit.pso]``: particle swarm."""
 
     particles: Count = 40
-    iterations: Count = 60
-    tolerance: Annotated[float, Field(ge=0)] = 1e-3
+    iterations: Count = 120
+    tolerance: Annotated[float, Field(ge=0)] = 0.5
 
 
 class LocalSection(Section):
     """``[fit.local]``: bounded trust-region search."""
 
     iterations: Count = 60
-    tolerance: Positive = 1e-8
-    starts: Count = 4
+    tolerance: Positive = 1e-4
+    starts: Count = 3
 
 
 class StageSection(Section):
@@ -95,9 +95,9 @@ class StageSection(Section):
 class FitSection(Section):
     """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
 
-    cost: Literal["likelihood", "weighted", "eq6"] = "likelihood"
     method: Literal["pso+local", "pso", "local"] = "pso+local"
-    initial_states: Literal["fixed", "estimated"] = "fixed"
+    staged: bool = True
+    initial_states: Literal["auto", "reading", "estimated"] = "auto"
     max_input_delay: Annotated[float, Field(ge=0)] = 0.02
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
@@ -109,8 +109,8 @@ class PosteriorSection(Section):
 
     ensembles: Annotated[int, Field(ge=4)] = 4
     walkers: Count | None = None
-    max_steps: Count = 4000
-    max_minutes: Positive = 20.0
+    max_steps: Count = 6000
+    max_minutes: Positive = 15.0
     r_hat: Annotated[float, Field(gt=1.0)] = 1.01
     ess: Count = 1000
 

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from aero_bayes.bench import default_recordings
 from aero_bayes.config import load_config
-from aero_bayes.data import AERO, read_recording, summarise
+from aero_bayes.data import read_recording, summarise
 from aero_bayes.inference.fit import fit
-from aero_bayes.inference.mcmc import SampleSettings, sample
-from aero_bayes.inference.posterior import Posterior
+from aero_bayes.inference.posterior import Posterior, sample
 from aero_bayes.inference.result import Fit
+from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
 from aero_bayes.workflow.progress import ProgressBar
-from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 from aero_bayes.workflow.study import RunOptions, Study, columns_of, layout_of, open_study
 
@@ -46,9 +46,79 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         found = _fit(study, progress)
         posterior = _sample(study, found, progress)
     result, series = _fit_part(study, found)
-    sampled, bands = _posterior_part(study, posterior)
+    sampled, bands = _posterior_part(posterior)
     result = merge(result, sampled)
     _finish(study, "posterior", began, [result, _closing(result)], series | bands)
+
+
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+    """What plain ``make`` runs: the fit, its posterior, the paper's table and the closed loop, on one page.
+
+    Without recordings it runs on those of the simulated bench, and the page says so.
+    """
+    began = time.perf_counter()
+    if not files:
+        files, tests = write_simulated(options.out / "simulated", options.seed)
+    study = open_study(files, options, tests=tests)
+    with ProgressBar(options.quiet) as progress:
+        found = _fit(study, progress)
+        posterior = _sample(study, found, progress)
+        table = replay_paper(
+            seed=options.seed,
+            workers=options.workers,
+            engine=study.engine,
+            out=options.out / "replay",
+            progress=progress,
+        )
+        loop = _loop(study, progress) if study.modelica else None
+    result, series = _fit_part(study, found)
+    sampled, bands = _posterior_part(posterior)
+    parts = [merge(result, sampled), {"replay": table.to_dict()}]
+    series = series | bands | table.series
+    if loop is not None:
+        parts.append(loop_part(loop))
+        series = series | loop.series
+    _finish(study, "all", began, parts, series)
+
+
+def run_replay(out: Path, seed: int, quiet: bool) -> None:
+    """``aero-bayes replay``: the paper's Table 1 and Fig. 6 on a page of their own."""
+    out.mkdir(parents=True, exist_ok=True)
+    with ProgressBar(quiet) as progress:
+        table = replay_paper(seed=seed, out=out, progress=progress)
+    best = min((row for row in table.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
+    write_series(out, table.series)
+    write_result(
+        out,
+        {
+            "schema": SCHEMA,
+            "command": "replay",
+            "seed": seed,
+            "versions": versions(),
+            "data": [],
+            "simulated": True,
+            "replay": table.to_dict(),
+            "failures": table.failures,
+            "seconds": table.seconds,
+            "verdict": {
+                "level": "good",
+                "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad².",
+            },
+        },
+    )
+    click.echo(f"wrote {write_report(out)}")
+
+
+def run_bench(out: Path, seed: int) -> None:
+    """``aero-bayes bench``: recordings of the simulated AERO."""
+    train, test = write_simulated(out, seed)
+    click.echo(f"simulated, not measured: {', '.join(str(path) for path in (*train, *test))}")
+
+
+def write_simulated(folder: Path, seed: int) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """The bench's default recordings as CSV files: for fitting, and for judging."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return default_recordings(seed).write(folder)
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
@@ -98,10 +168,10 @@ def _fit_part(study: Study, found: Fit) -> tuple[Json, Series]:
     return result, measured_series(study.recordings) | fitted_series(found)
 
 
-def _posterior_part(study: Study, posterior: Posterior) -> tuple[Json, Series]:
-    bands = posterior.bands()
+def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
+    bands = posterior.predictive
     return posterior.to_dict(), band_series(
-        posterior.fit.calibration.names, posterior.fit.outputs, bands.lower, bands.upper
+        posterior.calibration.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
     )
 
 

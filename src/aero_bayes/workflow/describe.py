@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, input_jumps, noise_floor
-from aero_bayes.inference.noise import innovations
 from aero_bayes.inference.diagnostics import whiteness
+from aero_bayes.inference.noise import innovations
 from aero_bayes.inference.result import Fit
 from aero_bayes.workflow.results import SCHEMA, versions
 from aero_bayes.workflow.study import Study
@@ -19,7 +19,7 @@ from aero_bayes.workflow.study import Study
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
-#: A residual that is larger than this many times the noise floor, or correlated beyond what chance gives, is structured.
+#: A residual larger than this many times the noise floor is structured; so is one that its noise model leaves coloured.
 RATIO_LIMIT = 1.25
 #: Written beside the recordings of the simulated bench; its presence is how a page knows to say so.
 LABEL = "simulated.json"
@@ -81,7 +81,7 @@ def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
     table: Json = {}
     for index, name in enumerate(fit.calibration.names):
         experiment = fit.calibration.experiments[index]
-        floors = next((r["noise_floor"] for r in recordings if r["name"] == name), {})
+        floors: Mapping[str, float] = next((r["noise_floor"] for r in recordings if r["name"] == name), {})
         table[name] = {
             output: _judge_residual(fit, index, experiment.time, column, output, floors.get(output))
             for column, output in enumerate(fit.outputs)

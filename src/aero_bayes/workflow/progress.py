@@ -19,7 +19,7 @@ class ProgressBar:
         self._phase = ""
         self._bar: tqdm[None] | None = None
 
-    def __call__(self, phase: str, share: float, value: float | None = None) -> None:
+    def __call__(self, phase: str, share: float, value: float | str = "") -> None:
         if self._quiet:
             if phase != self._phase:
                 self._phase = phase
@@ -32,8 +32,7 @@ class ProgressBar:
                 total=RESOLUTION, desc=phase, bar_format="{desc:<24}{percentage:3.0f}%|{bar:30}| {elapsed}{postfix}"
             )
         self._bar.update(max(0, round(min(share, 1.0) * RESOLUTION) - self._bar.n))
-        if value is not None:
-            self._bar.set_postfix_str(f"{value:.6g}", refresh=False)
+        self._bar.set_postfix_str(value if isinstance(value, str) else f"{value:.6g}", refresh=False)
 
     def close(self) -> None:
         """End the bar that is open."""

@@ -51,7 +51,7 @@ def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
     """Write ``series.npz``, the curves that the page draws."""
     path = directory / "series.npz"
     with whole_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, **{key: np.asarray(value) for key, value in series.items()})
+        np.savez_compressed(stream, allow_pickle=False, **{key: np.asarray(v) for key, v in series.items()})
     return path
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from aero_bayes.inference.calibration import CalibrationSettings
 from aero_bayes.inference.fit import FitSettings
 from aero_bayes.inference.local import LocalSettings
+from aero_bayes.inference.mcmc import SampleSettings
 from aero_bayes.inference.pso import SwarmSettings
 from aero_bayes.inference.staged import Stage
 from aero_bayes.workflow.study import Study
@@ -15,14 +16,13 @@ def fit_settings(study: Study) -> FitSettings:
     section = study.config.fit
     delay = section.max_input_delay
     return FitSettings(
-        method=section.method,
-        cost=section.cost,
+        method="chain" if section.method == "pso+local" else section.method,
         staged=section.staged,
         stages=tuple(Stage(s.parameters, s.outputs) for s in section.stages) if section.stages else None,
         swarm=SwarmSettings(
             particles=section.pso.particles, iterations=section.pso.iterations, tolerance=section.pso.tolerance
         ),
-        local=LocalSettings(iterations=section.local.iterations, tolerance=section.local.tolerance),
+        local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         calibration=CalibrationSettings(
             outputs=study.config.data.outputs,
@@ -31,4 +31,17 @@ def fit_settings(study: Study) -> FitSettings:
             start=section.initial_states,
             solver=study.solver,
         ),
+    )
+
+
+def sample_settings(study: Study) -> SampleSettings:
+    """How long the study wants its posterior sampled."""
+    section = study.config.posterior
+    return SampleSettings(
+        ensembles=section.ensembles,
+        walkers=section.walkers,
+        max_steps=section.max_steps,
+        time_limit=60.0 * section.max_minutes,
+        r_hat=section.r_hat,
+        ess=section.ess,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import AERO, ColumnMap, Layout, Recording, read_recording
@@ -15,6 +16,9 @@ from aero_bayes.inference.parameters import Override, ParameterSet, parameters_f
 from aero_bayes.inference.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
+from aero_bayes.workflow.timescale import check_duration
+
+Engine = Literal["native", "fmpy"]
 
 DEFAULT_MODEL = "Aero.Systems.OneDof"
 
@@ -28,7 +32,7 @@ class RunOptions:
     config: Path | None = None
     seed: int = 1
     workers: int | None = None
-    engine: str | None = None
+    engine: Engine | None = None
     resume: bool = False
     quiet: bool = False
 
@@ -51,7 +55,8 @@ class Study:
     fixed: dict[str, float]
 
     @property
-    def engine(self) -> str:
+    def engine(self) -> Engine:
+        """Which simulator runs."""
         return self.options.engine or self.config.solver.engine
 
     @property
@@ -88,6 +93,7 @@ def open_study(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Pa
         model = Model.load(export_fmu(name, built, sources=config.model.sources))
     parameters = _parameters(model, config)
     fixed = _fixed(model, config, parameters)
+    check_duration(recordings, model, fixed)
     options.out.mkdir(parents=True, exist_ok=True)
     return Study(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
 
@@ -137,9 +143,7 @@ def _part_of_aero(inputs: Sequence[str] | None, outputs: Sequence[str] | None) -
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
     return {
-        name: ColumnMap(
-            section.source, section.unit, section.scale, section.offset, section.counts_per_revolution
-        )
+        name: ColumnMap(section.source, section.unit, section.scale, section.offset, section.counts_per_revolution)
         for name, section in config.data.columns.items()
     }
 
