@@ -30,7 +30,9 @@ def draw(rng, n, interval, noise):
     return x + rng.normal(0, noise.white, n)
 
 
-@pytest.mark.parametrize("noise", [OutputNoise(0.3, 1.2, 0.4), OutputNoise(1.0, 0.2, 2.0), OutputNoise(0.01, 1.0, 0.05)])
+@pytest.mark.parametrize(
+    "noise", [OutputNoise(0.3, 1.2, 0.4), OutputNoise(1.0, 0.2, 2.0), OutputNoise(0.01, 1.0, 0.05)]
+)
 @pytest.mark.parametrize("gaps", ["none", "block", "random", "uneven"])
 def test_filter_is_the_dense_density(noise, gaps):
     rng = np.random.default_rng(3)

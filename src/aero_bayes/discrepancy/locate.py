@@ -47,7 +47,7 @@ class LinearResponse:
 class PortSignal:
     """The signal at one port that explains the residual best.
 
-    ``gain`` is the log-evidence over no signal at all; ``time``, ``values``, ``sd`` have shape (k,), in the port's unit.
+    ``gain`` is the log-evidence over no signal; ``time``, ``values``, ``sd`` have shape (k,), in the port's unit.
     """
 
     port: str
@@ -131,7 +131,7 @@ def infer_signal(
 
 @dataclass(frozen=True)
 class Moment:
-    """A disturbance that belongs to a window of time: at which port, from when to when (s), how large, what it gains."""
+    """A disturbance tied to a window of time: at which port, from when to when (s), how large, what it gains."""
 
     port: str
     start: float
@@ -141,7 +141,12 @@ class Moment:
 
 
 def find_moment(
-    port: str, time: FloatArray, responses: FloatArray, linear: LinearResponse, longest: int = 8, prior_size: float = 0.0
+    port: str,
+    time: FloatArray,
+    responses: FloatArray,
+    linear: LinearResponse,
+    longest: int = 8,
+    prior_size: float = 0.0,
 ) -> Moment | None:
     """The constant signal over a few neighbouring knots that explains most, its place paid for.
 

@@ -1,13 +1,14 @@
 """Readings made ready for a test of small effects: what is known to be the sensor's doing is taken out first.
 
-Three things in a real recording are neither physics nor stationary noise: ripple that is locked to the rotor's angle, an
-encoder that repeats one count while the body hardly moves, and ripple whose alias at the sample rate lies so low that it
-looks like physics. The first is demodulated and subtracted, readings of the other two become gaps.
+Three things in a real recording are neither physics nor stationary noise: ripple that is locked to the rotor's angle,
+an encoder that repeats one count while the body hardly moves, and ripple whose alias at the sample rate lies so low that
+it looks like physics. The first is demodulated and subtracted, readings of the other two become gaps.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ def thin_standstill(time: FloatArray, values: FloatArray, longest: float = 0.5, 
         return use
     seen = values[index]
     edges = np.concatenate(([0], np.flatnonzero(np.diff(seen) != 0.0) + 1, [seen.size]))
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         if time[index[stop - 1]] - time[index[start]] > longest:
             kept = np.round(np.linspace(start, stop - 1, keep)).astype(int)
             use[index[start:stop]] = False
@@ -72,7 +73,7 @@ def thin_standstill(time: FloatArray, values: FloatArray, longest: float = 0.5, 
 
 def demodulate(residual: FloatArray, angle: FloatArray, order: float, interval: float) -> FloatArray:
     """The part of ``residual`` (n,) that is locked to ``order`` periods a turn of ``angle`` (rad), shape (n,)."""
-    width = max(int(round(WINDOW / interval)) | 1, 3)
+    width = max(round(WINDOW / interval) | 1, 3)
     window = np.hanning(width + 2)[1:-1]
     carrier = np.exp(1j * order * angle)
     inside = fftconvolve(np.ones(residual.size), window, mode="same")
@@ -112,7 +113,7 @@ def remove_ripple(
     interval = float(np.median(np.diff(time)))
     angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
     # Only what varies faster than the physics of a steady stretch can be ripple.
-    width = max(int(round(0.5 / interval)) | 1, 3)
+    width = max(round(0.5 / interval) | 1, 3)
     smooth = fftconvolve(residual, np.hanning(width + 2)[1:-1], mode="same")
     smooth /= fftconvolve(np.ones(n), np.hanning(width + 2)[1:-1], mode="same")
     fast = residual - smooth

@@ -187,7 +187,8 @@ def inspect(
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                names[series.experiment], series.output, rms, floor, tuple(tests), lags, acf, correlations, window, share,
+                names[series.experiment], series.output, rms, floor, tuple(tests), lags, acf, correlations, window,
+                share,
                 "structured" if structured else "adequate",
             )
         )  # fmt: skip
@@ -199,8 +200,9 @@ def autocorrelation(values: FloatArray, interval: float, lags: int = 200) -> tup
     x = values - values.mean()
     size = 1 << (2 * x.size - 1).bit_length()
     power = np.abs(np.fft.rfft(x, size)) ** 2
-    acf = np.fft.irfft(power, size)[: min(lags + 1, x.size)]
-    return interval * np.arange(acf.size), acf / acf[0] if acf[0] > 0.0 else acf
+    acf: FloatArray = np.fft.irfft(power, size)[: min(lags + 1, x.size)]
+    grid: FloatArray = interval * np.arange(acf.size, dtype=np.float64)
+    return grid, acf / acf[0] if acf[0] > 0.0 else acf
 
 
 def _states(study: Study, fit: Refit, series: Series) -> dict[str, FloatArray]:

@@ -24,7 +24,7 @@ _SETTLED = 1e-6
 
 @dataclass(frozen=True)
 class OutputNoise:
-    """Noise of one output: white with ``white`` (sd), and a process of sd ``drift`` and correlation time ``tau`` (s)."""
+    """Noise of one output: white of sd ``white``, and a process of sd ``drift`` and correlation time ``tau`` (s)."""
 
     white: float
     drift: float = 0.0
@@ -177,7 +177,9 @@ class BinnedPower:
         weight[0] = 0.5
         weight *= sampling.size / n
         line = np.arange(power.size)
-        edges = np.unique(np.concatenate((np.arange(min(12, power.size)), np.geomspace(12, power.size, bins).astype(int))))
+        edges = np.unique(
+            np.concatenate((np.arange(min(12, power.size)), np.geomspace(12, power.size, bins).astype(int)))
+        )
         edges = edges[edges < power.size]
         count = np.add.reduceat(weight, edges)
         angular = 2.0 * np.pi / n * np.add.reduceat(weight * line, edges) / count
@@ -212,7 +214,13 @@ def estimate_noise(
     fast = float(np.sum(count[half] * observed[half]) / max(np.sum(count[half]), 1.0)) or total
     cosine = np.cos(angular)
     low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(1.5 * interval)])
-    high = np.array([math.log(max(4.0 * total, 2.0 * smallest)), math.log(30.0 * total + 30 * smallest), math.log(max(longest, 4.0 * interval))])
+    high = np.array(
+        [
+            math.log(max(4.0 * total, 2.0 * smallest)),
+            math.log(30.0 * total + 30 * smallest),
+            math.log(max(longest, 4.0 * interval)),
+        ]
+    )
 
     def objective(x: FloatArray) -> tuple[float, FloatArray]:
         white, drift, tau = math.exp(x[0]), math.exp(x[1]), math.exp(x[2])
