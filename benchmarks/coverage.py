@@ -1,0 +1,344 @@
+"""Do the intervals hold what they promise? Simulation-based calibration and coverage over simulated recordings.
+
+Every study draws the truth from the prior, simulates, fits as any recording is fitted (noise chosen by the data), and
+asks where the truth ranks in the posterior. If inference is right the ranks are uniform and an interval of 90 % holds
+the truth in 90 % of the studies (Talts et al., 2018, arXiv:1804.06788).
+
+Four cells are simulated with the model itself: white and correlated noise, one and two recordings. Two more come from
+the bench, which shares no code with the model: one with white noise, one with the sensors of a real rig (correlated
+noise, ripple, encoder quantisation), which the noise model can describe only roughly; it is shown, not counted.
+
+The posterior is the Laplace approximation refined by Pareto-smoothed importance sampling; where its diagnostic says no,
+and on every tenth study to check it, the ensembles of the main program sample instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import time
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from coverage_page import write_page
+from scipy.stats import kstest
+from tqdm import tqdm
+
+from aero_bayes import bench
+from aero_bayes.data import Recording, to_experiment
+from aero_bayes.export import export_fmu
+from aero_bayes.inference import (
+    CalibrationSettings,
+    Fit,
+    FitSettings,
+    ParameterSet,
+    aero_overrides,
+    calibrate,
+    parameters_from_model,
+)
+from aero_bayes.inference.evidence import importance_posterior, joint_target
+from aero_bayes.inference.fit import fit_calibration
+from aero_bayes.inference.identifiability import Status
+from aero_bayes.inference.importance import Weighted
+from aero_bayes.inference.mcmc import SampleSettings, run
+from aero_bayes.inference.moves import HeavyTail
+from aero_bayes.simulation import (
+    DelayTarget,
+    Model,
+    ParameterTarget,
+    Problem,
+    Simulator,
+    SolverSettings,
+    StartTarget,
+    open_simulator,
+)
+
+FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")
+OUTPUTS = ("i_m", "omega_m", "theta")
+DELAY_LIMIT = 0.02
+LEVELS = (0.5, 0.9)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A kind of study: how many recordings, with which noise, made by what; ``counted`` in the summary or not."""
+
+    name: str
+    noise: str
+    recordings: int
+    source: str
+    studies: int
+    counted: bool = True
+
+
+CELLS = (
+    Cell("white noise, one recording", "white", 1, "model", 110),
+    Cell("white noise, two recordings", "white", 2, "model", 55),
+    Cell("correlated noise, one recording", "correlated", 1, "model", 110),
+    Cell("correlated noise, two recordings", "correlated", 2, "model", 55),
+    Cell("bench, white noise", "white", 1, "bench", 40),
+    Cell("bench, a real rig's sensors", "real", 1, "bench", 40, counted=False),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What makes one study different from every other run of it."""
+
+    seed: int
+    duration: float
+    rate_hz: float
+    draws: int
+    fmu_sha256: str
+
+    @property
+    def key(self) -> str:
+        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+
+def free_parameters(model: Model) -> ParameterSet:
+    overrides = {name: item for name, item in aero_overrides(model).items() if name in FREE}
+    return parameters_from_model(model, overrides=overrides)
+
+
+def noise_like(rng: np.random.Generator, kind: str, time: np.ndarray, span: float) -> np.ndarray:
+    """Noise of one output whose range is ``span``: white, or white plus Ornstein-Uhlenbeck, of random sizes."""
+    white = span * np.exp(rng.uniform(np.log(0.002), np.log(0.02)))
+    noise = white * rng.standard_normal(time.size)
+    if kind == "correlated":
+        size = white * np.exp(rng.uniform(np.log(0.5), np.log(3.0)))
+        tau = np.exp(rng.uniform(np.log(0.03), np.log(0.5)))
+        rho = np.exp(-np.diff(time) / tau)
+        slow = rng.standard_normal(time.size)
+        for k in range(1, time.size):
+            slow[k] = rho[k - 1] * slow[k - 1] + np.sqrt(1.0 - rho[k - 1] ** 2) * slow[k]
+        noise += size * slow
+    return noise
+
+
+def simulate_with_model(
+    rng: np.random.Generator, model: Model, truth: dict[str, float], cell: Cell, plan: Plan, name: str
+) -> Recording:
+    time = np.arange(round(plan.duration * plan.rate_hz) + 1) / plan.rate_hz
+    volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5).volts(time)
+    blank = {output: np.zeros(time.size) for output in OUTPUTS}
+    experiment = to_experiment(Recording(name, time, {"V_m": volts}, blank), OUTPUTS)
+    names = tuple(truth)
+    targets = (*(ParameterTarget(n) for n in names), DelayTarget(), StartTarget("theta"))
+    values = [*truth.values(), rng.uniform(0.0, DELAY_LIMIT), 0.02 * rng.standard_normal()]
+    problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-8, 1e-8))
+    with open_simulator(problem, workers=0) as simulator:
+        clean = simulator.simulate(np.array([values])).outputs[0][0]
+    if not np.all(np.isfinite(clean)):
+        raise ArithmeticError("the truth could not be simulated")
+    outputs = {o: clean[:, k] + noise_like(rng, cell.noise, time, np.ptp(clean[:, k])) for k, o in enumerate(OUTPUTS)}
+    return Recording(name, time, {"V_m": volts}, outputs)
+
+
+def simulate_with_bench(
+    rng: np.random.Generator, truth: dict[str, float], cell: Cell, plan: Plan, name: str
+) -> Recording:
+    rig = bench.Truth("one_dof", replace(bench.Parameters(), **truth), (), rng.uniform(0.0, DELAY_LIMIT))
+    sensors = bench.real() if cell.noise == "real" else bench.white(1.0)
+    volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5)
+    recording = bench.simulate_recording(rig, volts, sensors, rng, duration=plan.duration, rate_hz=plan.rate_hz)
+    return replace(recording, name=name)
+
+
+def study(plan: Plan, fmu: Path, cell: Cell, index: int) -> dict[str, object]:
+    """One study; everything random in it follows from the plan's seed, the cell and the index."""
+    began = time.perf_counter()
+    label = int.from_bytes(hashlib.sha256(cell.name.encode()).digest()[:4], "big")
+    rng = np.random.default_rng([plan.seed, label, index])
+    model = Model.load(fmu)
+    parameters = free_parameters(model)
+    row: dict[str, object] = {"cell": cell.name, "index": index, "key": plan.key}
+    try:
+        truth = dict(zip(parameters.names, parameters.sample_prior(rng, 1)[0].tolist(), strict=True))
+        names = [f"r{k}" for k in range(cell.recordings)]
+        if cell.source == "model":
+            recordings = [simulate_with_model(rng, model, truth, cell, plan, name) for name in names]
+        else:
+            recordings = [simulate_with_bench(rng, truth, cell, plan, name) for name in names]
+        calibration = calibrate(
+            recordings, model, parameters, settings=CalibrationSettings(delay="free", delay_limit=DELAY_LIMIT)
+        )
+        swarm = FitSettings(method="local")
+        fit = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), swarm, rng)
+        with open_simulator(calibration.problem(), workers=0) as simulator:
+            row |= judge(fit, simulator, truth, plan, rng, check=index % 10 == 0)
+    except (ArithmeticError, ValueError, RuntimeError) as error:
+        row["failed"] = str(error)
+    row["seconds"] = time.perf_counter() - began
+    return row
+
+
+def judge(
+    fit: Fit, simulator: Simulator, truth: dict[str, float], plan: Plan, rng: np.random.Generator, *, check: bool
+) -> dict[str, object]:
+    """Ranks of the truth in the posterior, with how the posterior was made."""
+    names = fit.laplace.names[: fit.laplace.parameters]
+    point = fit.calibration.parameters.to_search(
+        np.array([truth.get(p.name, p.start) for p in fit.calibration.parameters])
+    )
+    point = point[list(fit.free)]
+    found = importance_posterior(fit, simulator, plan.draws, rng)
+    weak = not found.reliable or found.ess < 100.0
+    row: dict[str, object] = {
+        "pareto_k": found.pareto_k,
+        "ess": found.ess,
+        "method": "sampler" if weak else "importance",
+    }
+    ranks = found.below(np.append(point, fit.laplace.mean[len(point) :]))
+    if weak or check:
+        chain = sampled(fit, simulator, found, rng)
+        if weak and chain is None:
+            raise ArithmeticError("neither importance sampling nor the sampler converged")
+        if chain is not None:
+            again = np.mean(chain[:, : len(point)] < point, axis=0)
+            if weak:
+                ranks = again
+            else:
+                row["sampler_ranks"] = dict(zip(names, again.tolist(), strict=True))
+    verdict = {n: str(fit.identifiability.status[n]) for n in names}
+    row["status"] = {n: verdict[n] for n in names if n in truth}
+    row["ranks"] = {n: float(r) for n, r in zip(names, ranks, strict=False) if n in truth}
+    row["noise"] = {output: noise.kind for output, noise in fit.noise.items()}
+    return row
+
+
+def sampled(fit: Fit, simulator: Simulator, found: Weighted, rng: np.random.Generator) -> np.ndarray | None:
+    """Draws of the main program's sampler, shape (n, d), or None where it does not converge in time."""
+    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance)
+    if found.ess > 50.0:
+        proposal = HeavyTail.of(found.mean, found.covariance)
+    settings = SampleSettings(ess=800.0, burn_in=(30, 40, 50), max_steps=1500, time_limit=120.0)
+    chain = run(joint_target(fit, simulator), proposal, settings, int(rng.integers(2**31)))
+    return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
+
+
+def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
+    """What the ranks say, by cell and parameter, and pooled as the contract asks."""
+    table, p_values = [], []
+    pooled: dict[str, list[float]] = {"white": [], "correlated": []}
+    recordings = 0
+    for cell in CELLS:
+        mine = [r for r in rows if r["cell"] == cell.name]
+        good = [r for r in mine if "failed" not in r]
+        recordings += cell.recordings * len(good) * cell.counted
+        for name in FREE:
+            ranks = [r["ranks"][name] for r in good if r["status"].get(name) == Status.IDENTIFIED]
+            if len(ranks) < 10:
+                continue
+            entry = {"cell": cell.name, "counted": cell.counted, "parameter": name, "studies": len(ranks)}
+            entry |= {str(round(100 * level)): inside(ranks, level) for level in LEVELS}
+            entry["rank_uniformity_p"] = float(kstest(ranks, "uniform").pvalue)
+            entry["ranks"] = np.histogram(ranks, bins=10, range=(0.0, 1.0))[0].tolist()
+            table.append(entry)
+            if cell.counted:
+                p_values.append(entry["rank_uniformity_p"])
+                pooled[cell.noise] += ranks
+    checks = [r for r in rows if "sampler_ranks" in r]
+    gaps = [abs(r["ranks"][n] - v) for r in checks for n, v in r["sampler_ranks"].items() if n in FREE]
+    failed = [r for r in rows if "failed" in r]
+    return {
+        "recordings": recordings,
+        **{kind: {str(round(100 * level)): inside(ranks, level) for level in LEVELS} for kind, ranks in pooled.items()},
+        "rank_uniformity_p_min": min(p_values, default=float("nan")),
+        "rank_uniformity_tests": len(p_values),
+        "outside_two_standard_errors": [
+            f"{e['cell']}, {e['parameter']}: {level:.0%} interval holds {e[str(round(100 * level))]:.1%}"
+            for e in table
+            for level in LEVELS
+            if abs(e[str(round(100 * level))] - level) > 2.0 * standard_error(level, e["studies"])
+        ],
+        "studies": len(rows),
+        "failed": len(failed),
+        "failures": sorted({str(r["failed"]) for r in failed}),
+        "sampled_instead": sum(r.get("method") == "sampler" for r in rows),
+        "importance_against_sampler": {"studies": len(checks), "largest_rank_gap": max(gaps, default=float("nan"))},
+        "seed": plan.seed,
+        "plan": asdict(plan),
+        "cpu_seconds": sum(float(r["seconds"]) for r in rows),
+        "rows": table,
+    }
+
+
+def inside(ranks: list[float], level: float) -> float:
+    """Share of ranks within the central interval of a level."""
+    return float(np.mean(np.abs(np.array(ranks) - 0.5) < 0.5 * level))
+
+
+def standard_error(level: float, count: int) -> float:
+    return float(np.sqrt(level * (1.0 - level) / count))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="calibration of the intervals over simulated recordings")
+    parser.add_argument("--out", type=Path, default=Path("reports"))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--share", type=float, default=1.0, help="share of the studies of every cell")
+    parser.add_argument("--minutes", type=float, default=20.0, help="start no new study after so long")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    fmu = export_fmu("Aero.Systems.OneDof", options.out / "coverage_model.fmu")
+    plan = Plan(options.seed, 15.0, 100.0, 2000, Model.load(fmu).sha256)
+    log = options.out / "coverage.jsonl"
+    lines = log.read_text().splitlines() if log.exists() else []
+    rows = [r for r in map(json.loads, filter(complete, lines)) if r["key"] == plan.key]
+    done = {(r["cell"], r["index"]) for r in rows}
+    jobs = [
+        (cell, k) for cell in CELLS for k in range(round(options.share * cell.studies)) if (cell.name, k) not in done
+    ]
+    jobs.sort(key=lambda job: (job[1] / job[0].studies, job[0].name))
+    rows += work(jobs, plan, fmu, log, options.workers, options.minutes)
+    result = summarise(rows, plan)
+    temporary = options.out / "coverage.json.part"
+    temporary.write_text(json.dumps(result, indent=1))
+    temporary.replace(options.out / "coverage.json")
+    write_page(options.out / "coverage.html", result)
+    print(json.dumps({k: v for k, v in result.items() if k != "rows"}, indent=1))
+    return 0
+
+
+def complete(line: str) -> bool:
+    """Whether a line was written whole (the last may not be, after a kill)."""
+    return line.startswith("{") and line.endswith("}")
+
+
+def work(
+    jobs: list[tuple[Cell, int]], plan: Plan, fmu: Path, log: Path, workers: int, minutes: float
+) -> list[dict[str, object]]:
+    """Run studies on so many processes, each written down as it ends."""
+    began, rows, queue = time.monotonic(), [], list(reversed(jobs))
+    with (
+        ProcessPoolExecutor(workers) as pool,
+        tqdm(total=len(jobs), desc="studies", file=sys.stderr) as bar,
+        log.open("a") as file,
+    ):
+        running = set()
+        while queue or running:
+            while queue and len(running) < workers and time.monotonic() - began < 60.0 * minutes:
+                running.add(pool.submit(study, plan, fmu, *queue.pop()))
+            if not running:
+                break
+            ended, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in ended:
+                rows.append(future.result())
+                file.write(json.dumps(rows[-1]) + "\n")
+                file.flush()
+                bar.update()
+    return rows
+
+
+if __name__ == "__main__":
+    sys.exit(main())
