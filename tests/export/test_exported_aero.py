@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import zipfile
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import fmpy
@@ -124,7 +125,7 @@ def reference_run(v_of_t: Callable[[float], float], jumps: list[float], grid: np
     """i_m, omega_m, theta of the nominal OneDof on ``grid`` (n, 3), from the hand-written equations."""
     found = np.zeros((len(grid), 3))
     x = np.zeros(6)
-    for start, end in zip(jumps[:-1], jumps[1:], strict=True):
+    for start, end in pairwise(jumps):
         v = v_of_t(0.5 * (start + end))
         here = (grid >= start) & (grid <= end)
         solution = solve_ivp(

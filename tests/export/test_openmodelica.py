@@ -43,7 +43,7 @@ def test_script_loads_everything_and_builds_both_kinds() -> None:
 
 def test_missing_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(InputError, match="omc .* not on the PATH"):
+    with pytest.raises(InputError, match=r"omc .* not on the PATH"):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
     assert not (tmp_path / "x.fmu").exists()
 

@@ -1,6 +1,6 @@
 within Aero.Interfaces;
 partial model BodyEffect "What can act at the body's pivot"
-  Flange flange "Body at the pivot" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
+  Interfaces.Flange flange "Body at the pivot" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
   input Real theta(unit = "rad") "Pitch angle";
   annotation (
     Documentation(info = "<html><p>A torque in parallel at the pivot; <code>flange.tau</code> is positive where it opposes a positive motion. The pitch

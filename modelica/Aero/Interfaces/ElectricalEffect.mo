@@ -1,8 +1,8 @@
 within Aero.Interfaces;
 partial model ElectricalEffect "What can lie between an amplifier and its motor"
-  Pin p "Towards the amplifier" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
-  Pin n "Towards the motor" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
-  Pin r "Return" annotation (Placement(transformation(extent = {{-10, -110}, {10, -90}})));
+  Interfaces.Pin p "Towards the amplifier" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
+  Interfaces.Pin n "Towards the motor" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
+  Interfaces.Pin r "Return" annotation (Placement(transformation(extent = {{-10, -110}, {10, -90}})));
   parameter Real orientation = 1 "1 where a positive motor voltage pitches the body up, -1 where it pitches it down";
   input Real w(unit = "rad/s") "Speed of the motor";
   annotation (

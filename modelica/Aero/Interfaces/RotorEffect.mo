@@ -1,6 +1,6 @@
 within Aero.Interfaces;
 partial model RotorEffect "What can act on a rotor's shaft"
-  Flange flange "Rotor shaft" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
+  Interfaces.Flange flange "Rotor shaft" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
   parameter Real orientation = 1 "1 where a positive speed pitches the body up, -1 where it pitches it down";
   input Real i(unit = "A") "Current of the motor";
   annotation (

@@ -1,8 +1,8 @@
 within Aero.Interfaces;
 partial model ThrustEffect "What can lie between a propeller and the body that carries it"
   parameter Real orientation = 1 "1 where positive thrust pitches the body up, -1 where it pitches it down";
-  Mount propeller "Towards the propeller" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
-  Mount frame "Towards the body" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
+  Interfaces.Mount propeller "Towards the propeller" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
+  Interfaces.Mount frame "Towards the body" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   input Real w(unit = "rad/s") "Speed of the propeller";
   annotation (
     Documentation(info = "<html><p>Extend it with <code>propeller.v = frame.v</code> and one equation between <code>propeller.f</code> and <code>frame.f</code>. The thrust that the propeller
