@@ -32,7 +32,7 @@ def test_every_model_of_the_paper_is_there(replay):
         row = replay.row(published.label, PAPER)
         assert row.paper_fitness == published.fitness
         assert row.fitness is not None
-    for label in ("PSO Model 1", "PSO Model 1 with data-sheet R_a and L_a", "fmincon"):
+    for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
         assert {row.variant for row in replay.rows if row.model == label} == {PAPER, RERUN, RIGHT}
     labels = [row.label for row in replay.rows]
     assert len(set(labels)) == len(labels)
@@ -56,7 +56,7 @@ def test_fitness_is_eq6_of_the_pitch(replay):
 def test_done_right_ranks_first(replay):
     best = min(row.fitness for row in replay.rows if row.variant == JOINT)
     assert all(best <= row.fitness for row in replay.rows)
-    for label in ("PSO Model 1", "PSO Model 1 with data-sheet R_a and L_a", "fmincon"):
+    for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
         assert replay.row(label, RIGHT).fitness < replay.row(label, PAPER).fitness
     details = replay.details
     assert details.swarm_scaled[1].cost < 1e-2 * details.swarm[1].cost

@@ -13,6 +13,8 @@ from aero_bayes.replay.published import BOX, FMINCON, PSO, PSO_DATASHEET, TABLE_
 from aero_bayes.replay.result import PAPER, RERUN
 from aero_bayes.simulation import Outcome
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 
 def write_notes(facts: Facts, outcomes: Mapping[Outcome, int]) -> tuple[str, ...]:
     """All sentences, in reading order."""
@@ -38,7 +40,8 @@ def number(value: float, digits: int = 3) -> str:
     if -4 < exponent < 6:
         text = f"{float(f'{mantissa}e{power}'):.{max(digits - 1 - exponent, 0)}f}"
         return text.rstrip("0").rstrip(".") if "." in text else text
-    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}e{exponent}"
+    lead = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+    return f"{lead}×10{str(exponent).translate(_RAISED)}"
 
 
 def _comparison(facts: Facts) -> Iterator[str]:
@@ -70,20 +73,20 @@ def _units(facts: Facts) -> Iterator[str]:
     )
     fitted = facts.details.linear.value("k_t")
     yield (
-        f"Even so `k_t` = {number(k_t)} N s/rad is {number(k_t / fitted, 2)} times what this bench asks for "
-        f"({number(fitted)} N s/rad). The paper does not print its body's stiffness and arm, so its thrust cannot be "
+        f"Even so `k_t` = {number(k_t)} N·s/rad is {number(k_t / fitted, 2)} times what this bench asks for "
+        f"({number(fitted)} N·s/rad). The paper does not print its body's stiffness and arm, so its thrust cannot be "
         "checked against its own bench."
     )
     yield (
         f"`k_d` = {number(UNOPTIMISED.parameters['k_d'])} is negative in Table 1, as a load on the rotor. Our drag "
-        f"torque opposes the rotation by itself, so it enters as {number(UNOPTIMISED.model_values['k_d'])} N m s/rad."
+        f"torque opposes the rotation by itself, so it enters as {number(UNOPTIMISED.model_values['k_d'])} N·m·s/rad."
     )
 
 
 def _heavy_rotor(facts: Facts) -> Iterator[str]:
     first, second = facts.peak[PSO.label], facts.peak[PSO_DATASHEET.label]
     yield (
-        f"A rotor of {number(PSO.parameters['J_r'])} kg m^2 does not start: in 20 s at 24 V it reaches "
+        f"A rotor of {number(PSO.parameters['J_r'])} kg·m² does not start: in 20 s at 24 V it reaches "
         f"{number(first['omega_m'])} rad/s, or {number(second['omega_m'])} rad/s with the data-sheet `R_a`, and the "
         f"pitch stays below {number(max(first['theta'], second['theta']))} rad. Both models must then cost what a body "
         f"that never moves costs: {number(facts.fitness(PSO.label, PAPER))} and "
@@ -97,16 +100,16 @@ def _swarm(facts: Facts) -> Iterator[str]:
     whole = details.quadratic.value("J_r") + details.visibility.values["J_s"]
     median, largest = np.median(details.endings, axis=0), np.max(details.endings, axis=0)
     yield (
-        f"How 84 kg m^2 can come out: the axis is linear. Of 0 to {number(edge)} kg m^2 a share of "
-        f"{number(1e-4 / edge)} lies below 1e-4 kg m^2, where the rotor is ({number(whole)}). From 1 to "
-        f"{number(edge)} kg m^2 the speed's Eq. 6 changes by {number(100 * abs(heavy - light) / heavy, 2)} %: a rotor "
+        f"How 84 kg·m² can come out: the axis is linear. Of 0 to {number(edge)} kg·m² a share of "
+        f"{number(1e-4 / edge)} lies below 10⁻⁴ kg·m², where the rotor is ({number(whole)}). From 1 to "
+        f"{number(edge)} kg·m² the speed's Eq. 6 changes by {number(100 * abs(heavy - light) / heavy, 2)} %: a rotor "
         "that does not start is equally wrong at "
         "any inertia."
     )
     spoilt = details.swarm[1].cost / details.swarm[1].start_cost
     yield (
         f"Eight particles, rerun with {len(details.endings)} seeds, had their best `J_r` + `J_s` at "
-        f"{number(median[0])} kg m^2 after the first iteration (median; largest {number(largest[0])}), "
+        f"{number(median[0])} kg·m² after the first iteration (median; largest {number(largest[0])}), "
         f"{number(median[4])} after 5 and {number(median[-1])} after {median.size}, still "
         f"{number(median[-1] / whole, 2)} times the rotor's. In the run of the table the speed's Eq. 6 ended "
         f"{number(spoilt, 2)} times that of the data sheet, which the swarm was not shown."
@@ -114,7 +117,7 @@ def _swarm(facts: Facts) -> Iterator[str]:
     scaled = details.swarm_scaled[1]
     yield (
         "On logarithmic axes the same eight particles and iterations end at "
-        f"{number(scaled.values['J_r'] + scaled.values['J_s'])} kg m^2, where the speed's Eq. 6 is "
+        f"{number(scaled.values['J_r'] + scaled.values['J_s'])} kg·m², where the speed's Eq. 6 is "
         f"{number(scaled.cost / scaled.start_cost, 2)} times that of the data sheet."
     )
 
@@ -126,7 +129,7 @@ def _search(facts: Facts) -> Iterator[str]:
     yield (
         f"RaPId's template asks fmincon for difference steps of 0.1: {number(inertia.step / inertia.value)} times "
         f"`J_r`. There the speed's Eq. 6 has a slope of {number(inertia.exact)}; the step sees "
-        f"{number(inertia.coarse)}{_sign(inertia)}. Started at 8e-6 kg m^2, a line search ends at `J_r` + `J_s` = "
+        f"{number(inertia.coarse)}{_sign(inertia)}. Started at 8×10⁻⁶ kg·m², a line search ends at `J_r` + `J_s` = "
         f"{number(_inertia(mechanical))}, an interior-point method at {number(_inertia(interior[1]))}, exact slopes "
         f"on logarithmic axes at {number(_inertia(exact[1]))}."
     )
@@ -182,7 +185,7 @@ def _identifiable(facts: Facts) -> Iterator[str]:
     yield (
         "`J_r` and `J_s` act only as a sum: the directions of their sensitivities differ by "
         f"{number(look.alike('J_r', 'J_s'), 2)}, so one direction carries no information. The data gives `J_r` + "
-        f"`J_s` = {number(estimate.value + look.values['J_s'])}{spread} kg m^2; the paper's split into "
+        f"`J_s` = {number(estimate.value + look.values['J_s'])}{spread} kg·m²; the paper's split into "
         f"{number(split['J_r'])} and {number(split['J_s'])} is one of infinitely many."
     )
     rest = [name for name in look.names if name not in ("J_s", "L_a", "input_delay")]

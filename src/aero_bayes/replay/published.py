@@ -45,7 +45,7 @@ def _row(label: str, fitness: float, *values: float) -> Published:
 
 UNOPTIMISED = _row("Unoptimised", 29.3903, 8.4, 0.00116, 4e-6, 4e-6, -1e-5, 0.00045)
 PSO = _row("PSO Model 1", 498.7173, 0.187, 0.0487, 84.2, 0.0, -0.587, 0.000689)
-PSO_DATASHEET = _row("PSO Model 1 with data-sheet R_a and L_a", 28.2230, 8.4, 0.00116, 84.2, 0.0, -0.587, 0.000689)
+PSO_DATASHEET = _row("PSO + data sheet", 28.2230, 8.4, 0.00116, 84.2, 0.0, -0.587, 0.000689)
 FMINCON = _row("fmincon", 0.2280, 8.4, 0.00116, 3.45e-11, 0.000174, -1e-5, 0.0004)
 TRANSFER = Published(
     "Transfer function", "transfer function", MappingProxyType({"R_a": 8.4, "k_d": -1e-5, "k_t": 0.00045}), 42.7060

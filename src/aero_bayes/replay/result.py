@@ -16,11 +16,11 @@ from aero_bayes.replay.swarm import StageEnd
 from aero_bayes.replay.visibility import Visibility
 
 FloatArray = NDArray[np.float64]
-Variant = Literal["paper's values", "recipe rerun", "done right", "all outputs at once"]
+Variant = Literal["paper's values", "recipe rerun", "scaled axes", "joint fit"]
 PAPER: Variant = "paper's values"
 RERUN: Variant = "recipe rerun"
-RIGHT: Variant = "done right"
-JOINT: Variant = "all outputs at once"
+SCALED: Variant = "scaled axes"
+JOINT: Variant = "joint fit"
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,15 @@ from aero_bayes.replay.published import (
     UNOPTIMISED,
     Published,
 )
-from aero_bayes.replay.result import JOINT, PAPER, RERUN, RIGHT, Details, Row, Variant
+from aero_bayes.replay.result import JOINT, PAPER, RERUN, SCALED, Details, Row, Variant
 from aero_bayes.replay.rigs import Rigs
 from aero_bayes.replay.runner import Runner
 
 FloatArray = NDArray[np.float64]
 
 #: A second rerun of the fourth model.
-INTERIOR_POINT = replace(FMINCON, label="fmincon, interior point")
-LINEAR_LAW, QUADRATIC_LAW = "Linear law", "Quadratic law (Eqs. 4, 5)"
+INTERIOR_POINT = replace(FMINCON, label="fmincon interior")
+LINEAR_LAW, QUADRATIC_LAW = "Linear law", "Quadratic law"
 _DATASHEET = {name: UNOPTIMISED.parameters[name] for name in ("R_a", "L_a")}
 
 
@@ -36,18 +36,18 @@ def build(rigs: Rigs, details: Details) -> tuple[tuple[Row, ...], dict[str, Floa
     line, interior, exact = (ends[-1].values for ends in (details.line_search, details.interior_point, details.exact))
     linear, transfer = rigs.linear, rigs.transfer
     entries: list[tuple[Published, Variant, Runner, Mapping[str, float], str]] = [
-        (UNOPTIMISED, PAPER, linear, UNOPTIMISED.model_values, "thrust and drag linear in speed, as the units say"),
+        (UNOPTIMISED, PAPER, linear, UNOPTIMISED.model_values, "linear law, as the units say"),
         (PSO, PAPER, linear, PSO.model_values, "the rotor hardly turns"),
-        (PSO, RERUN, linear, swarm, "8 particles, linear axes, stage by stage"),
-        (PSO, RIGHT, linear, scaled, "8 particles, logarithmic axes, stage by stage"),
+        (PSO, RERUN, linear, swarm, "8 particles, linear axes"),
+        (PSO, SCALED, linear, scaled, "8 particles, log axes"),
         (PSO_DATASHEET, PAPER, linear, PSO_DATASHEET.model_values, "the rotor hardly turns"),
-        (PSO_DATASHEET, RERUN, linear, dict(swarm) | _DATASHEET, "as PSO, `R_a` and `L_a` put back"),
-        (PSO_DATASHEET, RIGHT, linear, dict(scaled) | _DATASHEET, "as PSO, `R_a` and `L_a` put back"),
-        (FMINCON, PAPER, linear, FMINCON.model_values, "only `J_r` + `J_s` acts"),
-        (FMINCON, RERUN, linear, line, "steps of 0.1, linear axes, line search (the kind of sqp)"),
-        (INTERIOR_POINT, RERUN, linear, interior, "steps of 0.1, linear axes, interior point"),
-        (FMINCON, RIGHT, linear, exact, "exact slopes, logarithmic axes, stage by stage"),
-        (TRANSFER, PAPER, transfer, transfer.start, "torque 0.0011 N m for each volt; no motor in it"),
+        (PSO_DATASHEET, RERUN, linear, dict(swarm) | _DATASHEET, "R_a and L_a put back"),
+        (PSO_DATASHEET, SCALED, linear, dict(scaled) | _DATASHEET, "R_a and L_a put back"),
+        (FMINCON, PAPER, linear, FMINCON.model_values, "only J_r + J_s acts"),
+        (FMINCON, RERUN, linear, line, "steps of 0.1, line search"),
+        (INTERIOR_POINT, RERUN, linear, interior, "steps of 0.1, linear axes"),
+        (FMINCON, SCALED, linear, exact, "exact slopes, log axes"),
+        (TRANSFER, PAPER, transfer, transfer.start, "0.0011 N·m/V, no motor in it"),
     ]
     rows, pitch = [], {}
     for published, variant, runner, values, note in entries:
@@ -58,11 +58,11 @@ def build(rigs: Rigs, details: Details) -> tuple[tuple[Row, ...], dict[str, Floa
         if variant == PAPER:
             pitch[published.label] = outputs[:, runner.column("theta")]
     for label, fit, note in (
-        (LINEAR_LAW, details.linear, "also free: `c_m`, `D_p`, `K_sp`, delay and start"),
-        (QUADRATIC_LAW, details.quadratic, "as above; `k_d` in N m s^2/rad^2, `k_t` in N s^2/rad^2"),
+        (LINEAR_LAW, details.linear, "c_m, D_p, K_sp, delay free too"),
+        (QUADRATIC_LAW, details.quadratic, "k_d in N·m·s²/rad², k_t in N·s²/rad²"),
     ):
         rows.append(_fitted(label, fit, note))
-    pitch["Done right"] = details.quadratic.fitted[0][:, details.quadratic.outputs.index("theta")]
+    pitch["Joint fit"] = details.quadratic.fitted[0][:, details.quadratic.outputs.index("theta")]
     return tuple(rows), pitch
 
 
