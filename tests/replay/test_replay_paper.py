@@ -12,7 +12,7 @@ from aero_closed_form import linear_run
 
 from aero_bayes.replay import replay_paper
 from aero_bayes.replay.published import TABLE_1, TABLE_PARAMETERS
-from aero_bayes.replay.result import JOINT, PAPER, RERUN, RIGHT
+from aero_bayes.replay.result import JOINT, PAPER, RERUN, SCALED
 from aero_bayes.simulation import Outcome
 
 
@@ -33,7 +33,7 @@ def test_every_model_of_the_paper_is_there(replay):
         assert row.paper_fitness == published.fitness
         assert row.fitness is not None
     for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
-        assert {row.variant for row in replay.rows if row.model == label} == {PAPER, RERUN, RIGHT}
+        assert {row.variant for row in replay.rows if row.model == label} == {PAPER, RERUN, SCALED}
     labels = [row.label for row in replay.rows]
     assert len(set(labels)) == len(labels)
 
@@ -53,11 +53,11 @@ def test_fitness_is_eq6_of_the_pitch(replay):
     assert checked == 11
 
 
-def test_done_right_ranks_first(replay):
+def test_the_joint_fit_ranks_first(replay):
     best = min(row.fitness for row in replay.rows if row.variant == JOINT)
     assert all(best <= row.fitness for row in replay.rows)
     for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
-        assert replay.row(label, RIGHT).fitness < replay.row(label, PAPER).fitness
+        assert replay.row(label, SCALED).fitness < replay.row(label, PAPER).fitness
     details = replay.details
     assert details.swarm_scaled[1].cost < 1e-2 * details.swarm[1].cost
     assert all(end.cost <= end.start_cost for end in details.exact)
@@ -74,7 +74,7 @@ def test_data_choose_the_law_they_were_made_with(replay):
 
 def test_curves_of_figure_6(replay):
     series = replay.series
-    assert {"replay/time", "replay/measured", "replay/Done right"} <= set(series)
+    assert {"replay/time", "replay/measured", "replay/Joint fit"} <= set(series)
     assert all(values.shape == (2001,) and np.isfinite(values).all() for values in series.values())
     assert {f"replay/{one.label}" for one in TABLE_1} <= set(series)
     np.testing.assert_allclose(

@@ -10,7 +10,7 @@ import numpy as np
 from aero_bayes.replay.descent import Descent, Slope
 from aero_bayes.replay.facts import Facts
 from aero_bayes.replay.published import BOX, FMINCON, PSO, PSO_DATASHEET, TABLE_1, UNOPTIMISED
-from aero_bayes.replay.result import PAPER, RERUN
+from aero_bayes.replay.result import PAPER, RERUN, SCALED
 from aero_bayes.simulation import Outcome
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -162,11 +162,16 @@ def _search(facts: Facts) -> Iterator[str]:
 
 
 def _pitch_alone(facts: Facts) -> Iterator[str]:
-    row = next(r for r in facts.rows if (r.model, r.variant) == (FMINCON.label, RERUN))
-    if row.fitness is not None:
+    rerun, exact = (
+        next(row for row in facts.rows if (row.model, row.variant) == (FMINCON.label, variant))
+        for variant in (RERUN, SCALED)
+    )
+    if rerun.fitness is not None and exact.fitness is not None:
         yield (
-            f"A small pitch fitness proves little about the motor: the line search reaches {number(row.fitness)} with "
-            f"a rotor speed that is wrong by {number(row.rms['omega_m'])} rad/s rms."
+            f"A small pitch fitness proves little about the motor: the line search reaches {number(rerun.fitness)} with "
+            f"a rotor speed that is wrong by {number(rerun.rms['omega_m'])} rad/s rms. Scaled axes do not cure that: "
+            f"with `k_d` taken from the pitch alone, the exact search is off by {number(exact.rms['omega_m'])} rad/s; "
+            f"fitted to all outputs at once, by {number(facts.details.linear.rms['omega_m'])} rad/s."
         )
     look = facts.details.visibility
     spread = {name: look.relative_sd(name, outputs=("theta",)) for name in ("R_a", "c_m", "J_r", "k_d", "k_t")}

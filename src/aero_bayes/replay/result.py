@@ -113,7 +113,7 @@ class Replay:
     Parameters
     ----------
     rows : tuple of Row
-        The five models of Table 1, each in its variants, then the model done right.
+        The five models of Table 1, each in its variants, then the models fitted jointly.
     notes : tuple of str
         Short sentences, each with a number from this run.
     time, measured : ndarray, shape (n,)
