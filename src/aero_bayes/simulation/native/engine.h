@@ -28,6 +28,8 @@ enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODE
 enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
 enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
 
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
 #define BLOCK 256 /* samples held back before a sink sees them */
 
 typedef struct {
@@ -138,6 +140,13 @@ typedef struct {
     double *residual, *gain, *decay, *weight;
 } Sink;
 
+/* A matrix by rows without its zeros; for factors the rows of L, then those of U, the diagonal's reciprocals apart. */
+typedef struct {
+    int n, pivoted;
+    int *start, *col;
+    double *val, *diagonal;
+} Sparse;
+
 typedef struct {
     double time;
     int jump; /* a held value changes here (else only a slope) */
@@ -155,6 +164,7 @@ typedef struct Run {
     double t, t_end, resolution;
     double *x, *x1, *f, *f1, *ft, *u, *r, *nominal, *jac, *lu, *k, *dense;
     int *pivot;
+    Sparse factors;
     double *seed, *column, *start_value;
     fmi_reference *seed_reference, *start_reference;
     double *z0, *z1, *z2, *z_try, next_event;
@@ -176,7 +186,8 @@ typedef struct Run {
     int *order;
     double *column_from;
     double *s, *s1, *sv, *su, *sdense, *s0;
-    double *a_node, *b_node, *a_now, *b_now, *g_dot, *u_column;
+    double *a_node, *b_node, *b_now, *g_dot, *a_packed;
+    Sparse a_now;
     /* samples */
     int64_t sample;
     Sink sink;
@@ -219,8 +230,8 @@ typedef struct {
 extern const Method *method;
 double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
-int lu_factor(double *a, int n, int *pivot);
-void lu_solve(const double *a, int n, const int *pivot, double *b);
+int lu_factor(double *a, int n, int *pivot, Sparse *factors);
+void lu_solve(const Sparse *factors, const int *pivot, double *b);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 
@@ -265,8 +276,8 @@ typedef struct {
     void (*horner)(const double *c, int stride, int degree, const double *theta, int64_t count, double *out);
     void (*combine)(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
                     int64_t count);
-    void (*multiply)(double *out, const double *a, const double *s, int n, int64_t q, int64_t ld);
-    void (*solve)(const double *lu, const int *pivot, double *b, int n, int64_t q, int64_t ld);
+    void (*multiply)(double *out, const Sparse *a, const double *s, int64_t q, int64_t ld);
+    void (*solve)(const Sparse *lu, const int *pivot, double *b, int64_t q, int64_t ld);
     void (*dense_rows)(double *out, const double *c, int64_t stride, int degree, const double *theta, int64_t count,
                        int64_t q, int64_t ld);
     int64_t (*residual)(const double *y, const double *measured, int64_t count, double *r);

@@ -1,6 +1,8 @@
 /* The vector loops for the processor at hand. */
 #include "engine.h"
 
+typedef double Lanes __attribute__((vector_size(32), aligned(8), may_alias));
+
 #define FN(name) base_##name
 #define TARGET
 #include "kernels.inc"

@@ -40,9 +40,12 @@ static const Method rodas5p = {
 
 const Method *method = &rodas5p;
 
-/* LU with row exchanges; the diagonal of U holds reciprocals. Returns 1 for a singular matrix. */
-int lu_factor(double *restrict a, int n, int *restrict pivot)
+/* LU with row exchanges, kept without its zeros: physical models are sparse even when they are small. Returns 1 for a
+ * singular matrix. */
+int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
 {
+    out->n = n;
+    out->pivoted = 0;
     for (int j = 0; j < n; j++) {
         int best = j;
         double size = fabs(a[j * n + j]);
@@ -50,40 +53,52 @@ int lu_factor(double *restrict a, int n, int *restrict pivot)
             if (fabs(a[i * n + j]) > size) size = fabs(a[i * n + j]), best = i;
         pivot[j] = best;
         if (!(size > 0.0)) return 1;
-        if (best != j)
+        if (best != j) {
+            out->pivoted = 1;
             for (int k = 0; k < n; k++) {
                 const double v = a[j * n + k];
                 a[j * n + k] = a[best * n + k];
                 a[best * n + k] = v;
             }
-        const double inverse = 1.0 / a[j * n + j];
-        a[j * n + j] = inverse;
+        }
+        const double inverse = out->diagonal[j] = 1.0 / a[j * n + j];
         for (int i = j + 1; i < n; i++) {
             if (a[i * n + j] == 0.0) continue;
             const double w = a[i * n + j] *= inverse;
             for (int k = j + 1; k < n; k++) a[i * n + k] -= w * a[j * n + k];
         }
     }
+    int filled = 0;
+    for (int i = 0; i < n; i++) {
+        out->start[i] = filled;
+        for (int j = 0; j < i; j++)
+            if (a[i * n + j] != 0.0) out->col[filled] = j, out->val[filled++] = a[i * n + j];
+    }
+    for (int i = 0; i < n; i++) {
+        out->start[n + i] = filled;
+        for (int j = i + 1; j < n; j++)
+            if (a[i * n + j] != 0.0) out->col[filled] = j, out->val[filled++] = a[i * n + j];
+    }
+    out->start[2 * n] = filled;
     return 0;
 }
 
-void lu_solve(const double *restrict a, int n, const int *restrict pivot, double *restrict b)
+void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
 {
-    for (int i = 0; i < n; i++)
+    const int n = lu->n, *restrict start = lu->start, *restrict col = lu->col;
+    const double *restrict val = lu->val;
+    for (int i = 0; lu->pivoted && i < n; i++)
         if (pivot[i] != i) {
             const double v = b[i];
             b[i] = b[pivot[i]];
             b[pivot[i]] = v;
         }
-    for (int i = 1; i < n; i++) {
-        double v = b[i];
-        for (int j = 0; j < i; j++) v -= a[i * n + j] * b[j];
-        b[i] = v;
-    }
+    for (int i = 1; i < n; i++)
+        for (int k = start[i]; k < start[i + 1]; k++) b[i] -= val[k] * b[col[k]];
     for (int i = n - 1; i >= 0; i--) {
         double v = b[i];
-        for (int j = i + 1; j < n; j++) v -= a[i * n + j] * b[j];
-        b[i] = v * a[i * n + i];
+        for (int k = start[n + i]; k < start[n + i + 1]; k++) v -= val[k] * b[col[k]];
+        b[i] = v * lu->diagonal[i];
     }
 }
 
@@ -91,7 +106,7 @@ double scaled_norm(const Run *r, const double *v, const double *x, const double 
 {
     double sum = 0.0;
     for (int i = 0; i < r->n; i++) {
-        const double e = v[i] / (r->atol * r->nominal[i] + r->rtol * fmax(fabs(x[i]), fabs(x1[i])));
+        const double e = v[i] / (r->atol * r->nominal[i] + r->rtol * larger(fabs(x[i]), fabs(x1[i])));
         sum += e * e;
     }
     return sqrt(sum / (double)(r->n ? r->n : 1));
@@ -108,7 +123,7 @@ double rodas_step(Run *r, double h, const double *ft)
     for (int i = 0; i < n * n; i++) r->lu[i] = -r->jac[i];
     for (int i = 0; i < n; i++) r->lu[i * n + i] += diagonal;
     r->status = FMI_OK;
-    if (lu_factor(r->lu, n, r->pivot)) return NAN;
+    if (lu_factor(r->lu, n, r->pivot, &r->factors)) return NAN;
     for (int s = 0; s < m->stages; s++) {
         double *k = r->k + s * n;
         const double *f = r->f;
@@ -122,7 +137,7 @@ double rodas_step(Run *r, double h, const double *ft)
         kernels->combine(k, f, w, s, r->k, n, n);
         if (ft && m->d[s] != 0.0)
             for (int i = 0; i < n; i++) k[i] += h * m->d[s] * ft[i];
-        lu_solve(r->lu, n, r->pivot, k);
+        lu_solve(&r->factors, r->pivot, k);
     }
     const double *last = r->k + (m->stages - 1) * n;
     for (int i = 0; i < n; i++) r->x1[i] = r->u[i] + last[i];

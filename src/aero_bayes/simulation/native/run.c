@@ -39,6 +39,8 @@ static void lay_out(Run *r, Pool *p)
     r->r = REALS(n), r->nominal = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
     r->pivot = PART(int, n);
+    r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
+    r->factors.val = REALS(n * n), r->factors.diagonal = REALS(n);
     r->seed = REALS(n + inputs + 1);
     r->seed_reference = PART(fmi_reference, n + inputs + 1);
     const size_t starts = (size_t)problem->n_fixed + (size_t)e->n_start + columns + 1;
@@ -58,7 +60,9 @@ static void lay_out(Run *r, Pool *p)
     if (q) {
         r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);
         r->sv = REALS(8 * n * ld), r->sdense = REALS(5 * n * ld);
-        r->a_node = REALS(4 * n * n), r->b_node = REALS(4 * n * ld), r->a_now = REALS(n * n), r->b_now = REALS(n * ld);
+        r->a_node = REALS(4 * n * n), r->b_node = REALS(4 * n * ld), r->b_now = REALS(n * ld);
+        r->a_packed = REALS(4 * n * n);
+        r->a_now.start = PART(int, n + 1), r->a_now.col = PART(int, n * n), r->a_now.val = REALS(n * n);
     }
     r->other = REALS(m), r->theta = REALS(BLOCK);
     r->other_reference = PART(fmi_reference, m);

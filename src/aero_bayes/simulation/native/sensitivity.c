@@ -137,27 +137,93 @@ static double column_error(const Run *r, const double *v)
     for (int k = 0; k < r->alive; k++) {
         double size = 0.0, sum = 0.0;
         for (int i = 0; i < n; i++)
-            size = fmax(size, fmax(fabs(r->s[i * ld + k]), fabs(r->s1[i * ld + k])) / r->nominal[i]);
+            size = larger(size, larger(fabs(r->s[i * ld + k]), fabs(r->s1[i * ld + k])) / r->nominal[i]);
         if (size == 0.0) continue;
         for (int i = 0; i < n; i++) {
-            const double scale = fmax(fabs(r->s[i * ld + k]), fabs(r->s1[i * ld + k])) + size * r->nominal[i];
+            const double scale = larger(fabs(r->s[i * ld + k]), fabs(r->s1[i * ld + k])) + size * r->nominal[i];
             const double e = v[i * ld + k] / (rtol * scale);
             sum += e * e;
         }
-        worst = fmax(worst, sum / (double)n);
         if (!(sum < INFINITY)) return NAN;
+        worst = larger(worst, sum / (double)n);
     }
     return sqrt(worst);
 }
 
-/* The step of the state has been accepted: r->lu its factors, r->dense its continuous extension, nodes 0 and 3 are
- * filled. Leaves S(t + h) in r->s1 and its continuous extension in r->sdense. Returns the error, NAN for failure. */
+/* The entries of A that are not zero at all four points, row by row, with their four values. */
+static int pack(Run *r)
+{
+    const int n = r->n;
+    const double *a = r->a_node;
+    Sparse *out = &r->a_now;
+    int filled = 0;
+    out->n = n;
+    for (int i = 0; i < n; i++) {
+        out->start[i] = filled;
+        for (int j = 0; j < n; j++) {
+            const int at = i * n + j;
+            const double v0 = a[at], v1 = a[at + n * n], v2 = a[at + 2 * n * n], v3 = a[at + 3 * n * n];
+            if (v0 == 0.0 && v1 == 0.0 && v2 == 0.0 && v3 == 0.0) continue;
+            double *to = r->a_packed + 4 * filled;
+            to[0] = v0, to[1] = v1, to[2] = v2, to[3] = v3;
+            out->col[filled++] = j;
+        }
+    }
+    out->start[n] = filled;
+    return filled;
+}
+
+static void weigh(Run *r, int entries, const double *w)
+{
+    for (int k = 0; k < entries; k++) {
+        const double *a = r->a_packed + 4 * k;
+        r->a_now.val[k] = w[0] * a[0] + w[1] * a[1] + w[2] * a[2] + w[3] * a[3];
+    }
+}
+
+/* B at a point of the step: the combination of its four values. */
+static void combine_nodes(Run *r, double *out, const double *w, int64_t size)
+{
+    for (int64_t i = 0; i < size; i++)
+        out[i] = w[0] * r->b_node[i] + w[1] * r->b_node[size + i] + w[2] * r->b_node[2 * size + i] +
+                 w[3] * r->b_node[3 * size + i];
+}
+
+/* Powers of theta of the continuous extension, for the rows that samples read. */
+static void continuous_extension(Run *r)
+{
+    const int64_t ld = r->ld, size = (int64_t)r->n * ld;
+    const Method *m = method;
+    double *c = r->sdense;
+    for (int i = 0; i < r->n; i++) {
+        int wanted = r->e->n_other > 0;
+        for (int64_t o = 0; o < r->e->m && !wanted; o++) wanted = r->e->output_state[o] == i;
+        if (!wanted) continue;
+        double *row = c + i * ld;
+        memset(row, 0, sizeof *row * (size_t)ld);
+        for (int d = 0; d < 3; d++)
+            kernels->combine(row + (2 + d) * size, row, m->H[d], m->stages, r->sv + i * ld, size, ld);
+        const double *s = r->s + i * ld, *s1 = r->s1 + i * ld;
+        for (int64_t j = 0; j < ld; j++) {
+            const double k1 = row[2 * size + j], k2 = row[3 * size + j], k3 = row[4 * size + j];
+            row[j] = s[j];
+            row[size + j] = s1[j] - s[j] + k1;
+            row[2 * size + j] = k2 - k1;
+            row[3 * size + j] = k3 - k2;
+            row[4 * size + j] = -k3;
+        }
+    }
+}
+
+/* The step of the state has been accepted: r->factors are its own, r->dense its continuous extension, points 0 and 3
+ * are filled. Leaves S(t + h) in r->s1 and its continuous extension in r->sdense. Returns the error, NAN for failure. */
 double sensitivity_step(Run *r, double h)
 {
     const Method *m = method;
     const int n = r->n, ld = r->ld;
-    const int64_t size = (int64_t)n * ld;
-    const int64_t alive = (r->alive + 3) / 4 * 4;
+    const int64_t size = (int64_t)n * ld, alive = (r->alive + 3) / 4 * 4;
+    static const double first[4] = {1.0, 0.0, 0.0, 0.0}, last[4] = {0.0, 0.0, 0.0, 1.0};
+    r->status = FMI_OK;
     if (!r->alive) return 0.0;
     for (int k = 1; k < 3; k++) {
         for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, m->dense, &node[k], 1, r->u + i);
@@ -167,31 +233,25 @@ double sensitivity_step(Run *r, double h)
         if (worse(r->status)) return NAN;
     }
     double w[8];
-    const int64_t nn = (int64_t)n * n;
+    const int entries = pack(r);
     /* g_dot = A'(t_n) S + B'(t_n), per unit of theta */
-    memset(r->g_dot, 0, sizeof(double) * (size_t)size);
-    memset(r->a_now, 0, sizeof(double) * (size_t)nn);
-    kernels->combine(r->a_now, r->a_now, slope_at_0, 4, r->a_node, nn, nn);
-    kernels->combine(r->g_dot, r->g_dot, slope_at_0, 4, r->b_node, size, size);
-    kernels->multiply(r->g_dot, r->a_now, r->s, n, alive, ld);
+    combine_nodes(r, r->g_dot, slope_at_0, size);
+    weigh(r, entries, slope_at_0);
+    kernels->multiply(r->g_dot, &r->a_now, r->s, alive, ld);
     const double *u = r->s;
     for (int stage = 0; stage < m->stages; stage++) {
         double *v = r->sv + stage * size;
-        const double *a, *b;
+        const double *b = r->b_now;
         if (stage == 0) {
-            a = r->a_node;
+            weigh(r, entries, first);
             b = r->b_node;
         } else if (m->alpha[stage] == 1.0) {
-            a = r->a_node + 3 * nn;
+            if (m->alpha[stage - 1] != 1.0) weigh(r, entries, last);
             b = r->b_node + 3 * size;
         } else {
             cubic_weights(m->alpha[stage], w);
-            memset(r->a_now, 0, sizeof(double) * (size_t)nn);
-            memset(r->b_now, 0, sizeof(double) * (size_t)size);
-            kernels->combine(r->a_now, r->a_now, w, 4, r->a_node, nn, nn);
-            kernels->combine(r->b_now, r->b_now, w, 4, r->b_node, size, size);
-            a = r->a_now;
-            b = r->b_now;
+            weigh(r, entries, w);
+            combine_nodes(r, r->b_now, w, size);
         }
         if (stage) {
             kernels->combine(r->su, r->s, m->a[stage], stage, r->sv, size, size);
@@ -199,27 +259,13 @@ double sensitivity_step(Run *r, double h)
         }
         for (int j = 0; j < stage; j++) w[j] = m->c[stage][j] / h;
         kernels->combine(v, b, w, stage, r->sv, size, size);
-        kernels->multiply(v, a, u, n, alive, ld);
+        kernels->multiply(v, &r->a_now, u, alive, ld);
         if (m->d[stage] != 0.0) kernels->combine(v, v, &m->d[stage], 1, r->g_dot, 0, size);
-        kernels->solve(r->lu, r->pivot, v, n, alive, ld);
+        kernels->solve(&r->factors, r->pivot, v, alive, ld);
     }
-    const double one = 1.0;
-    double *last = r->sv + (m->stages - 1) * size;
-    kernels->combine(r->s1, r->su, &one, 1, last, 0, size);
-    const double error = column_error(r, last);
-    double *c = r->sdense;
-    for (int d = 0; d < 3; d++) {
-        double *k = c + (2 + d) * size;
-        memset(k, 0, sizeof(double) * (size_t)size);
-        kernels->combine(k, k, m->H[d], m->stages, r->sv, size, size);
-    }
-    for (int64_t i = 0; i < size; i++) {
-        const double k1 = c[2 * size + i], k2 = c[3 * size + i], k3 = c[4 * size + i];
-        c[i] = r->s[i];
-        c[size + i] = r->s1[i] - r->s[i] + k1;
-        c[2 * size + i] = k2 - k1;
-        c[3 * size + i] = k3 - k2;
-        c[4 * size + i] = -k3;
-    }
+    const double *end = r->sv + (m->stages - 1) * size;
+    for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];
+    const double error = column_error(r, end);
+    if (error <= 1.0) continuous_extension(r);
     return error;
 }
