@@ -168,7 +168,7 @@ def _pitch_alone(facts: Facts) -> Iterator[str]:
     )
     if rerun.fitness is not None and exact.fitness is not None:
         yield (
-            f"A small pitch fitness proves little about the motor: the line search reaches {number(rerun.fitness)} with "
+            f"A small pitch fitness says little of the motor: the line search reaches {number(rerun.fitness)} with "
             f"a rotor speed that is wrong by {number(rerun.rms['omega_m'])} rad/s rms. Scaled axes do not cure that: "
             f"with `k_d` taken from the pitch alone, the exact search is off by {number(exact.rms['omega_m'])} rad/s; "
             f"fitted to all outputs at once, by {number(facts.details.linear.rms['omega_m'])} rad/s."
