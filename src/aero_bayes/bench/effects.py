@@ -143,27 +143,27 @@ def _pitch_offset(plan: Plan, p: Mapping[str, float]) -> None:
     plan.pitch_offset += p["b_th"]
 
 
-#: Sizes from barely visible to plain on a 60 s recording with a few hundredths of the range as noise.
+#: Sizes from an information distance of about 4 (with the noise of :func:`aero_bayes.bench.sensors.white`) to plain.
 KINDS: dict[str, EffectKind] = {
     kind.id: kind
     for kind in (
         EffectKind("supply_resistance", "electrical", {"R_s": (0.2, 3.0)}, _supply_resistance),
-        EffectKind("brush_drop", "electrical", {"V_b": (0.1, 1.5)}, _brush_drop),
-        EffectKind("winding_heating", "electrical", {"r_h": (2.0, 60.0), "T_h": (4.0, 20.0)}, _winding_heating),
-        EffectKind("amplifier_deadzone", "electrical", {"V_dz": (0.1, 2.0)}, _amplifier_deadzone),
-        EffectKind("amplifier_saturation", "electrical", {"s_sat": (1.0 / 19.0, 1.0 / 10.0)}, _amplifier_saturation),
-        EffectKind("rotor_coulomb_friction", "rotor", {"tau_r": (1e-4, 3e-3)}, _rotor_coulomb_friction),
-        EffectKind("rotor_viscous_friction", "rotor", {"d_r": (3e-7, 1e-5)}, _rotor_viscous_friction),
-        EffectKind("thrust_inflow_loss", "thrust", {"k_v": (1e-5, 1e-3)}, _thrust_inflow_loss),
-        EffectKind("thrust_lag", "thrust", {"T_f": (0.01, 0.3)}, _thrust_lag),
-        EffectKind("thrust_asymmetry", "thrust", {"a_f": (0.01, 0.3)}, _thrust_asymmetry, signed=True),
-        EffectKind("pivot_coulomb_friction", "body", {"tau_c": (1e-4, 3e-3)}, _pivot_coulomb_friction),
-        EffectKind("body_quadratic_drag", "body", {"c_b": (1e-3, 3e-2)}, _body_quadratic_drag),
-        EffectKind("gravity_offset", "body", {"tau_g": (2e-4, 5e-3)}, _gravity_offset, signed=True),
-        EffectKind("cubic_stiffness", "body", {"k_3": (3e-3, 0.1)}, _cubic_stiffness),
-        EffectKind("current_offset", "sensor", {"b_i": (1e-3, 0.1)}, _current_offset, signed=True),
-        EffectKind("speed_lag", "sensor", {"T_w": (3e-3, 0.1)}, _speed_lag),
-        EffectKind("pitch_delay", "sensor", {"T_d": (5e-3, 0.1)}, _pitch_delay),
-        EffectKind("pitch_offset", "sensor", {"b_th": (2e-3, 0.1)}, _pitch_offset, signed=True),
+        EffectKind("brush_drop", "electrical", {"V_b": (5e-3, 0.6)}, _brush_drop),
+        EffectKind("winding_heating", "electrical", {"r_h": (1.0, 60.0), "T_h": (4.0, 20.0)}, _winding_heating),
+        EffectKind("amplifier_deadzone", "electrical", {"V_dz": (6e-3, 0.8)}, _amplifier_deadzone),
+        EffectKind("amplifier_saturation", "electrical", {"s_sat": (1.0 / 18.0, 1.0 / 13.0)}, _amplifier_saturation),
+        EffectKind("rotor_coulomb_friction", "rotor", {"tau_r": (1.2e-5, 1e-3)}, _rotor_coulomb_friction),
+        EffectKind("rotor_viscous_friction", "rotor", {"d_r": (1e-7, 6e-6)}, _rotor_viscous_friction),
+        EffectKind("thrust_inflow_loss", "thrust", {"k_v": (4e-6, 3e-4)}, _thrust_inflow_loss),
+        EffectKind("thrust_lag", "thrust", {"T_f": (6e-4, 0.1)}, _thrust_lag),
+        EffectKind("thrust_asymmetry", "thrust", {"a_f": (5e-4, 0.1)}, _thrust_asymmetry, signed=True),
+        EffectKind("pivot_coulomb_friction", "body", {"tau_c": (4e-6, 1.5e-3)}, _pivot_coulomb_friction),
+        EffectKind("body_quadratic_drag", "body", {"c_b": (3e-5, 2e-2)}, _body_quadratic_drag),
+        EffectKind("gravity_offset", "body", {"tau_g": (5e-6, 2e-3)}, _gravity_offset, signed=True),
+        EffectKind("cubic_stiffness", "body", {"k_3": (4e-5, 3e-2)}, _cubic_stiffness),
+        EffectKind("current_offset", "sensor", {"b_i": (3e-4, 5e-2)}, _current_offset, signed=True),
+        EffectKind("speed_lag", "sensor", {"T_w": (4e-4, 0.05)}, _speed_lag),
+        EffectKind("pitch_delay", "sensor", {"T_d": (4e-4, 0.05)}, _pitch_delay),
+        EffectKind("pitch_offset", "sensor", {"b_th": (1e-4, 0.03)}, _pitch_offset, signed=True),
     )
 }
