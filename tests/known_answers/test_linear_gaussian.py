@@ -143,7 +143,7 @@ def test_pareto_smoothing_finds_the_tail_it_was_given(shape):
 
 def test_smoothed_weights_estimate_the_evidence_of_a_narrow_target():
     rng = np.random.default_rng(8)
-    proposal = HeavyTail(np.zeros(2), np.eye(2), 8.0)
+    proposal = HeavyTail.of(np.zeros(2), np.eye(2), 8.0)
 
     def density(points):  # a Gaussian of covariance 0.25 whose integral is e^3
         return 3.0 - np.log(2.0 * np.pi * 0.25) - 2.0 * np.sum(points**2, axis=1)

@@ -1,0 +1,180 @@
+"""Does the expected gain come true? The proposed experiment is simulated, fitted, and its errors are counted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.propose import Design
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.inference import Fit, NoiseEstimate, ParameterSet
+from aero_bayes.inference.local import LocalSettings, Products, search
+from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GainCheck:
+    """Errors that simulated repetitions of a design really left.
+
+    ``expected`` and ``realised`` are, by parameter, the error after over the standard deviation before; a realised
+    value over ``repeats`` repetitions is itself uncertain by ``1 / sqrt(2 repeats)`` of it. ``failures`` counts
+    repetitions whose simulation or fit failed.
+    """
+
+    expected: Mapping[str, float]
+    realised: Mapping[str, float]
+    repeats: int
+    failures: int
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every realised error is within four standard errors of what was expected."""
+        margin = 4.0 / (2.0 * max(self.repeats - self.failures, 1)) ** 0.5
+        return all(abs(self.realised[n] / e - 1.0) < margin for n, e in self.expected.items())
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "expected": dict(self.expected),
+            "realised": dict(self.realised),
+            "repeats": self.repeats,
+            "failures": self.failures,
+            "agrees": self.agrees,
+        }
+
+
+def check_gain(
+    design: Design, fit: Fit, *, repeats: int = 20, seed: int = 1, engine: Engine = "native", workers: int | None = None
+) -> GainCheck:
+    """Draw truths from what is known, make the recordings that the design would give, and fit them.
+
+    What was known enters each fit as its Gaussian approximation; the new recording's own delay is fitted with the rest.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fit
+        The one that the design was made for.
+    repeats : int
+    seed : int
+
+    Raises
+    ------
+    CannotFinishError
+        If every repetition fails.
+    """
+    rng = np.random.default_rng(seed)
+    with (
+        WorkerPool(workers) as pool,
+        Forecaster(fit, design.time, design.limits, engine, workers, pool) as forecaster,
+    ):
+        errors = []
+        for child in rng.spawn(repeats):
+            error = _repetition(forecaster, design, child)
+            if error is not None:
+                errors.append(error)
+        if not errors:
+            raise CannotFinishError("no repetition of the proposed experiment could be simulated and fitted")
+        slope = forecaster.shared.jacobian(forecaster.values)
+        realised = np.sqrt(np.mean(np.square(errors), axis=0)) * slope
+        before = np.array([e.sd_before for e in design.expected])
+        after = np.array([e.sd_after for e in design.expected])
+        names = forecaster.shared.names
+        return GainCheck(
+            dict(zip(names, (after / before).tolist(), strict=True)),
+            dict(zip(names, (realised / before).tolist(), strict=True)),
+            repeats,
+            repeats - len(errors),
+        )
+
+
+def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator) -> FloatArray | None:
+    """Errors of the shared parameters in search coordinates, or None."""
+    truth = forecaster.draws(1, rng)[0]
+    delay = forecaster.delay
+    late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else forecaster.delay_value
+    outputs = forecaster.fit.calibration.outputs
+    experiment = replace(forecaster.experiment(design.values, design.time), outputs=outputs)
+    with forecaster.open(forecaster.problem([experiment])) as simulator:
+        result = simulator.simulate(np.append(truth, late)[None])
+    if result.outcomes[0, 0] != Outcome.OK:
+        return None
+    noise = [forecaster.fit.noise[name] for name in outputs]
+    readings = result.outputs[0][0] + np.stack([draw_noise(design.time, n, rng) for n in noise], axis=1)
+    found = _fit(forecaster, replace(experiment, measured=readings), noise)
+    return None if found is None else found - forecaster.shared.to_search(truth)
+
+
+def _fit(forecaster: Forecaster, experiment: Experiment, noise: list[NoiseEstimate]) -> FloatArray | None:
+    """Most probable search coordinates of the shared parameters, from what was known and the new recording."""
+    shared, count = forecaster.shared, len(forecaster.shared)
+    free = ParameterSet((*shared, *((forecaster.delay,) if forecaster.delay is not None else ())))
+    precision = np.zeros((len(free), len(free)))
+    precision[:count, :count] = forecaster.precision()
+    centre = np.append(shared.to_search(forecaster.values), np.zeros(len(free) - count))
+    rows = np.array([[[n.as_row() for n in noise]]])
+    with forecaster.open(forecaster.problem([experiment])) as simulator:
+
+        def products(points: FloatArray) -> Products:
+            return _posterior(simulator, free, points, centre, precision, rows, forecaster.delay_value)
+
+        start = centre.copy()
+        if forecaster.delay is not None:
+            start = _best_delay(products, free, centre)
+        result = search(products, start[None], *free.box, LocalSettings(tolerance=1e-4))
+    return np.asarray(result.points[0, :count]) if result.reasons[0].converged else None
+
+
+def _best_delay(products: object, free: ParameterSet, centre: FloatArray) -> FloatArray:
+    """Start with the delay at the best of a grid: its likelihood has a valley between every two samples."""
+    low, high = free.box
+    starts = np.tile(centre, (21, 1))
+    starts[:, -1] = np.linspace(low[-1], high[-1], 21)
+    cost = products(starts).cost  # type: ignore[operator]
+    return np.asarray(starts[int(np.argmin(cost))])
+
+
+def _posterior(
+    simulator: Simulator,
+    free: ParameterSet,
+    points: FloatArray,
+    centre: FloatArray,
+    precision: FloatArray,
+    noise: FloatArray,
+    delay: float,
+) -> Products:
+    values = free.from_search(points)
+    full = (
+        values
+        if len(free) == len(simulator.problem.targets[0])
+        else np.column_stack([values, np.full(len(values), delay)])
+    )
+    data = simulator.gauss_newton(full, noise, active=range(len(free)))
+    slope = free.jacobian(values)
+    away = points - centre
+    cost = -np.asarray(data.log_likelihood) + 0.5 * np.einsum("ki,ij,kj->k", away, precision, away)
+    return Products(
+        np.where(np.isfinite(cost), cost, np.inf),
+        data.gradient * slope + away @ precision,
+        data.hessian * slope[:, :, None] * slope[:, None, :] + precision,
+    )
+
+
+def draw_noise(time: FloatArray, noise: NoiseEstimate, rng: np.random.Generator) -> FloatArray:
+    """White and Ornstein-Uhlenbeck noise at increasing times (n,)."""
+    out = noise.sd_white * rng.standard_normal(time.size)
+    if noise.sd_ou > 0.0:
+        rho = np.exp(-np.diff(time) / noise.tau)
+        kick = noise.sd_ou * rng.standard_normal(time.size)
+        slow = kick[0]
+        out[0] += slow
+        for k in range(1, time.size):
+            slow = rho[k - 1] * slow + np.sqrt(1.0 - rho[k - 1] ** 2) * kick[k]
+            out[k] += slow
+    return out

@@ -1,0 +1,219 @@
+"""What an experiment that was not made yet would tell: Fisher information from the engine's exact sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType, TracebackType
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.inference import Fit, NoiseEstimate, Parameter, ParameterSet
+from aero_bayes.inference.noise import Covariance
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    ParameterTarget,
+    Problem,
+    Simulator,
+)
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+Engine = Literal["native", "fmpy"]
+
+#: Sample times that information is summed over; a faster recording is thinned and its white noise scaled to match.
+MOST_SAMPLES = 1500
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rig allows.
+
+    Parameters
+    ----------
+    amplifier : float
+        Largest input, in the input's unit (V for the AERO).
+    travel : mapping of str to float
+        Largest absolute value by output, such as the pitch between its stops in rad.
+    """
+
+    amplifier: float = 24.0
+    travel: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({"theta": 1.0}))
+
+    def __post_init__(self) -> None:
+        for name, value in {"amplifier": self.amplifier, **self.travel}.items():
+            if not 0.0 < value < np.inf:
+                raise InputError(f"limit of {name}: {value:g} is not a positive number")
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """What a candidate experiment is expected to do.
+
+    ``information`` (p, p) on the search coordinates of the shared parameters, nuisances of the new recording
+    integrated out; ``travel`` the largest absolute value by limited output; ``outputs`` (n, m); ``sensitivities``
+    (n, m, p + 1) on search coordinates, the delay last.
+    """
+
+    information: FloatArray
+    travel: Mapping[str, float]
+    outputs: FloatArray
+    sensitivities: FloatArray
+
+
+class Forecaster:
+    """Predicts experiments with a fitted model.
+
+    Parameters
+    ----------
+    fit : Fit
+    time : ndarray, shape (n,)
+        Sample times of the experiments.
+    limits : Limits
+    engine, workers
+        As for a fit.
+    """
+
+    def __init__(
+        self,
+        fit: Fit,
+        time: FloatArray,
+        limits: Limits,
+        engine: Engine = "native",
+        workers: int | None = None,
+        pool: WorkerPool | None = None,
+    ) -> None:
+        self.fit, self.full_time, self.limits = fit, time, limits
+        self._engine: Engine = engine
+        self._workers, self._pool = workers, pool
+        calibration = fit.calibration
+        inputs = {signal.name for e in calibration.experiments for signal in e.inputs}
+        if len(inputs) != 1:
+            raise InputError(f"an experiment can be designed for a model with one driven input, not {len(inputs)}")
+        self.input = inputs.pop()
+        known = {v.name for v in calibration.model.outputs}
+        for name in limits.travel:
+            if name not in known:
+                raise InputError(f"limit of {name}: model {calibration.model.name} has no such output")
+        self.limited = tuple(limits.travel)
+        self.outputs = calibration.outputs + tuple(n for n in self.limited if n not in calibration.outputs)
+        columns = [j for j, p in enumerate(calibration.parameters) if isinstance(p.target, ParameterTarget)]
+        self.shared = ParameterSet(tuple(calibration.parameters.items[j] for j in columns))
+        self.values = fit.values[columns]
+        self._columns = columns
+        delays = [j for j, p in enumerate(calibration.parameters) if isinstance(p.target, DelayTarget)]
+        self.delay: Parameter | None = calibration.parameters.items[delays[0]] if delays else None
+        self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
+        every = -(-time.size // MOST_SAMPLES)
+        self.time = time[::every]
+        self._covariances = [Covariance(self.time, _thinned(fit.noise[name], every)) for name in calibration.outputs]
+
+    def precision(self) -> FloatArray:
+        """What is known already of the shared parameters, shape (p, p), in search coordinates."""
+        total = np.diag(self.shared.prior_sd() ** -2.0)
+        known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
+        rows = [self.fit.free.index(self._columns[k]) for k in known]
+        block = self.fit.laplace.covariance[np.ix_(rows, rows)]
+        total[np.ix_(known, known)] = np.linalg.inv(block)
+        return total
+
+    def draws(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draws of the shared parameters from what is known, in SI units, shape (count, p)."""
+        factor = np.linalg.cholesky(np.linalg.inv(self.precision()))
+        low, high = self.shared.box
+        point = self.shared.to_search(self.values) + rng.standard_normal((count, len(self.shared))) @ factor.T
+        return self.shared.from_search(np.clip(point, low, high))
+
+    def experiment(self, values: FloatArray, time: FloatArray | None = None) -> Experiment:
+        """The run that an input signal (n,) on the full times makes, from rest."""
+        changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+        start = self.full_time[0]
+        signal = InputSignal(
+            self.input,
+            np.concatenate([[start - 1.0], self.full_time[changes]]),
+            np.concatenate([[0.0], values[changes]]),
+        )
+        return Experiment(self.time if time is None else time, self.outputs, (signal,))
+
+    def problem(self, experiments: Sequence[Experiment]) -> Problem:
+        """Shared parameters, then the delay."""
+        calibration = self.fit.calibration
+        targets = (*(p.target for p in self.shared), DelayTarget())
+        return Problem(
+            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.fixed),
+            calibration.solver,
+        )  # fmt: skip
+
+    def open(self, problem: Problem) -> Simulator:
+        """A simulator on this forecaster's workers."""
+        from aero_bayes.simulation import open_simulator
+
+        return open_simulator(problem, self._engine, self._workers, self._pool)
+
+    def predict(self, signals: Sequence[FloatArray], values: FloatArray | None = None) -> list[Predicted | None]:
+        """Predict experiments, one an input signal (n,) on the full times; None where the simulation failed.
+
+        ``values`` are the shared parameters' SI values, the fitted ones by default.
+        """
+        at = self.values if values is None else values
+        with self.open(self.problem([self.experiment(s) for s in signals])) as simulator:
+            row = np.append(at, self.delay_value)[None]
+            result = simulator.simulate(row, active=range(len(at) + 1))
+        if result.sensitivities is None:
+            return [None] * len(signals)
+        slope = np.append(self.shared.jacobian(at), 1.0)
+        return [
+            None if code else self._predicted(y[0], s[0] * slope)
+            for y, s, code in zip(result.outputs, result.sensitivities, result.outcomes[0], strict=True)
+        ]
+
+    def _predicted(self, outputs: FloatArray, sensitivities: FloatArray) -> Predicted:
+        joint = self.gram(sensitivities, sensitivities)
+        travel = {n: float(np.max(np.abs(outputs[:, self.outputs.index(n)]))) for n in self.limited}
+        return Predicted(self.without_delay(joint), travel, outputs, sensitivities)
+
+    def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """Products of columns weighed by the noise of the measured outputs, (n, m, a) with (n, m, b) to (a, b)."""
+        total = np.zeros((left.shape[2], right.shape[2]))
+        for k, covariance in enumerate(self._covariances):
+            total += left[:, k].T @ covariance.solve(np.ascontiguousarray(right[:, k]))
+        return total
+
+    def without_delay(self, joint: FloatArray) -> FloatArray:
+        """Information with the new recording's delay, the last column, integrated out."""
+        if self.delay is None:
+            return joint[:-1, :-1]
+        own = joint[-1, -1] + self.delay_precision
+        return np.asarray(joint[:-1, :-1] - np.outer(joint[:-1, -1], joint[-1, :-1]) / own)
+
+    @property
+    def delay_precision(self) -> float:
+        """What is known of a new recording's delay, in 1/s^2; infinite where the fit has none."""
+        if self.delay is None:
+            return np.inf
+        sd = float(ParameterSet((self.delay,)).prior_sd()[0]) * (self.delay.upper - self.delay.lower)
+        return 1.0 / sd**2
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+
+def _thinned(noise: NoiseEstimate, every: int) -> NoiseEstimate:
+    """Noise with which every n-th sample tells as much as all of them do: only the white part averages out."""
+    return replace(noise, sd_white=noise.sd_white / every**0.5)
+
+
+def posterior_sd(precision: FloatArray) -> FloatArray:
+    """Standard deviations that a precision matrix leaves, shape (p,)."""
+    scale = np.sqrt(np.diag(precision))
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision / np.outer(scale, scale)))) / scale)

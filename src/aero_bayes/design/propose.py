@@ -1,0 +1,310 @@
+"""Propose the experiment that would narrow the weak parameters most.
+
+The expected posterior of a design is Gaussian: what is known already plus the Fisher information of the new recording
+(Fedorov, 1972; Ljung, 1999, chapter 13), evaluated where the fit stands. What it is worth is the mean logarithm of
+the standard deviations it leaves over those there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording
+from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted, posterior_sd
+from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.inference import Fit, Status
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+
+#: Posterior draws over which the proposal's travel must stay within its limit.
+TRAVEL_DRAWS = 16
+#: Share of the travel that the search may use at the fitted values, the rest being for what is not known.
+TRAVEL_SHARE = 0.9
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a parameter's standard deviation is, and would be: SI units, and as a share of the value.
+
+    ``repeated`` is what as long a recording of the present input would leave.
+    """
+
+    name: str
+    unit: str
+    value: float
+    sd_before: float
+    sd_after: float
+    sd_repeated: float
+    target: bool
+
+    @property
+    def gain(self) -> float:
+        """How many times narrower the interval would be."""
+        return self.sd_before / self.sd_after
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A proposed experiment.
+
+    Parameters
+    ----------
+    input : str
+        Name of the input; ``time`` (n,) in s and ``values`` (n,) in its unit, each held to the next sample.
+    family : str
+        Kind of signal; ``families`` has the best score of each kind (mean logarithm of the targets' sd ratios).
+    expected : tuple of Expected
+    travel : mapping of str to float
+        Largest absolute value of each limited output over draws of what is known; never above its limit.
+    limits : Limits
+    rate_hz : float
+    """
+
+    input: str
+    time: FloatArray
+    values: FloatArray
+    family: str
+    families: Mapping[str, float]
+    expected: tuple[Expected, ...]
+    travel: Mapping[str, float]
+    limits: Limits
+    rate_hz: float
+    seed: int
+    unit: str = ""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return tuple(e.name for e in self.expected if e.target)
+
+    @property
+    def gain(self) -> float:
+        """How many times narrower the targets' intervals would be (geometric mean)."""
+        return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
+
+    def table(self) -> tuple[FloatArray, FloatArray]:
+        """Times (k,) and values (k,) at which the input changes."""
+        changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        return self.time[changes], self.values[changes]
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything as plain numbers and text."""
+        time, values = self.table()
+        return {
+            "input": self.input,
+            "family": self.family,
+            "families": dict(self.families),
+            "duration": float(self.time[-1] - self.time[0]),
+            "rate_hz": self.rate_hz,
+            "gain": self.gain,
+            "parameters": {
+                e.name: {
+                    "value": e.value,
+                    "unit": e.unit,
+                    "sd_before": e.sd_before,
+                    "sd_after": e.sd_after,
+                    "sd_repeated": e.sd_repeated,
+                    "gain": e.gain,
+                    "target": e.target,
+                }
+                for e in self.expected
+            },
+            "travel": dict(self.travel),
+            "limits": {"amplifier": self.limits.amplifier, "travel": dict(self.limits.travel)},
+            "table": {"time": time.tolist(), self.input: values.tolist()},
+            "seed": self.seed,
+        }
+
+    def write_csv(self, path: Path | str) -> Path:
+        """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
+        path = Path(path)
+        temporary = path.with_name(path.name + ".part")
+        rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
+        temporary.write_text("\n".join(rows) + "\n")
+        temporary.replace(path)
+        return path
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "unit", "sd now", "sd after", "times narrower"))
+        rows = "".join(
+            f"<tr><td>{escape(e.name)}</td><td>{e.value:.4g}</td><td>{escape(e.unit)}</td><td>{e.sd_before:.3g}</td>"
+            f"<td>{e.sd_after:.3g}</td><td>{e.gain:.2f}{' *' if e.target else ''}</td></tr>"
+            for e in self.expected
+        )
+        caption = f"next experiment: {escape(self.family)}, {self.time[-1]:g} s, * aimed at"
+        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+
+
+def propose_experiment(
+    fit: Fit,
+    *,
+    duration: float = 30.0,
+    rate_hz: float | None = None,
+    limits: Limits | None = None,
+    targets: Sequence[str] | None = None,
+    seed: int = 1,
+    settings: SearchSettings | None = None,
+    engine: Engine = "native",
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Design:
+    """The input signal, within what the rig allows, that would tell most about the weak parameters.
+
+    Parameters
+    ----------
+    fit : Fit
+    duration : float
+        Length of the new recording in s.
+    rate_hz : float, optional
+        Its sample rate; that of the first recording by default.
+    limits : Limits, optional
+    targets : sequence of str, optional
+        Parameters to narrow; by default those that are not identified, or all if all are. Optional ones that the fit
+        did not free, such as an inductance at a low rate, must be named to be aimed at.
+    seed : int
+    settings : SearchSettings, optional
+        Effort of the search.
+    engine, workers, progress
+        As for a fit.
+
+    Raises
+    ------
+    InputError
+        For a target that is no parameter of the fit, or a duration too short to sample.
+    CannotFinishError
+        If every candidate leaves the travel.
+    """
+    limits, settings = limits or default_limits(fit), settings or SearchSettings()
+    time = sample_times(fit, duration, rate_hz)
+    rng = np.random.default_rng(seed)
+    with WorkerPool(workers) as pool, Forecaster(fit, time, limits, engine, workers, pool) as forecaster:
+        aimed = _targets(fit, forecaster, targets)
+        known = forecaster.precision()
+        before = posterior_sd(known)
+
+        def score(signals: Sequence[FloatArray]) -> FloatArray:
+            predicted = forecaster.predict([limits.amplifier * s for s in signals])
+            return np.array([_score(p, known, before, aimed, limits) for p in predicted])
+
+        found = best_signals(score, time, rng, settings, progress)
+        if not np.isfinite(found[0].score):
+            raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
+        values, travel = within_travel(forecaster, limits.amplifier * found[0].values, rng)
+        prediction = forecaster.predict([values, *_present(fit, forecaster, time)])
+        if prediction[0] is None:
+            raise CannotFinishError("the proposed experiment could not be simulated")
+        after = posterior_sd(known + prediction[0].information)
+        same = prediction[1]
+        repeated = posterior_sd(known + same.information) if same is not None else np.full(before.shape, np.nan)
+        return _design(forecaster, found, values, travel, (before, after, repeated), aimed, seed)
+
+
+def default_limits(fit: Fit) -> Limits:
+    """The AERO's amplifier and pitch stops, for those outputs that the model has."""
+    known = {v.name for v in fit.calibration.model.outputs}
+    limits = Limits()
+    return Limits(limits.amplifier, {n: v for n, v in limits.travel.items() if n in known})
+
+
+def sample_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
+    """Sample times of the new recording, shape (n,)."""
+    if rate_hz is None:
+        rate_hz = 1.0 / float(np.median(np.diff(fit.calibration.experiments[0].time)))
+    if not (rate_hz > 0.0 and duration * rate_hz >= 10.0):
+        raise InputError(f"an experiment of {duration:g} s at {rate_hz:g} Hz has fewer than ten samples")
+    return np.arange(round(duration * rate_hz) + 1) / rate_hz
+
+
+def within_travel(
+    forecaster: Forecaster, values: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, dict[str, float]]:
+    """The signal, made smaller until draws of what is known keep to the travel, and the largest travel of each output.
+
+    Raises
+    ------
+    CannotFinishError
+        If even a hundredth of it does not.
+    """
+    draws = np.vstack([forecaster.values, forecaster.draws(TRAVEL_DRAWS, rng)])
+    rows = np.column_stack([draws, np.full(len(draws), forecaster.delay_value)])
+    for _ in range(30):
+        with forecaster.open(forecaster.problem([forecaster.experiment(values)])) as simulator:
+            outputs = simulator.simulate(rows).outputs[0]
+        travel = {
+            n: float(np.nanmax(np.abs(outputs[:, :, forecaster.outputs.index(n)]), initial=0.0))
+            for n in forecaster.limited
+        }
+        excess = max((travel[n] / limit for n, limit in forecaster.limits.travel.items()), default=0.0)
+        if np.all(np.isfinite(outputs)) and excess <= 1.0:
+            return values, travel
+        values = values * min(0.97, max(0.5, excess**-0.5) if np.isfinite(excess) else 0.5)
+    raise CannotFinishError("the proposed experiment leaves the travel for some parameters that are still possible")
+
+
+def _targets(fit: Fit, forecaster: Forecaster, targets: Sequence[str] | None) -> list[int]:
+    names = forecaster.shared.names
+    if targets is not None:
+        for name in targets:
+            if name not in names:
+                raise InputError(f"{name} is no parameter of the fit; it has {', '.join(names)}")
+        return [names.index(name) for name in targets]
+    sought = [j for j, item in enumerate(forecaster.shared) if not item.auto or item.name in fit.laplace.names]
+    table = fit.parameters
+    return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
+
+
+def _score(
+    predicted: Predicted | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
+) -> float:
+    """Mean logarithm of the targets' standard deviations after over before; infinite beyond the travel."""
+    if predicted is None or any(predicted.travel[n] > TRAVEL_SHARE * limit for n, limit in limits.travel.items()):
+        return np.inf
+    after = posterior_sd(known + predicted.information)
+    return float(np.mean(np.log(after[aimed] / before[aimed])))
+
+
+def _present(fit: Fit, forecaster: Forecaster, time: FloatArray) -> list[FloatArray]:
+    """The first recording's input, repeated over the new times."""
+    signal = fit.calibration.experiments[0].inputs[0]
+    span = fit.calibration.experiments[0].time
+    within = span[0] + np.mod(time, span[-1] - span[0])
+    index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
+    return [np.asarray(signal.values[index])]
+
+
+def _design(
+    forecaster: Forecaster,
+    found: Sequence[Found],
+    values: FloatArray,
+    travel: Mapping[str, float],
+    spreads: tuple[FloatArray, FloatArray, FloatArray],
+    aimed: list[int],
+    seed: int,
+) -> Design:
+    slope = forecaster.shared.jacobian(forecaster.values)
+    before, after, repeated = (sd * slope for sd in spreads)
+    expected = tuple(
+        Expected(
+            item.name, item.unit, float(forecaster.values[j]), float(before[j]), float(after[j]), float(repeated[j]),
+            j in aimed,
+        )
+        for j, item in enumerate(forecaster.shared)
+    )  # fmt: skip
+    time = forecaster.full_time
+    unit = next((v.unit for v in forecaster.fit.calibration.model.inputs if v.name == forecaster.input), "")
+    return Design(
+        forecaster.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
+        forecaster.limits, float(1.0 / (time[1] - time[0])), seed, unit,
+    )  # fmt: skip
+
+
+def recording_of(design: Design, outputs: Mapping[str, FloatArray], name: str = "designed") -> Recording:
+    """The recording that carrying out a design gives."""
+    return Recording(name, design.time, {design.input: design.values}, dict(outputs))

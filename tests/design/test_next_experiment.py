@@ -1,0 +1,149 @@
+"""The proposed experiment keeps to its limits, tells what it says it tells, and the gain comes true in simulation."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes import bench
+from aero_bayes.design import FAMILIES, Limits, check_gain, propose_experiment, separating_experiment
+from aero_bayes.design.information import Forecaster, posterior_sd
+from aero_bayes.design.optimise import SearchSettings
+from aero_bayes.errors import InputError
+from aero_bayes.export import export_fmu
+from aero_bayes.inference import FitSettings, fit
+from aero_bayes.inference.evidence import laplace_evidence
+from aero_bayes.simulation import Model
+
+QUICK = SearchSettings(start=6, rounds=2, candidates=6, families=1)
+LOCAL = FitSettings(method="local")
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    return Model.load(export_fmu("Aero.Systems.OneDof", tmp_path_factory.mktemp("fmu") / "OneDof.fmu"))
+
+
+@pytest.fixture(scope="module")
+def short_pulse():
+    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    return bench.simulate_recording(
+        truth, bench.pulse(6.0, 1.0, 3.0), bench.white(1.0), np.random.default_rng(1), duration=6.0, rate_hz=50.0
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(model, short_pulse):
+    return fit(short_pulse, model, settings=LOCAL, workers=0)
+
+
+@pytest.fixture(scope="module")
+def design(fitted):
+    return propose_experiment(fitted, duration=15.0, targets=["D_p", "K_sp"], seed=3, settings=QUICK, workers=0)
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda f: f.name)
+def test_signals_stay_within_one_and_change_at_samples(family):
+    time = np.linspace(0.0, 20.0, 1001)
+    for u in np.random.default_rng(2).random((50, family.size)):
+        values = family.signal(u, time)
+        assert values.shape == time.shape
+        assert np.all(np.abs(values) <= 1.0)
+        assert np.array_equal(values, family.signal(u, time))
+
+
+def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted):
+    time = np.arange(0.0, 4.0, 0.05)
+    volts = np.where(time < 2.0, 10.0, -4.0)
+    noisy = replace(fitted.noise["theta"], sd_ou=0.004, tau=0.3)
+    fitted = replace(fitted, noise={**fitted.noise, "theta": noisy})
+    forecaster = Forecaster(fitted, time, Limits(), workers=0)
+    found = forecaster.predict([volts])[0]
+    count = len(forecaster.shared)
+    step, columns = 1e-4, []
+    point = forecaster.shared.to_search(forecaster.values)
+    rows = [np.append(forecaster.values, forecaster.delay_value + s * 1e-4) for s in (1, -1)]
+    for j in range(count):
+        for sign in (1, -1):
+            moved = point + sign * step * np.eye(count)[j]
+            rows.append(np.append(forecaster.shared.from_search(moved), forecaster.delay_value))
+    with forecaster.open(forecaster.problem([forecaster.experiment(volts)])) as simulator:
+        outputs = simulator.simulate(np.array(rows)).outputs[0]
+    columns = [(outputs[2 + 2 * j] - outputs[3 + 2 * j]) / (2.0 * step) for j in range(count)]
+    columns.append((outputs[0] - outputs[1]) / 2e-4)
+    joint = np.zeros((count + 1, count + 1))
+    for k, name in enumerate(fitted.outputs):
+        noise = fitted.noise[name]
+        lag = np.abs(time[:, None] - time[None, :])
+        slow = noise.sd_ou**2 * np.exp(-lag / noise.tau) if noise.sd_ou else 0.0
+        covariance = slow + noise.sd_white**2 * np.eye(time.size)
+        s = np.stack([c[:, k] for c in columns], axis=1)
+        joint += s.T @ np.linalg.solve(covariance, s)
+    joint[-1, -1] += 12.0 / 0.02**2
+    marginal = np.linalg.inv(np.linalg.inv(joint)[:-1, :-1])
+    sd = posterior_sd(found.information + forecaster.precision())
+    assert sd == pytest.approx(posterior_sd(marginal + forecaster.precision()), rel=0.02)
+
+
+def test_proposal_keeps_to_its_limits_and_beats_repetition(design):
+    assert np.max(np.abs(design.values)) <= 24.0
+    assert design.travel["theta"] <= 1.0
+    assert design.targets == ("D_p", "K_sp")
+    assert design.gain > 1.5
+    aimed = [e for e in design.expected if e.target]
+    assert np.mean([np.log(e.sd_repeated / e.sd_after) for e in aimed]) > 0.0
+    assert all(e.sd_after <= e.sd_before for e in design.expected)
+
+
+def test_less_travel_means_a_smaller_gain(fitted, design):
+    tight = propose_experiment(
+        fitted, duration=15.0, targets=["D_p", "K_sp"], seed=3, settings=QUICK, workers=0,
+        limits=Limits(24.0, {"theta": 0.05}),
+    )  # fmt: skip
+    assert tight.travel["theta"] <= 0.05
+    assert 1.0 < tight.gain < design.gain
+
+
+def test_gain_comes_true_in_simulation(fitted, design):
+    check = check_gain(design, fitted, repeats=24, seed=5, workers=0)
+    assert check.failures == 0
+    assert check.agrees, check.to_dict()
+
+
+def test_proposal_follows_from_its_seed_and_reads_back(fitted, design, tmp_path: Path):
+    again = propose_experiment(fitted, duration=15.0, targets=["D_p", "K_sp"], seed=3, settings=QUICK, workers=0)
+    assert np.array_equal(again.values, design.values)
+    with design.write_csv(tmp_path / "next.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert np.allclose([float(r["V_m"]) for r in rows], design.values, atol=1e-4)
+    assert np.allclose([float(r["time"]) for r in rows], design.time)
+    assert design.to_dict()["parameters"]["D_p"]["gain"] == pytest.approx(design.expected[5].gain)
+
+
+def test_mistakes_get_one_line(fitted):
+    with pytest.raises(InputError, match="nonsense is no parameter"):
+        propose_experiment(fitted, targets=["nonsense"], settings=QUICK, workers=0)
+    with pytest.raises(InputError, match="fewer than ten samples"):
+        propose_experiment(fitted, duration=0.01, settings=QUICK, workers=0)
+    with pytest.raises(InputError, match="has no such output"):
+        propose_experiment(fitted, limits=Limits(24.0, {"yaw": 1.0}), settings=QUICK, workers=0)
+    with pytest.raises(InputError, match="positive"):
+        Limits(amplifier=-1.0)
+
+
+def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, fitted, tmp_path: Path):
+    rival = Model.load(export_fmu("Aero.Systems.OneDofLinear", tmp_path / "OneDofLinear.fmu"))
+    other = fit(short_pulse, rival, settings=LOCAL, workers=0)
+    before = laplace_evidence(fitted) - laplace_evidence(other)
+    apart = separating_experiment(fitted, other, duration=6.0, seed=2, settings=QUICK, workers=0)
+    assert np.max(np.abs(apart.values)) <= 24.0
+    assert apart.travel["theta"] <= 1.0
+    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    volts = bench.Levels(tuple(apart.time), tuple(apart.values))
+    new = bench.simulate_recording(truth, volts, bench.white(1.0), np.random.default_rng(4), duration=6.0, rate_hz=50.0)
+    both = [replace(short_pulse, name="old"), replace(new, name="new")]
+    after = [laplace_evidence(fit(both, m, settings=LOCAL, workers=0)) for m in (model, rival)]
+    assert apart.first_true > 3.0
+    assert after[0] - after[1] - before > 3.0
