@@ -132,7 +132,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
 static double column_error(const Run *r, const double *v)
 {
     const int n = r->n, ld = r->ld;
-    const double rtol = 10.0 * r->rtol;
+    const double rtol = 100.0 * r->rtol;
     double worst = 0.0;
     for (int k = 0; k < r->alive; k++) {
         double size = 0.0, sum = 0.0;
