@@ -7,13 +7,15 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray
 
 FloatArray = NDArray[np.float64]
 
@@ -142,6 +144,8 @@ def _read_posterior(path: Path) -> dict[str, FloatArray]:
     if not path.is_file():
         return {}
     try:
+        import xarray  # a second of imports that only a page with a posterior needs
+
         with xarray.open_dataset(path, group="posterior") as group:
             return {str(name): _flat for name, values in group.items() for name, _flat in _columns(str(name), values)}
     except (ValueError, OSError, KeyError) as error:

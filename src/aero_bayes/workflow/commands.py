@@ -19,6 +19,7 @@ from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
+from aero_bayes.workflow.loop import loop_part, run_loop
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
@@ -51,6 +52,16 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     _finish(study, "posterior", began, [result, _closing(result)], series | bands)
 
 
+def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
+    """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
+    began = time.perf_counter()
+    study = open_study(train, options, tests=test)
+    with ProgressBar(options.quiet) as progress:
+        loop = run_loop(study, progress)
+    series = measured_series((*study.recordings, *study.tests)) | loop.series()
+    _finish(study, "close-loop", began, [preamble(study, "close-loop"), loop_part(study, loop)], series)
+
+
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
     """What plain ``make`` runs: the fit, its posterior, the paper's table and the closed loop, on one page.
 
@@ -70,14 +81,17 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             out=options.out / "replay",
             progress=progress,
         )
-        loop = _loop(study, progress) if study.modelica else None
+        loop = run_loop(study, progress) if study.modelica else None
     result, series = _fit_part(study, found)
     sampled, bands = _posterior_part(posterior)
     parts = [merge(result, sampled), {"replay": table.to_dict()}]
     series = series | bands | table.series
     if loop is not None:
-        parts.append(loop_part(loop))
-        series = series | loop.series
+        story = loop_part(study, loop)
+        parts.append({key: story[key] for key in ("loop", "verdict")})
+        series = series | measured_series(study.tests) | loop.series()
+    else:
+        parts.append(_closing(result))
     _finish(study, "all", began, parts, series)
 
 

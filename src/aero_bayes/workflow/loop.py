@@ -1,0 +1,72 @@
+"""The closed loop as a command: its settings from the study, its findings as keys of result.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
+from aero_bayes.errors import InputError
+from aero_bayes.inference.parameters import Override
+from aero_bayes.workflow.progress import ProgressBar
+from aero_bayes.workflow.study import Study
+
+Json = dict[str, Any]
+
+LEVEL = {"adequate": "good", "extended": "good", "unexplained": "warning"}
+
+
+def run_loop(study: Study, progress: ProgressBar) -> LoopResult:
+    """Close the loop on a study.
+
+    Raises
+    ------
+    InputError
+        If the model was given as an FMU: effects can only be written into Modelica source.
+    """
+    if not study.modelica:
+        raise InputError(
+            f"{study.model.path}: the loop writes the missing effect into Modelica source; "
+            "expected --model to name a class of the Aero package, not an FMU"
+        )
+    settings = LoopSettings(
+        effects=study.config.loop.effects,
+        held_out=study.config.loop.held_out,
+        fixed=study.fixed,
+        overrides={
+            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in study.parameters if not p.auto
+        },
+        free=tuple(p.name for p in study.parameters if not p.auto),
+    )
+    return close_loop(
+        study.recordings,
+        study.tests,
+        model=study.name,
+        settings=settings,
+        workers=study.options.workers,
+        out_dir=study.options.out,
+        progress=lambda what, share: progress(f"loop: {what}", share),
+    )
+
+
+def loop_part(study: Study, loop: LoopResult) -> Json:
+    """The keys of result.json that the loop fills."""
+    table = {name: estimate.to_dict() | {"status": "identified"} for name, estimate in loop.parameters.items()}
+    interval = min(1.0 / recording.rate_hz for recording in study.recordings)
+    return {
+        "parameters": table,
+        "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
+        "residual": loop.residual_dict(),
+        "noise": {
+            output: {
+                "sd": noise.sd,
+                "rho": noise.rho(interval),
+                "sd_white": noise.white,
+                "sd_ou": noise.drift,
+                "tau_s": noise.tau,
+            }
+            for output, noise in loop.noise.items()
+        },
+        "loop": loop.to_dict(),
+        "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
+        "verdict": {"level": LEVEL[loop.outcome], "text": loop.sentence},
+    }
