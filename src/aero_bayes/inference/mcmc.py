@@ -25,7 +25,7 @@ from aero_bayes.inference.diagnostics import Diagnosis, diagnose
 from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, StretchMove, Warp
 
 FloatArray = NDArray[np.float64]
-MakeMoves = Callable[[HeavyTail], Sequence[tuple[Move, float]]]
+MakeMoves = Callable[[HeavyTail, bool], Sequence[tuple[Move, float]]]
 
 
 class LogDensity(Protocol):
@@ -52,7 +52,7 @@ class SampleSettings:
         What counts as enough: rank-normalised R-hat across ensembles, length in autocorrelation times (never below
         50), and effective samples in bulk and tails of every parameter.
     independence, differential, stretch : float
-        Shares of the moves.
+        Shares of the moves once the proposal is frozen; those with a share are equally likely before.
     dof : float
         Degrees of freedom of the independence proposal.
     draws : int
@@ -72,10 +72,10 @@ class SampleSettings:
     r_hat: float = 1.01
     lengths: float = 50.0
     ess: float = 1000.0
-    independence: float = 0.6
-    differential: float = 0.25
-    stretch: float = 0.15
-    dof: float = 8.0
+    independence: float = 0.8
+    differential: float = 0.12
+    stretch: float = 0.08
+    dof: float = 12.0
     draws: int = 1000
     predictive: int = 200
     checkpoint_seconds: float = 15.0
@@ -120,13 +120,13 @@ class Chain:
 def standard_moves(settings: SampleSettings) -> MakeMoves:
     """The mix: independence, differential evolution and stretch."""
 
-    def make(proposal: HeavyTail) -> Sequence[tuple[Move, float]]:
+    def make(proposal: HeavyTail, frozen: bool) -> Sequence[tuple[Move, float]]:
         moves = [
             (IndependenceMove(proposal), settings.independence),
             (DifferentialMove(), settings.differential),
             (StretchMove(), settings.stretch),
         ]
-        return [(move, share) for move, share in moves if share > 0.0]
+        return [(move, share if frozen else 1.0) for move, share in moves if share > 0.0]
 
     return make
 
@@ -157,7 +157,7 @@ def run(
     identity : str
         What makes the density this one and no other (hashes of model and data).
     moves : callable, optional
-        Makes the moves from a proposal; the standard mix by default.
+        Makes the moves from a proposal and whether it is frozen; the standard mix by default.
     progress : callable, optional
         Told a phase, how far it is (0 to 1), and a line of text.
 
@@ -270,7 +270,7 @@ class _Walk:
         return self.density(points)
 
     def _make_samplers(self) -> None:
-        moves = list(self._moves(self.proposal))
+        moves = list(self._moves(self.proposal, self.step >= self._refits[-1]))
         self._samplers = [
             emcee.EnsembleSampler(self.walkers, self.dimension, self._evaluate, moves=moves, vectorize=True)
             for _ in range(self.settings.ensembles)
@@ -337,15 +337,15 @@ class _Walk:
             state.random_state = random.get_state(legacy=True)
 
     def _refit(self) -> None:
-        """Fit the proposal to the last burn-in round's second half, over all ensembles."""
+        """Fit the proposal to the last three quarters of a burn-in round, over all ensembles."""
         length = dict(zip(self._refits, self.settings.burn_in, strict=True))[self.step]
-        recent = self._points[:, self.step - length // 2 : self.step].reshape(-1, self.dimension)
-        density = self._density[:, self.step - length // 2 : self.step].reshape(-1)
+        recent = self._points[:, self.step - 3 * length // 4 : self.step].reshape(-1, self.dimension)
+        density = self._density[:, self.step - 3 * length // 4 : self.step].reshape(-1)
         floor = density.max() - 0.5 * float(chi2.isf(1e-7, self.dimension)) - 10.0
         good = recent[density >= floor]
         if len(np.unique(good[:, 0])) > 4 * self.dimension:
             self.proposal = HeavyTail.fit(good, self.proposal.dof)
-            self._make_samplers()
+        self._make_samplers()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything, as arrays."""

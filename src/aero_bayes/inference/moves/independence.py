@@ -17,10 +17,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HeavyTail:
-    """Multivariate t density over warped coordinates.
+    """Multivariate t density of whitened coordinates, each of which may be bent by itself.
 
-    ``mean`` (d,), lower Cholesky factor of the scale matrix ``factor`` (d, d) and ``dof`` belong to the scores that
-    ``warp`` makes of the coordinates (the coordinates themselves for the identity).
+    A draw is ``mean + factor @ warp^-1(t)`` with t from the standard multivariate t of ``dof`` degrees of freedom;
+    ``mean`` is (d,), the lower Cholesky ``factor`` (d, d). Whitening first keeps strong correlations exact whatever
+    the warps are.
     """
 
     mean: FloatArray
@@ -29,20 +30,20 @@ class HeavyTail:
     warp: Warp
 
     @classmethod
-    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0, warp: Warp | None = None) -> HeavyTail:
+    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0) -> HeavyTail:
         """The t density whose scale matrix is a covariance, made safely positive definite."""
         sd = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(sd, sd)
         values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
         safe = (vectors * np.maximum(values, 1e-10)) @ vectors.T
-        return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof, warp or Warp.identity(len(mean)))
+        return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof, Warp.identity(len(mean)))
 
     @classmethod
     def fit(cls, samples: FloatArray, dof: float = 8.0) -> HeavyTail:
-        """The density that resembles samples (n, d): normal scores of each coordinate, correlated as they are."""
-        warp = Warp.fit(samples)
-        scores = np.clip(warp.forward(samples)[0], -4.0, 4.0)
-        return cls.of(scores.mean(axis=0), np.atleast_2d(np.cov(scores.T)), dof, warp)
+        """The density that resembles samples (n, d): their mean and covariance, bent where a margin is not normal."""
+        plain = cls.of(samples.mean(axis=0), np.atleast_2d(np.cov(samples.T)), dof)
+        white = solve_triangular(plain.factor, (samples - plain.mean).T, lower=True).T
+        return cls(plain.mean, plain.factor, dof, Warp.fit(white))
 
     def widened(self, factor: float, dof: float) -> HeavyTail:
         """The same with its scale multiplied."""
@@ -50,18 +51,18 @@ class HeavyTail:
 
     def sample(self, random: np.random.RandomState, size: int) -> FloatArray:
         """Independent draws, shape (size, d)."""
-        normal = random.randn(size, self.mean.size) @ self.factor.T
-        scores = self.mean + normal / np.sqrt(random.chisquare(self.dof, size) / self.dof)[:, None]
-        return self.warp.inverse(scores)
+        normal = random.randn(size, self.mean.size)
+        scores = normal / np.sqrt(random.chisquare(self.dof, size) / self.dof)[:, None]
+        return np.asarray(self.mean + self.warp.inverse(scores) @ self.factor.T)
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """Log-density at points (n, d), shape (n,)."""
         d, dof = self.mean.size, self.dof
-        scores, log_slope = self.warp.forward(points)
-        z = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
+        white = solve_triangular(self.factor, (points - self.mean).T, lower=True).T
+        scores, log_slope = self.warp.forward(white)
         constant = gammaln(0.5 * (dof + d)) - gammaln(0.5 * dof) - 0.5 * d * np.log(dof * np.pi)
         constant -= np.sum(np.log(np.diag(self.factor)))
-        return np.asarray(constant + log_slope - 0.5 * (dof + d) * np.log1p(np.sum(z**2, axis=0) / dof))
+        return np.asarray(constant + log_slope - 0.5 * (dof + d) * np.log1p(np.sum(scores**2, axis=1) / dof))
 
 
 class IndependenceMove(MHMove):  # type: ignore[misc]

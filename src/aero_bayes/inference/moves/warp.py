@@ -10,6 +10,9 @@ from scipy.special import ndtr
 
 FloatArray = NDArray[np.float64]
 
+#: Departure of a quantile from its normal place, in standard deviations, that makes a coordinate worth bending.
+LEAST = 0.3
+
 _SCORES = np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
 
 
@@ -34,8 +37,9 @@ class Warp:
     def fit(cls, samples: FloatArray) -> Warp:
         """Maps under which the quantiles of ``samples`` (n, d) become those of a standard normal.
 
-        Tails are stretched by a third beyond what the outer quantiles suggest, so that a proposal reaches further
-        than the target.
+        ``samples`` have mean zero and unit variance; a coordinate whose quantiles are within ``LEAST`` of normal
+        ones is left alone. Tails are stretched by a third beyond what the outer quantiles suggest, so that a proposal
+        reaches further than the target.
         """
         knots = np.quantile(samples, ndtr(_SCORES), axis=0).T
         least = 1e-3 * (knots[:, -1:] - knots[:, :1]) + 1e-300
@@ -44,7 +48,10 @@ class Warp:
         )
         scores = np.tile(_SCORES, (len(knots), 1))
         slopes = np.diff(scores, axis=1) / np.diff(knots, axis=1)
-        return cls(knots, scores, 0.75 * slopes[:, [0, -1]])
+        tails = 0.75 * slopes[:, [0, -1]]
+        normal = np.max(np.abs(knots - scores), axis=1) < LEAST
+        knots[normal], tails[normal] = scores[normal], 1.0
+        return cls(knots, scores, tails)
 
     def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of points (n, d), and the log-determinant of the map, shape (n,)."""
