@@ -66,7 +66,7 @@ def test_effects_in_one_slot_act_together(base: dict[str, float], tmp_path: Path
     found = rates_at(explicit_model("Together", [written.path]), {})
     torque = -0.01 * 0.33**3 - 1e-3 * tanh(0.41 / 0.3)
     assert found["body.omega"] == pytest.approx(base["body.omega"] + torque / 0.0219, rel=1e-12)
-    drop = 2.0 * 0.21 + 0.5 * tanh(0.21 / 0.005)
+    drop = 2.0 * 0.21 + 0.5 * tanh(0.21 / 1e-5)
     state = "thruster_1.motor.inductor.i"
     assert found[state] == pytest.approx(base[state] - drop / 1.16e-3, rel=1e-12)
 

@@ -2,7 +2,7 @@ within Aero.Effects;
 model AmplifierSaturation "Amplifier whose voltage is limited"
   extends Interfaces.ElectricalEffect;
   parameter Real s_sat(unit = "1/V", min = 0, nominal = 0.05) = 0 "Inverse of the largest voltage";
-  parameter Real knee(unit = "1", min = 1e-6, nominal = 0.01) = 0.005 "Width of the rounding at the limit, relative to it";
+  parameter Real knee(unit = "1", min = 1e-6, nominal = 0.01) = 1e-3 "Width of the rounding at the limit, relative to it";
 protected
   Real v(unit = "V") "Voltage that enters";
 equation

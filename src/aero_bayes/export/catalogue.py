@@ -95,7 +95,7 @@ _ENTRIES = (
         "brush_drop", "electrical", "ElectricalEffect", "BrushDrop",
         (_positive("V_b", "V", "Voltage drop of the brush contacts", 6.0, 0.5, (0.2, 1.0)),),
         "voltage drop of the brush contacts, independent of the size of the current",
-        widths={"i_smooth": 0.005}, rank=4,
+        widths={"i_smooth": 1e-5}, rank=4,
     ),
     Effect(
         "winding_heating", "electrical", "ElectricalEffect", "WindingHeating",
@@ -113,12 +113,12 @@ _ENTRIES = (
     Effect(
         "amplifier_saturation", "electrical", "ElectricalEffect", "AmplifierSaturation",
         (_positive("s_sat", "1/V", "Inverse of the amplifier's limit", 0.5, 0.05, (0.045, 0.055, 0.07, 0.1)),),
-        "amplifier whose voltage is limited", widths={"knee": 0.005}, rank=2,
+        "amplifier whose voltage is limited", widths={"knee": 1e-3}, rank=2,
     ),
     Effect(
         "rotor_coulomb_friction", "rotor", "RotorEffect", "RotorCoulombFriction",
         (_positive("tau_r", "N.m", "Dry friction torque of a rotor", 0.02, 1e-3, (2e-4, 1e-3)),),
-        "dry friction of the rotor's bearings and brushes", widths={"w_smooth": 0.5},
+        "dry friction of the rotor's bearings and brushes", widths={"w_smooth": 0.05},
     ),
     Effect(
         "rotor_viscous_friction", "rotor", "RotorEffect", "RotorViscousFriction",
@@ -139,12 +139,12 @@ _ENTRIES = (
     Effect(
         "thrust_asymmetry", "thrust", "ThrustEffect", "ThrustAsymmetry",
         (_signed("a_f", "1", "Relative gain of thrust pitching up, loss pitching down", 0.9, 0.1),),
-        "thrust that differs between pitching up and pitching down", widths={"f_smooth": 5e-4}, rank=2,
+        "thrust that differs between pitching up and pitching down", widths={"f_smooth": 1e-4}, rank=2,
     ),
     Effect(
         "pivot_coulomb_friction", "body", "BodyEffect", "PivotCoulombFriction",
         (_positive("tau_c", "N.m", "Dry friction torque at the pivot", 0.05, 1e-3, (3e-4, 1.5e-3)),),
-        "dry friction at the pivot", widths={"w_smooth": 2e-4},
+        "dry friction at the pivot", widths={"w_smooth": 2e-5},
     ),
     Effect(
         "body_quadratic_drag", "body", "BodyEffect", "BodyQuadraticDrag",
