@@ -13,11 +13,11 @@ from pathlib import Path
 
 from aero_bayes.export import (
     CATALOGUE,
-    CURVE_STATES,
     Compiler,
     EffectUse,
     ExtendedModel,
     FreeForm,
+    Port,
     export_fmu,
     modelica_root,
     write_extension,
@@ -26,6 +26,8 @@ from aero_bayes.simulation import Model
 
 #: Knots of a learned curve.
 KNOTS = 7
+#: Its values are the parameters ``c_1`` to ``c_7``.
+CURVE_PREFIX = "c"
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,10 @@ class ModelFamily:
         """The base with every effect of the catalogue switched off, and an input at every port."""
         return self._extended([EffectUse(id_) for id_ in CATALOGUE], f"{self.title}_screening", probes=True)
 
-    def curves(self) -> Model:
-        """The base with a curve over each state at each port, all zero; their ranges are parameters."""
-        uses = [
-            FreeForm(port, over, -1.0, 1.0, (0.0,) * KNOTS, prefix=curve_prefix(port, over))
-            for port, states in CURVE_STATES.items()
-            for over in states
-        ]
-        return self._extended(uses, f"{self.title}_curves", probes=False)
+    def curve(self, port: Port, over: str) -> Model:
+        """The base with a curve over one state at one port, zero everywhere; its range is a parameter."""
+        use = FreeForm(port, over, -1.0, 1.0, (0.0,) * KNOTS, prefix=CURVE_PREFIX)
+        return self._extended([use], f"{self.title}_curve_{port}_{over}", probes=False)
 
     def with_effects(self, uses: Sequence[EffectUse | FreeForm], folder: Path) -> tuple[ExtendedModel, Model]:
         """The base with chosen effects, written to ``folder`` as a model of its own, and its FMU."""
@@ -89,8 +87,3 @@ class ModelFamily:
         if not out.exists():
             export_fmu(name, out, compiler=self.compiler, sources=list(sources))
         return Model.load(out)
-
-
-def curve_prefix(port: str, over: str) -> str:
-    """Prefix of the values of one port's curve over one state."""
-    return f"c_{port}_{over}"

@@ -20,17 +20,19 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.discrepancy.attribute import AttributeSettings, Candidate, Selection, select
 from aero_bayes.discrepancy.baseline import Prepared, fit_base, nuisance_parameters, prepare, without_ripple
+from aero_bayes.discrepancy.beyond import CurveFit, MomentFit, Probing, Visited, fit_curves, fit_moment, probe
 from aero_bayes.discrepancy.catalogue import candidates_of, describe, effect_parameter
 from aero_bayes.discrepancy.family import ModelFamily
 from aero_bayes.discrepancy.judge import Prediction, floors_of, predict, shifts
+from aero_bayes.discrepancy.locate import rank_ports
 from aero_bayes.discrepancy.refit import Refit, RefitSettings, refit
 from aero_bayes.discrepancy.residual import ResidualReport, inspect
 from aero_bayes.discrepancy.result import FoundEffect, LoopOutcome, LoopResult, NewParameter
 from aero_bayes.discrepancy.study import Study, problem_of
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE, Compiler, EffectUse, ExtendedModel
+from aero_bayes.export import CATALOGUE, Compiler, EffectUse, ExtendedModel, FreeForm
 from aero_bayes.inference.aero import aero_overrides
-from aero_bayes.inference.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.inference.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 
@@ -56,6 +58,10 @@ class LoopSettings:
     free : tuple of str, optional
         Parameters of the base model to fit; by default those of the AERO but for the inductance.
     solver : SolverSettings
+    locate : bool
+        Whether the port signals are inferred also where an effect explains all; the page draws them.
+    left_over : float
+        Structure that may be left beside named effects, as a share of what they explain; beyond it they are not named.
     most_readings : int
         Readings an output and recording that the search uses; more are thinned.
     """
@@ -68,6 +74,8 @@ class LoopSettings:
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(1e-5, 1e-5))
+    locate: bool = True
+    left_over: float = 0.05
     most_readings: int = 8000
 
 
@@ -119,6 +127,32 @@ def close_loop(
         return _Loop(
             family, tuple(train), tuple(test), settings, pool, folder, progress or (lambda what, share: None)
         ).run()
+
+
+@dataclass(frozen=True, eq=False)
+class _Rival:
+    """What was found beyond the catalogue; ``curve`` and ``moment`` only where they beat it."""
+
+    probing: Probing | None
+    visited: Visited | None
+    curve: CurveFit | None
+    moment: MomentFit | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What the stages up to the decision have made, for those after it."""
+
+    study: Study
+    selection: Selection
+    prepared: Prepared
+    base_set: ParameterSet
+    everything: ParameterSet
+    before_reports: tuple[ResidualReport, ...]
+    before: Prediction
+    floors: Mapping[tuple[str, str], float]
+    floors_by_index: Mapping[tuple[int, str], float]
+    rival: _Rival
 
 
 class _Loop:
@@ -178,15 +212,22 @@ class _Loop:
         self.progress("trying every effect", 0.2)
         selection = select(
             study, base, candidates, self.settings.attribute, fit,
-            lambda what, share: self.progress(what, 0.2 + 0.5 * share),
+            lambda what, share: self.progress(what, 0.2 + 0.4 * share),
         )  # fmt: skip
         self._lap("attribution")
+        after_reports = inspect(study, selection.refit, by_index, self.names)
+        rival = self._rival(screening, study, selection, prepared, base_set, everything, after_reports, fit)
+        self._lap("beyond the catalogue")
         before = self._predict(screening, everything, base)
-        self.progress("writing the extended model", 0.75)
-        if selection.effects:
-            result = self._extended(study, selection, prepared, base_set, everything, before_reports, before, floors)
+        found = _Found(
+            study, selection, prepared, base_set, everything, before_reports, before, floors, by_index, rival
+        )
+        if rival.curve is not None:
+            result = self._free_form(found, rival.curve)
+        elif selection.effects and rival.moment is None and not self._incomplete(selection, after_reports):
+            result = self._extended(found)
         else:
-            result = self._nothing_found(study, selection, before_reports, before, floors, everything)
+            result = self._unexplained_or_adequate(found, after_reports)
         study.close()
         self.progress("done", 1.0)
         return result
@@ -196,27 +237,73 @@ class _Loop:
     def _fit_base(
         self, model: Model, parameters: ParameterSet, count: int, prepared: Prepared, fit: RefitSettings
     ) -> tuple[Study, Refit, Prepared]:
-        study = self._study(model, parameters, prepared)
+        study = self._open_study(model, parameters, prepared, {})
         base = fit_base(study, range(count), fit)
         cleaned = without_ripple(prepared, study, base)
         if cleaned.ripples:
             self._count(study)
             study.close()
-            study = self._study(model, parameters, cleaned)
+            study = self._open_study(model, parameters, cleaned, {})
             base = refit(study, base.coordinates, base.free, noise=base.noise, settings=fit)
         return study, base, cleaned
 
-    def _extended(
+    def _rival(
         self,
+        screening: Model,
         study: Study,
         selection: Selection,
         prepared: Prepared,
         base_set: ParameterSet,
         everything: ParameterSet,
-        before_reports: tuple[ResidualReport, ...],
-        before: Prediction,
-        floors: Mapping[tuple[str, str], float],
-    ) -> LoopResult:
+        after_reports: Sequence[ResidualReport],
+        fit: RefitSettings,
+    ) -> _Rival:
+        """Look beyond the catalogue where it leaves structure, or needs several effects to explain one residual."""
+        structured = any(report.verdict == "structured" for report in after_reports)
+        if not structured and not (selection.effects and self.settings.locate):
+            return _Rival(None, None, None, None)
+        self.progress("locating the port", 0.65)
+        base = selection.base
+        visited = Visited.of(study, base)
+        probing = probe(
+            screening, prepared, everything, base, visited, self._open_study, self.outputs, self._fullest(prepared)
+        )
+        if not structured and len(selection.effects) < 2:
+            return _Rival(probing, visited, None, None)
+        self.progress("looking beyond the catalogue", 0.7)
+        attribute = self.settings.attribute
+        named = selection.refit.log_evidence - len(selection.effects) * math.log(len(CATALOGUE))
+        shared = [p for p in base_set if p.recording is None]
+        curves = fit_curves(
+            self.family, prepared, shared, base, everything, visited, self._open_study, fit, self.outputs
+        )
+        moment = fit_moment(screening, prepared, everything, base, probing, visited, self._open_study, fit)
+        best_curve = curves[0].refit.log_evidence - math.log(len(curves)) if curves else -math.inf
+        best_moment = moment.log_evidence if moment is not None else -math.inf
+        if moment is not None and best_moment > max(named, best_curve) + attribute.margin:
+            return _Rival(probing, visited, None, moment)
+        if curves and best_curve > max(named, best_moment) + attribute.margin:
+            return _Rival(probing, visited, curves[0], None)
+        return _Rival(probing, visited, None, None)
+
+    def _fullest(self, prepared: Prepared) -> int:
+        """The recording with most readings, whose port signals are drawn."""
+        readings = [int(np.isfinite(e.measured).sum()) if e.measured is not None else 0 for e in prepared.experiments]
+        return int(np.argmax(readings))
+
+    def _incomplete(self, selection: Selection, after_reports: Sequence[ResidualReport]) -> bool:
+        """Whether so much structure is left that the named effects are not the explanation."""
+        gained = selection.refit.log_evidence - selection.base.log_evidence
+        left = sum(
+            max((t.statistic - t.freedom) / 2.0 for t in report.tests)
+            for report in after_reports
+            if report.verdict == "structured" and report.tests
+        )
+        return left > self.settings.left_over * gained
+
+    def _extended(self, found: _Found) -> LoopResult:
+        selection, everything = found.selection, found.everything
+        self.progress("writing the extended model", 0.75)
         values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates), strict=True))
         uses = [
             EffectUse(c.id, {p.name: _significant(values[p.name]) for p in CATALOGUE[c.id].parameters})
@@ -225,59 +312,80 @@ class _Loop:
         written, model = self.family.with_effects(uses, self.folder)
         self._lap("extension")
         self.progress("refitting the extended model", 0.85)
-        final_set, final_study, final = self._final_fit(model, selection, prepared, base_set, everything)
-        by_index = {(e, o): floors[n, o] for e, n in enumerate(self.names) for o in self.outputs if (n, o) in floors}
-        after_reports = inspect(final_study, final, by_index, self.names)
+        new = [effect_parameter(p) for c in selection.effects for p in CATALOGUE[c.id].parameters]
+        final_set, study, final = self._final_fit(model, found, new, values, selection.refit)
+        reports = inspect(study, final, found.floors_by_index, self.names)
         after = self._predict(model, final_set, final)
+        self._count(study)
+        study.close()
         effects = tuple(self._found(c, selection, final_set, final) for c in selection.effects)
-        structured = [r for r in after_reports if r.verdict == "structured"]
-        names = " and ".join(e.id for e in effects)
-        sentence = f"The model lacks {names}: " + _gain_text(before, after)
+        structured = [r for r in reports if r.verdict == "structured"]
+        sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + _gain_text(found.before, after)
         if structured:
-            left = ", ".join(sorted({r.output for r in structured}))
-            sentence += f" Some structure is left in {left}."
-        self._count(final_study)
-        final_study.close()
+            sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
         self._lap("judgement")
-        return self._result(
-            "extended", sentence, written.name, effects, selection, before, after, floors, before_reports,
-            after_reports, study, final_set, final, everything, written,
+        return self._result(found, "extended", sentence, written, effects, after, reports, final_set, final)
+
+    def _free_form(self, found: _Found, curve: CurveFit) -> LoopResult:
+        """The port is clear and nothing listed fits: the learned curve goes into the model as a table."""
+        self.progress("writing the learned curve into the model", 0.75)
+        values = tuple(_significant(float(v)) for v in curve.values)
+        use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
+        written, model = self.family.with_effects([use], self.folder)
+        self._lap("extension")
+        start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
+        new = [curve.parameters.items[j] for j in curve.columns]
+        final_set, study, final = self._final_fit(model, found, new, start, curve.refit)
+        reports = inspect(study, final, found.floors_by_index, self.names)
+        after = self._predict(model, final_set, final)
+        self._count(study)
+        study.close()
+        named = _parameters(final_set, final)
+        bar = found.selection.rounds[0].threshold if found.selection.rounds else math.nan
+        effect = FoundEffect(
+            "free_form", curve.port, "free_form", tuple(named[p.name] for p in new),
+            curve.refit.log_evidence - found.selection.base.log_evidence, bar,
+            f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, constant beyond",
+            over=curve.over,
         )  # fmt: skip
+        rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
+        sentence = (
+            f"Something acts at the {curve.port} port as a function of {curve.over}; no effect of the catalogue fits "
+            f"as well{f' (the best is {rival[0]})' if rival else ''}: {_gain_text(found.before, after)}"
+        )
+        self._lap("judgement")
+        return self._result(found, "extended", sentence, written, (effect,), after, reports, final_set, final)
 
     def _final_fit(
-        self,
-        model: Model,
-        selection: Selection,
-        prepared: Prepared,
-        base_set: ParameterSet,
-        everything: ParameterSet,
+        self, model: Model, found: _Found, new: Sequence[Parameter], start: Mapping[str, float], warm: Refit
     ) -> tuple[ParameterSet, Study, Refit]:
         """Refit on the exported model itself, from where the search ended."""
-        shared = [p for p in base_set if p.recording is None]
-        own = list(nuisance_parameters(prepared, model))
-        new = [effect_parameter(p) for c in selection.effects for p in CATALOGUE[c.id].parameters]
-        final_set = ParameterSet((*shared, *own, *new))
-        values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates), strict=True))
-        start = final_set.to_search(np.array([values[name] for name in final_set.names]))
-        study = self._study(model, final_set, prepared)
-        fit = replace(self.settings.refit, floors=prepared.floors)
-        final = refit(study, start, range(len(final_set)), noise=selection.refit.noise, settings=fit)
-        return final_set, study, final
+        shared = [p for p in found.base_set if p.recording is None]
+        final_set = ParameterSet((*shared, *nuisance_parameters(found.prepared, model), *new))
+        at = final_set.to_search(np.array([start[name] for name in final_set.names]))
+        study = self._open_study(model, final_set, found.prepared, {})
+        fit = replace(self.settings.refit, floors=found.prepared.floors)
+        return final_set, study, refit(study, at, range(len(final_set)), noise=warm.noise, settings=fit)
 
-    def _nothing_found(
-        self,
-        study: Study,
-        selection: Selection,
-        before_reports: tuple[ResidualReport, ...],
-        before: Prediction,
-        floors: Mapping[tuple[str, str], float],
-        everything: ParameterSet,
-    ) -> LoopResult:
-        structured = [r for r in before_reports if r.verdict == "structured"]
+    def _unexplained_or_adequate(self, found: _Found, after_reports: Sequence[ResidualReport]) -> LoopResult:
+        selection, moment = found.selection, found.rival.moment
+        structured = [r for r in found.before_reports if r.verdict == "structured"]
         last = selection.rounds[-1] if selection.rounds else None
-        outcome: LoopOutcome
-        if structured:
-            outcome = "unexplained"
+        outcome: LoopOutcome = "unexplained"
+        if moment is not None:
+            m = moment.moment
+            sentence = (
+                f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
+                "residual better than any effect; it belongs to that moment and is not made into physics."
+            )
+        elif selection.effects:
+            best = " and ".join(c.id for c in selection.effects)
+            left = ", ".join(sorted({r.output for r in after_reports if r.verdict == "structured"}))
+            sentence = (
+                f"The residual is structured; {best} explains part of it, but what is left in {left} says that the "
+                "missing physics is something else."
+            )
+        elif structured:
             worst = max(structured, key=lambda r: r.ratio)
             sentence = (
                 f"The residual of {worst.output} is structured ({worst.ratio:.2g} times the noise floor), but no "
@@ -287,58 +395,57 @@ class _Loop:
             outcome = "adequate"
             sentence = f"The model is adequate for these recordings: {last.why if last else 'the residual is noise'}."
         return self._result(
-            outcome, sentence, self.family.base, (), selection, before, before, floors, before_reports, before_reports,
-            study, everything, selection.refit, everything, None,
-        )  # fmt: skip
+            found, outcome, sentence, None, (), found.before, found.before_reports, found.everything, selection.base
+        )
 
     def _result(
         self,
+        found: _Found,
         outcome: LoopOutcome,
         sentence: str,
-        model: str,
+        written: ExtendedModel | None,
         effects: tuple[FoundEffect, ...],
-        selection: Selection,
-        before: Prediction,
         after: Prediction,
-        floors: Mapping[tuple[str, str], float],
-        before_reports: tuple[ResidualReport, ...],
         after_reports: tuple[ResidualReport, ...],
-        study: Study,
         final_set: ParameterSet,
         final: Refit,
-        everything: ParameterSet,
-        written: ExtendedModel | None,
     ) -> LoopResult:
-        self._count(study)
+        selection, probing = found.selection, found.rival.probing
+        self._count(found.study)
+        signals = probing.signals if probing is not None else {}
+        ports, tied = rank_ports(signals)
+        moment = found.rival.moment.moment if found.rival.moment is not None else None
+        named = any(effect.kind == "catalogue" for effect in effects)
         return LoopResult(
             outcome=outcome,
             sentence=sentence,
             base=self.family.base,
-            model=model,
+            model=written.name if written is not None else self.family.base,
             effects=effects,
-            equivalent=selection.equivalent,
-            before=before,
+            equivalent=selection.equivalent if named else (),
+            before=found.before,
             after=after,
-            floors=floors,
-            residual_before=before_reports,
+            floors=found.floors,
+            residual_before=found.before_reports,
             residual_after=after_reports,
             rounds=selection.rounds,
-            signals={},
-            ports=(),
-            tied_ports=(),
-            states={},
-            moment=None,
-            shifts=shifts(everything, selection.base, final_set, final) if effects else (),
+            signals=signals,
+            ports=ports,
+            tied_ports=tied,
+            states=_states_at(found.study, selection.base, probing),
+            moment=moment,
+            shifts=shifts(found.everything, selection.base, final_set, final) if effects else (),
             parameters=_parameters(final_set, final),
             noise=final.noise,
             modelica=written.text if written is not None else "",
             modelica_path=written.path.name if written is not None else "",
             diff=_diff(self.family.base, written),
             separate=(),
-            story=self._story(selection, before_reports, effects, sentence),
+            story=self._story(selection, found.before_reports, effects, ports, tied, sentence),
             simulations=self.simulations,
             failures=self.failures,
             seconds=dict(self.seconds),
+            drawn=self.names[probing.recording] if probing is not None else self.names[0],
         )
 
     # ---- small parts
@@ -353,8 +460,11 @@ class _Loop:
         shared = parameters_from_model(model, free=free, overrides=overrides)
         return shared.extended(nuisance_parameters(prepared, model))
 
-    def _study(self, model: Model, parameters: ParameterSet, prepared: Prepared) -> Study:
-        problem = problem_of(model, prepared.experiments, parameters, self.settings.fixed, self.settings.solver)
+    def _open_study(
+        self, model: Model, parameters: ParameterSet, prepared: Prepared, fixed: Mapping[str, float]
+    ) -> Study:
+        held = {**self.settings.fixed, **fixed}
+        problem = problem_of(model, prepared.experiments, parameters, held, self.settings.solver)
         return Study(open_simulator(problem, pool=self.pool), parameters)
 
     def _predict(self, model: Model, parameters: ParameterSet, fit: Refit) -> Prediction:
@@ -374,13 +484,23 @@ class _Loop:
         )  # fmt: skip
 
     def _story(
-        self, selection: Selection, reports: Sequence[ResidualReport], effects: Sequence[FoundEffect], sentence: str
+        self,
+        selection: Selection,
+        reports: Sequence[ResidualReport],
+        effects: Sequence[FoundEffect],
+        ports: Sequence[str],
+        tied: Sequence[str],
+        sentence: str,
     ) -> tuple[str, ...]:
         worst = max(reports, key=lambda r: r.ratio)
         lines = [
             f"Fitted as it stands, {self.family.title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
             f" ({worst.recording}); its residual is {worst.verdict}."
         ]
+        if ports:
+            lines.append(f"An unknown signal explains most at the {ports[0]} port.")
+        if len(tied) > 1:
+            lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
         lines += [f"Round {r.number}: {r.why}." for r in selection.rounds]
         for effect in effects:
             values = {p.name: p.value for p in effect.parameters}
@@ -421,6 +541,23 @@ def _parameters(parameters: ParameterSet, fit: Refit) -> dict[str, NewParameter]
             item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
         )
     return found
+
+
+def _states_at(study: Study, fit: Refit, probing: Probing | None) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Fitted states on the times of the port signals, for drawing one against the other."""
+    if probing is None or not probing.signals:
+        return {}
+    time = next(iter(probing.signals.values())).time
+    states = {}
+    for k, series in enumerate(study.series):
+        if series.experiment != probing.recording:
+            continue
+        at = series.sampling.time
+        predicted = fit.evaluation.predicted[k]
+        states[series.output] = (time, np.interp(time, at, predicted))
+        if series.output == "theta" and predicted.size > 2:
+            states["theta_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
+    return states
 
 
 def _gain_text(before: Prediction, after: Prediction) -> str:

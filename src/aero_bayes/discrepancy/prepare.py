@@ -1,8 +1,8 @@
 """Readings made ready for a test of small effects: what is known to be the sensor's doing is taken out first.
 
 Three things in a real recording are neither physics nor stationary noise: ripple that is locked to the rotor's angle,
-an encoder that repeats one count while the body hardly moves, and ripple whose alias at the sample rate lies so low that
-it looks like physics. The first is demodulated and subtracted, readings of the other two become gaps.
+an encoder that repeats one count while the body hardly moves, and ripple whose alias at the sample rate lies so low
+that it looks like physics. The first is demodulated and subtracted, readings of the other two become gaps.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class RefitSettings:
     iterations: int = 25
     tolerance: float = 0.02
     floors: Mapping[str, float] | None = None
-    longest: float = 5.0
+    longest: float = 1.0
     hold_noise: bool = False
 
 

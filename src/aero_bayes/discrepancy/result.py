@@ -116,6 +116,7 @@ class LoopResult:
     simulations: int
     failures: int
     seconds: Mapping[str, float]
+    drawn: str = ""
     data_notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
@@ -187,7 +188,7 @@ class LoopResult:
     @property
     def story_recording(self) -> str:
         """Name of the recording whose port signals are drawn."""
-        return next(iter(self.before.train))[0]
+        return self.drawn or next(iter(self.before.train))[0]
 
     def _step(self, found: Round) -> dict[str, object]:
         return {

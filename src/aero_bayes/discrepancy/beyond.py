@@ -1,0 +1,267 @@
+"""What no listed effect explains: a learned curve over a state, or a disturbance that belongs to a moment.
+
+Both are held against the same evidence as the catalogue. A curve's values have independent normal priors, as wide as a
+tenth of what the model itself puts through that port, so that seven of them pay for their freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.discrepancy.baseline import Prepared, nuisance_parameters
+from aero_bayes.discrepancy.family import CURVE_PREFIX, KNOTS, ModelFamily
+from aero_bayes.discrepancy.locate import LinearResponse, Moment, PortSignal, find_moment, infer_signal
+from aero_bayes.discrepancy.refit import Refit, RefitSettings, refit
+from aero_bayes.discrepancy.study import Study
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.export import CURVE_STATES, Port
+from aero_bayes.inference.parameters import Parameter, ParameterSet
+from aero_bayes.inference.priors import Normal
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import InputSignal, InputTarget, ParameterTarget
+
+FloatArray = NDArray[np.float64]
+OpenStudy = Callable[[Model, ParameterSet, Prepared, Mapping[str, float]], Study]
+
+UNITS: Mapping[str, str] = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
+#: Spread of a curve's values against what the model puts through the port.
+SHARE = 0.1
+#: Knots of an unknown signal over time, a recording.
+SIGNAL_KNOTS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class CurveFit:
+    """A learned curve: where it acts, over what, on which range, its values and its evidence."""
+
+    port: Port
+    over: str
+    x_min: float
+    x_max: float
+    values: FloatArray
+    refit: Refit
+    parameters: ParameterSet
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        return tuple(self.parameters.index(f"{CURVE_PREFIX}_{k + 1}") for k in range(KNOTS))
+
+
+@dataclass(frozen=True)
+class Visited:
+    """Ranges of the states and sizes of the ports in a fit: what a curve covers and what its values are scaled by."""
+
+    ranges: Mapping[str, tuple[float, float]]
+    sizes: Mapping[str, float]
+
+    @classmethod
+    def of(cls, study: Study, fit: Refit) -> Visited:
+        """From a fit's predictions; both motors of a system with two run mirrored, so that their ranges are even."""
+        values = dict(zip(study.parameters.names, study.parameters.from_search(fit.coordinates), strict=True))
+        spread: dict[str, list[FloatArray]] = {}
+        for k, series in enumerate(study.series):
+            name = {"i_m": "i", "omega_m": "w", "theta": "theta"}[series.output]
+            predicted = fit.evaluation.predicted[k]
+            spread.setdefault(name, []).append(predicted)
+            if name == "theta" and predicted.size > 2:
+                spread.setdefault("theta_dot", []).append(np.gradient(predicted, series.sampling.time))
+        ranges = {}
+        for name, parts in spread.items():
+            everything = np.concatenate(parts)
+            low, high = (float(v) for v in np.quantile(everything, (0.001, 0.999)))
+            if name in ("i", "w"):
+                high = max(abs(low), abs(high))
+                low = -high
+            ranges[name] = (low, high)
+        volts = max((float(np.abs(s.values).max()) for e in study.experiments for s in e.inputs), default=1.0)
+        speed = ranges.get("w", (0.0, 400.0))[1]
+        current = ranges.get("i", (0.0, 1.0))[1]
+        pitch = max(map(abs, ranges.get("theta", (0.1, 0.1))))
+        sizes = {
+            "electrical": volts,
+            "rotor": values.get("c_m", 0.04) * current,
+            "thrust": values.get("k_t", 3e-7) * speed**2,
+            "body": values.get("K_sp", 0.04) * pitch,
+        }
+        return cls(ranges, {port: max(size, 1e-9) for port, size in sizes.items()})
+
+
+def fit_curves(
+    family: ModelFamily,
+    prepared: Prepared,
+    shared: Sequence[Parameter],
+    base: Refit,
+    base_parameters: ParameterSet,
+    visited: Visited,
+    open_study: OpenStudy,
+    settings: RefitSettings,
+    outputs: Sequence[str],
+) -> tuple[CurveFit, ...]:
+    """Refit the base with one curve at a time, at every port over every state that was seen, best first."""
+    start = dict(zip(base_parameters.names, base_parameters.from_search(base.coordinates), strict=True))
+    found = []
+    for port, states in CURVE_STATES.items():
+        if port in ("thrust", "body") and "theta" not in outputs:
+            continue
+        for over in states:
+            if over not in visited.ranges or visited.ranges[over][1] <= visited.ranges[over][0]:
+                continue
+            model = family.curve(port, over)
+            low, high = visited.ranges[over]
+            size = SHARE * visited.sizes[port]
+            own = nuisance_parameters(prepared, model)
+            curve = tuple(
+                Parameter(
+                    f"{CURVE_PREFIX}_{k + 1}", UNITS[port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size),
+                    "linear", f"Curve at {over} = {x:.4g}", ParameterTarget(f"{CURVE_PREFIX}_{k + 1}"),
+                )
+                for k, x in enumerate(np.linspace(low, high, KNOTS))
+            )  # fmt: skip
+            parameters = ParameterSet((*shared, *own, *curve))
+            fixed = {}
+            for variable in model.parameters:
+                if variable.name.endswith(".x_min"):
+                    fixed[variable.name] = low
+                elif variable.name.endswith(".x_max"):
+                    fixed[variable.name] = high
+            study = open_study(model, parameters, prepared, fixed)
+            try:
+                at = parameters.to_search(np.array([start.get(name, 0.0) for name in parameters.names]))
+                fit = refit(study, at, range(len(parameters)), noise=base.noise, settings=settings)
+            except CannotFinishError:
+                continue
+            finally:
+                study.close()
+            values = parameters.from_search(fit.coordinates)[-KNOTS:]
+            found.append(CurveFit(port, over, low, high, values, fit, parameters))
+    return tuple(sorted(found, key=lambda curve: -curve.refit.log_evidence))
+
+
+@dataclass(frozen=True, eq=False)
+class Probing:
+    """Unknown signals over time at every port: what they gain, and disturbances of a moment."""
+
+    signals: Mapping[str, PortSignal]
+    moments: tuple[Moment, ...]
+    recording: int
+
+
+def probe(
+    model: Model,
+    prepared: Prepared,
+    parameters: ParameterSet,
+    fit: Refit,
+    visited: Visited,
+    open_study: OpenStudy,
+    outputs: Sequence[str],
+    recording: int,
+) -> Probing:
+    """Infer the signal at each port that would explain what a fit leaves in one recording.
+
+    ``model`` carries probe inputs; its fitted columns may readjust along their own sensitivities.
+    """
+    experiment = prepared.experiments[recording]
+    knots = np.linspace(experiment.time[0], experiment.time[-1], SIGNAL_KNOTS)
+    ports = [p for p in UNITS if p in ("electrical", "rotor") or "theta" in outputs]
+    driven = {signal.name for signal in model.inputs}
+    ports = [port for port in ports if f"u_{port}" in driven]
+    signals: dict[str, PortSignal] = {}
+    moments = []
+    for port in ports:
+        silent = InputSignal(f"u_{port}", knots, np.zeros(knots.size), "linear")
+        probed = replace(experiment, inputs=(*experiment.inputs, silent))
+        one = replace(prepared, names=(prepared.names[recording],), experiments=(probed,))
+        chosen = [j for j in fit.free if parameters.items[j].recording in (None, recording)]
+        fitted = [_for_one(parameters.items[j]) for j in range(len(parameters))]
+        kept = [j for j in range(len(parameters)) if parameters.items[j].recording in (None, recording)]
+        knot_columns = [
+            Parameter(
+                f"u[{k}]", UNITS[port], 0.0, -1.0, 1.0, Normal(0.0, 1.0), "linear", "", InputTarget(silent.name, k)
+            )
+            for k in range(knots.size)
+        ]
+        everything = ParameterSet((*(fitted[j] for j in kept), *knot_columns))
+        study = open_study(model, everything, one, {})
+        try:
+            at = np.concatenate((fit.coordinates[kept], np.zeros(knots.size)))
+            first = [kept.index(j) for j in chosen]
+            found = study.evaluate(at, [*first, *range(len(kept), len(everything))])
+            if found is None or found.slopes is None:
+                continue
+            white = study.whiten(found.residual, found.slopes, fit.noise)
+        finally:
+            study.close()
+        prior = np.sqrt(np.maximum(-parameters.prior_derivatives(fit.coordinates)[1][chosen], 1e-12))
+        nuisance = white.slopes[: len(first)] / prior[:, np.newaxis]
+        # Columns of the knots are per half of their width in the search coordinate, two units wide.
+        responses = white.slopes[len(first) :] / 2.0
+        linear = LinearResponse(white.residual, nuisance)
+        span = float(knots[-1] - knots[0])
+        lengths = tuple(length for length in (0.02 * span, 0.05 * span, 0.15 * span))
+        signals[port] = infer_signal(port, knots, responses, linear, lengths)
+        moment = find_moment(port, knots, responses, linear, prior_size=visited.sizes[port] * SHARE)
+        if moment is not None:
+            moments.append(moment)
+    return Probing(signals, tuple(sorted(moments, key=lambda m: -m.gain)), recording)
+
+
+def _for_one(item: Parameter) -> Parameter:
+    return item if item.recording is None else replace(item, recording=0)
+
+
+@dataclass(frozen=True, eq=False)
+class MomentFit:
+    """A disturbance of a moment with its size refitted beside all parameters, and the evidence, its place paid for."""
+
+    moment: Moment
+    refit: Refit
+    log_evidence: float
+
+
+def fit_moment(
+    model: Model,
+    prepared: Prepared,
+    parameters: ParameterSet,
+    base: Refit,
+    probing: Probing,
+    visited: Visited,
+    open_study: OpenStudy,
+    settings: RefitSettings,
+) -> MomentFit | None:
+    """Refit the base with the most promising disturbance of a moment."""
+    if not probing.moments:
+        return None
+    moment = probing.moments[0]
+    name = f"u_{moment.port}"
+    experiments = list(prepared.experiments)
+    experiment = experiments[probing.recording]
+    times = np.array([experiment.time[0] - 1.0, moment.start, moment.stop])
+    experiments[probing.recording] = replace(
+        experiment, inputs=(*experiment.inputs, InputSignal(name, times, np.zeros(3)))
+    )
+    size = SHARE * visited.sizes[moment.port]
+    push = Parameter(
+        "push", UNITS[moment.port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size), "linear",
+        "Disturbance of a moment", InputTarget(name, 1), probing.recording,
+    )  # fmt: skip
+    everything = parameters.extended((push,))
+    study = open_study(model, everything, replace(prepared, experiments=tuple(experiments)), {})
+    try:
+        values = np.append(parameters.from_search(base.coordinates), np.clip(moment.size, push.lower, push.upper))
+        column = len(parameters)
+        found = refit(study, everything.to_search(values), (*base.free, column), noise=base.noise, settings=settings)
+    except CannotFinishError:
+        return None
+    finally:
+        study.close()
+    places = SIGNAL_KNOTS * 8 * max(len(probing.signals), 1)
+    fitted = float(everything.from_search(found.coordinates)[column])
+    return MomentFit(
+        replace(moment, size=fitted, gain=found.log_evidence - base.log_evidence - float(np.log(places))),
+        found,
+        found.log_evidence - float(np.log(places)),
+    )
