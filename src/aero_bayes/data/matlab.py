@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from aero_bayes.data.csv_text import FloatArray
+from aero_bayes.data.csv_text import FloatArray, free_memory
 from aero_bayes.errors import InputError
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -41,7 +41,11 @@ def is_matlab(path: Path) -> bool:
 
 
 def read_matlab(
-    path: Path, sources: Mapping[str, str], wanted: Sequence[str], optional: Sequence[str]
+    path: Path,
+    sources: Mapping[str, str],
+    wanted: Sequence[str],
+    optional: Sequence[str],
+    memory: int | None = None,
 ) -> tuple[dict[str, FloatArray], str]:
     """Vectors of the file under the contract's names, and the file's hash.
 
@@ -52,12 +56,21 @@ def read_matlab(
         The file's name (see above) of each of the contract's columns.
     wanted, optional : sequence of str
         Columns that must be there, and that are read where they are.
+    memory : int, optional
+        Bytes that may be used; what the machine has free by default.
 
     Raises
     ------
     InputError
-        Damaged, needs h5py, holds only timeseries objects, a column missing or of another length.
+        Too large for the memory, damaged, needs h5py, holds only timeseries objects, a column missing or of another length.
     """
+    size, free = path.stat().st_size, memory if memory is not None else free_memory()
+    # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
+    if 6 * size > free:
+        raise InputError(
+            f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, {free / 2**20:,.0f} MiB "
+            "are free: write it as CSV, thin it, or run on a larger machine"
+        )
     vectors: dict[str, FloatArray] = {}
     opaque: list[str] = []
     for name, value in _variables(path, opaque).items():
@@ -87,7 +100,8 @@ def read_matlab(
     for name, values in found.items():
         if values.size != length:
             raise InputError(f"{path}, column {name}: {values.size} values, expected {length} as in time")
-    return found, hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return found, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:

@@ -23,6 +23,8 @@ from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+#: Differences that are looked at for each lag; longer recordings are sampled evenly.
+WINDOWS = 200_000
 #: Share of the differences, by size, that counts; the largest are jumps of the signal.
 KEPT = 0.8
 #: How long ago, in s, a jump is over: the longest that leaves at least the share ``LEFT`` of the readings.
@@ -110,7 +112,9 @@ def difference_variances(values: FloatArray, time: FloatArray, jumps: FloatArray
     for lag in LAGS:
         if values.size < max(6 * lag, 8) or values.size - 3 * lag < 5:
             break
-        index = np.arange(values.size - 3 * lag)[:, None] + lag * np.arange(4)
+        windows = values.size - 3 * lag
+        first = np.arange(windows) if windows <= WINDOWS else np.linspace(0, windows - 1, WINDOWS).astype(np.intp)
+        index = first[:, None] + lag * np.arange(4)
         t = time[index]
         t = t - t[:, :1]
         weights = np.ones_like(t)

@@ -62,7 +62,7 @@ def read_recording(
     where: Callable[[int], str] = _sample
     try:
         if is_matlab(file):
-            found, sha256 = read_matlab(file, sources, wanted, optional)
+            found, sha256 = read_matlab(file, sources, wanted, optional, memory)
         else:
             table = read_columns(
                 file,
