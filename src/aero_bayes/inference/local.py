@@ -83,7 +83,9 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     """
     p = gradient.size
     step = np.zeros(p)
-    fixed = ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
+    held = low == high
+    step[held] = low[held]
+    fixed = held | ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
     for _ in range(4 * p + 4):
         free = ~fixed
         if free.any():
@@ -101,7 +103,7 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
                 fixed[column] = True
                 continue
         slope = gradient + hessian @ step
-        leaving = fixed & (((step <= low) & (slope < -1e-14)) | ((step >= high) & (slope > 1e-14)))
+        leaving = fixed & ~held & (((step <= low) & (slope < -1e-14)) | ((step >= high) & (slope > 1e-14)))
         if not leaving.any():
             break
         fixed[int(np.argmax(np.where(leaving, np.abs(slope), 0.0)))] = False
@@ -124,7 +126,8 @@ def search(
     products : callable
         Maps points (k, p) to :class:`Products`.
     starts : ndarray, shape (k, p)
-    low, high : ndarray, shape (p,)
+    low, high : ndarray, shape (p,) or (k, p)
+        Bounds, of all starts or of each; equal ones hold a coordinate.
     settings : LocalSettings, optional
     cost : callable, optional
         The cost alone, (k, p) to (k,). With it, steps are tried on the cost, which is several times cheaper, and the
@@ -135,6 +138,7 @@ def search(
     settings = settings or LocalSettings()
     points = np.clip(np.atleast_2d(np.asarray(starts, dtype=np.float64)), low, high)
     count, p = points.shape
+    low, high = np.broadcast_to(low, points.shape), np.broadcast_to(high, points.shape)
     here = products(points)
     now, gradient, hessian = here.cost.copy(), here.gradient.copy(), here.hessian.copy()
     evaluations, failures = count, int(np.sum(~np.isfinite(now)))
@@ -149,7 +153,7 @@ def search(
         trial, promised = points[running].copy(), np.zeros(running.size)
         for row, k in enumerate(running):
             step, promised[row], reasons[k] = _propose(
-                points[k], now[k], gradient[k], hessian[k], ceiling[k], damping[k], low, high, settings
+                points[k], now[k], gradient[k], hessian[k], ceiling[k], damping[k], low[k], high[k], settings
             )
             trial[row] = points[k] + step
         going = np.array([reasons[k] is None for k in running], dtype=bool)

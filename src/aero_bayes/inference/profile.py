@@ -1,0 +1,107 @@
+"""Profile likelihood: hold one parameter at values across its range, fit all others again, and see what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.inference.local import LocalSettings, search
+from aero_bayes.inference.noise import noise_array
+from aero_bayes.inference.result import Fit
+from aero_bayes.inference.target import Target
+from aero_bayes.simulation.interface import Simulator
+
+FloatArray = NDArray[np.float64]
+
+#: Drop of the log-posterior at the ends of a 90 % interval (half the 90 % quantile of chi-squared with 1 degree).
+DROP_90 = 1.3527
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Best log-posterior (noise as fitted) at each held value, relative to the best of all: shapes (k,).
+
+    ``values`` are SI; ``drop`` is zero at the best and grows away from it, infinite where every simulation failed.
+    """
+
+    name: str
+    unit: str
+    values: FloatArray
+    drop: FloatArray
+
+    @property
+    def interval(self) -> tuple[float | None, float | None]:
+        """Ends of the 90 % interval; None on a side where the profile stays flat to the end of the range."""
+        best = int(np.argmin(self.drop))
+        return self._crossing(slice(best, None, -1)), self._crossing(slice(best, None))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the data (with the priors) bounds the parameter on both sides."""
+        return None not in self.interval
+
+    def _crossing(self, part: slice) -> float | None:
+        values, drop = self.values[part], self.drop[part]
+        above = np.flatnonzero(drop > DROP_90)
+        if above.size == 0:
+            return None
+        k = int(above[0])
+        if not np.isfinite(drop[k]):
+            return float(values[k])
+        share = (DROP_90 - drop[k - 1]) / (drop[k] - drop[k - 1])
+        return float(values[k - 1] + share * (values[k] - values[k - 1]))
+
+
+def profile(
+    fit: Fit,
+    name: str,
+    simulator: Simulator,
+    *,
+    points: int = 21,
+    width: float = 4.0,
+    settings: LocalSettings | None = None,
+) -> Profile:
+    """Profile of one free parameter of a fit, all its points in one batch.
+
+    Parameters
+    ----------
+    fit : Fit
+    name : str
+    simulator : Simulator
+        Of the fit's problem.
+    points : int
+    width : float
+        Half-width of the range in Laplace standard deviations; the range ends at the bounds.
+    settings : LocalSettings, optional
+
+    Raises
+    ------
+    InputError
+        If the parameter was not fitted.
+    """
+    column = fit.calibration.parameters.index(name)
+    if column not in fit.free:
+        raise InputError(f"{name} was not fitted, so it has no profile")
+    target = Target(fit.calibration, simulator, fit.values, fit.free)
+    j = fit.free.index(column)
+    centre, sd = fit.laplace.mean[: len(fit.free)], fit.laplace.sd[j]
+    low, high = target.box
+    grid = np.linspace(max(low[j], centre[j] - width * sd), min(high[j], centre[j] + width * sd), points)
+    starts = np.tile(centre, (points, 1))
+    starts += np.outer(grid - centre[j], fit.laplace.covariance[: len(centre), j] / sd**2)
+    starts[:, j] = grid
+    lower, upper = np.tile(low, (points, 1)), np.tile(high, (points, 1))
+    lower[:, j] = upper[:, j] = grid
+    noise = noise_array(fit.outputs, fit.noise)
+    result = search(
+        partial(target.products, noise=noise), starts, lower, upper, settings or LocalSettings(tolerance=1e-4),
+        partial(target.cost, noise=noise),
+    )  # fmt: skip
+    cost = np.where(np.isfinite(result.cost), result.cost, np.inf)
+    item = fit.calibration.parameters.items[column]
+    values = np.exp(grid) if item.scale == "log" else grid * (item.upper - item.lower)
+    return Profile(name, item.unit, values, cost - cost.min())

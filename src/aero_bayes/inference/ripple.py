@@ -1,0 +1,208 @@
+"""Ripple locked to the rotor: recognised by its evidence and kept out of the noise.
+
+Within a short piece of a recording the ripple of order k is ``a cos(k phi) + b sin(k phi)`` with the rotor's angle phi
+integrated from the fitted speed; a and b drift from piece to piece with that integral's error. They get one zero-mean
+Gaussian prior an order, whose size is found by maximising the evidence in closed form (MacKay, 1992, Neural
+Computation 4, 415). Noise alone makes that size zero; a real ripple is subtracted as its shrunken mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from aero_bayes.data import Recording
+from aero_bayes.inference.noise import Covariance, NoiseEstimate, NoiseKind, estimate_noise
+from aero_bayes.inference.result import Fit
+
+FloatArray = NDArray[np.float64]
+
+#: Length of a piece in s, and periods that a ripple must show within one so as not to pass for slow physics.
+PIECE, PERIODS = 0.5, 3.0
+#: Gain in log-evidence, beyond half the logarithm of the number of pieces, at which an order counts.
+LEAST_GAIN = 5.0
+#: Rounds in which noise and ripple are estimated in turn.
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class RippleOrder:
+    """Ripple of one order (periods a turn): root mean square ``amplitude`` of its peaks, and its log-evidence."""
+
+    order: int
+    amplitude: float
+    log_evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ripple:
+    """Ripple of one output of one recording.
+
+    ``orders`` are those that earned their place, ``values`` (n,) their sum at the sample times, ``noise`` what is left,
+    ``noise_with`` the noise that would have been estimated had the ripple been left in.
+    """
+
+    orders: tuple[RippleOrder, ...]
+    values: FloatArray
+    noise: NoiseEstimate
+    noise_with: NoiseEstimate
+
+    def to_dict(self) -> dict[str, object]:
+        """As a report shows it."""
+        return {
+            "orders": {str(o.order): {"amplitude": o.amplitude, "log_evidence": o.log_evidence} for o in self.orders},
+            "noise_sd": self.noise.sd,
+            "noise_sd_with_ripple": self.noise_with.sd,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One piece: where it is, and its columns (n, 2) by order (orders that fold too low are left out)."""
+
+    part: slice
+    seen: NDArray[np.bool_]
+    columns: dict[int, FloatArray]
+
+
+def find_ripple(
+    time: FloatArray,
+    residual: FloatArray,
+    speed: FloatArray,
+    orders: Sequence[int] = (1, 2),
+    kind: NoiseKind = "auto",
+) -> Ripple:
+    """Look for ripple in a residual.
+
+    Parameters
+    ----------
+    time, residual, speed : ndarray, shape (n,)
+        Sample times in s, residual of one output (NaN in gaps), and the rotor's speed in rad/s (fitted; finite).
+    orders : sequence of int
+    kind : {"white", "ou", "auto"}
+        Which noise the rest may be.
+    """
+    with_ripple = noise = estimate_noise([time], [residual], kind)
+    pieces = _pieces(time, residual, speed, orders)
+    values = np.zeros(time.size)
+    found: tuple[RippleOrder, ...] = ()
+    for _ in range(ROUNDS):
+        found, new = _estimate(pieces, time, residual, noise, orders)
+        unchanged = bool(np.max(np.abs(new - values), initial=0.0) < 1e-3 * noise.sd)
+        values = new
+        if not found or unchanged:
+            break
+        noise = estimate_noise([time], [residual - values], kind, noise if noise.sd_ou > 0.0 else None)
+    return Ripple(found, values, noise if found else with_ripple, with_ripple)
+
+
+def without_ripple(
+    fit: Fit, outputs: Sequence[str] = ("i_m", "omega_m"), speed: str = "omega_m"
+) -> tuple[tuple[Recording, ...], dict[str, dict[str, Ripple]]]:
+    """Recordings of a fit with their ripple subtracted, and what was subtracted by recording and output.
+
+    The recordings are the fit's own where nothing was found. Fit them again: the noise is then the sensor's.
+
+    Parameters
+    ----------
+    fit : Fit
+    outputs : sequence of str
+        Where ripple is looked for.
+    speed : str
+        The output that is the rotor's speed; without it nothing is looked for.
+    """
+    if speed not in fit.outputs:
+        return fit.calibration.recordings, {}
+    cleaned, report = [], {}
+    turning = fit.outputs.index(speed)
+    for recording, fitted, residual in zip(fit.calibration.recordings, fit.fitted, fit.residuals, strict=True):
+        found = {}
+        for name in outputs:
+            if name not in fit.outputs or name not in recording.outputs:
+                continue
+            column = fit.outputs.index(name)
+            ripple = find_ripple(recording.time, residual[:, column], fitted[:, turning])
+            if ripple.orders:
+                found[name] = ripple
+        if found:
+            report[recording.name] = found
+            readings = {n: y - found[n].values if n in found else y for n, y in recording.outputs.items()}
+            cleaned.append(replace(recording, outputs=readings))
+        else:
+            cleaned.append(recording)
+    return tuple(cleaned), report
+
+
+def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: Sequence[int]) -> list[_Piece]:
+    step = np.diff(time)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)))
+    edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE, PIECE))
+    edges[-1] = time.size
+    pieces = []
+    for first, last in pairwise(edges.tolist()):
+        part = slice(first, last)
+        seen = np.isfinite(residual[part])
+        if seen.sum() < 12:
+            continue
+        interval = float(np.median(np.diff(time[part])))
+        columns = {}
+        for order in orders:
+            cycles = order * np.abs(speed[part]) * interval / (2.0 * np.pi)
+            folded = np.abs(cycles - np.round(cycles))
+            if float(np.min(folded)) * (last - first) >= PERIODS:
+                phase = order * angle[part][seen]
+                columns[order] = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        if columns:
+            pieces.append(_Piece(part, seen, columns))
+    return pieces
+
+
+def _estimate(
+    pieces: list[_Piece], time: FloatArray, residual: FloatArray, noise: NoiseEstimate, orders: Sequence[int]
+) -> tuple[tuple[RippleOrder, ...], FloatArray]:
+    """Orders whose evidence is high enough, and the shrunken mean of their sum, (n,)."""
+    values = np.zeros(time.size)
+    found = []
+    for order in orders:
+        own = [p for p in pieces if order in p.columns]
+        terms = []
+        for piece in own:
+            covariance = Covariance(time[piece.part][piece.seen], noise)
+            weighed = covariance.solve(piece.columns[order])
+            rest = (residual - values)[piece.part][piece.seen]
+            terms.append((piece.columns[order].T @ weighed, weighed.T @ rest))
+        if not terms:
+            continue
+        variance, gain = _best_variance(terms)
+        needed = LEAST_GAIN + 0.5 * math.log(len(terms))
+        if gain < needed:
+            continue
+        power = 0.0
+        for piece, (gram, score) in zip(own, terms, strict=True):
+            mean = np.linalg.solve(gram + np.eye(2) / variance, score)
+            values[piece.part][piece.seen] += piece.columns[order] @ mean
+            power += 2.0 * variance
+        found.append(RippleOrder(order, math.sqrt(power / len(own)), gain - 0.5 * math.log(len(terms))))
+    return tuple(found), values
+
+
+def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
+    """Prior variance of a and b with the most evidence, and its gain over none."""
+    grams, scores = np.array([g for g, _ in terms]), np.array([s for _, s in terms])
+    eigenvalues, vectors = np.linalg.eigh(grams)
+    squares = np.einsum("kij,ki->kj", vectors, scores) ** 2
+
+    def loss(log_variance: float) -> float:
+        scaled = math.exp(log_variance) * eigenvalues
+        return float(-0.5 * np.sum(squares * math.exp(log_variance) / (1.0 + scaled) - np.log1p(scaled)))
+
+    information = float(np.median(eigenvalues))
+    low, high = math.log(1e-4 / information), math.log(1e8 / information)
+    result = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
+    return math.exp(float(result.x)), -float(result.fun)
