@@ -62,14 +62,15 @@ def read_matlab(
     Raises
     ------
     InputError
-        Too large for the memory, damaged, needs h5py, holds only timeseries objects, a column missing or of another length.
+        Too large for the memory, damaged, needs h5py, holds only timeseries objects, a column missing or of another
+        length.
     """
     size, free = path.stat().st_size, memory if memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
         raise InputError(
-            f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, {free / 2**20:,.0f} MiB "
-            "are free: write it as CSV, thin it, or run on a larger machine"
+            f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
+            f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
     vectors: dict[str, FloatArray] = {}
     opaque: list[str] = []
