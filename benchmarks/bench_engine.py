@@ -87,7 +87,7 @@ def casadi_route(model: Model, folder: Path) -> Any:
     from fmpy import extract
 
     unpacked = extract(str(model.path), str(folder / "casadi"))
-    dae = casadi.DaeBuilder("aero", unpacked)
+    dae = casadi.DaeBuilder("aero", str(unpacked))
     f = dae.create("f", ["x", "u"], ["ode"])
     x, u = casadi.MX.sym("x", f.numel_in(0)), casadi.MX.sym("u")
     time = np.linspace(0.0, 40.0, 2001)

@@ -180,6 +180,20 @@ def test_wrong_shapes_and_names_are_named(test_fmu, here):
             simulator.log_likelihood(np.ones((1, 1)), np.array([1.0, 0.0, 0.0]))
 
 
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_forked_child_runs_beside_its_parent(test_fmu, workers):
+    with NativeSimulator(trouble(test_fmu), workers=workers) as simulator:
+        noise = np.array([0.1, 0.0, 0.0])
+        expected = simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood
+        child = os.fork()
+        if child == 0:
+            same = simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood == expected
+            os._exit(0 if same.all() else 1)
+        again = simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        np.testing.assert_array_equal(simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood, again)
+
+
 ORPHAN = """
 import os, sys
 import numpy as np

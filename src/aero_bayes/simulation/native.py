@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from types import TracebackType
 from typing import Any, Self
 
@@ -36,6 +37,21 @@ class _Block:
     outcomes: NDArray[np.uint8]
     outputs: list[FloatArray]
     sensitivities: list[FloatArray]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the parts of a job lie in the shared memory, kept from call to call."""
+
+    key: tuple[int, int, int, bool, int]
+    arena: NDArray[np.uint8]
+    job: int
+    words: NDArray[np.int64]
+    header: NDArray[np.int64]
+    values: FloatArray
+    columns: NDArray[np.int64]
+    noise: FloatArray
+    block: _Block
 
 
 def check_values(problem: Problem, values: FloatArray) -> FloatArray:
@@ -94,6 +110,7 @@ class NativeSimulator:
         self._path = self.pool.new_path()
         write_problem(problem, self.pool.binary(problem.model), self._path)
         self._closed = False
+        self._layout: _Layout | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem, self._workers)
@@ -121,8 +138,8 @@ class NativeSimulator:
         columns = check_active(self.problem, active if active is not None else [])
         n, q = len(values), len(columns)
         shapes = [(e.time.size, len(e.outputs)) for e in self.problem.experiments]
-        outputs = tuple(np.full((n, *shape), np.nan) for shape in shapes)
-        sensitivities = tuple(np.full((n, *shape, q), np.nan) for shape in shapes)
+        outputs = tuple(np.empty((n, *shape)) for shape in shapes)
+        sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
         per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
         rows = max(1, min(_MOST_ROWS, _BLOCK_BYTES // max(1, per_row)))
@@ -132,10 +149,12 @@ class NativeSimulator:
                 block = self._run(_TRAJECTORY, values[part], columns, None)
                 outcomes[part] = block.outcomes
                 for e in range(len(shapes)):
-                    good = block.outcomes[:, e] == Outcome.OK
-                    outputs[e][part][good] = block.outputs[e][good]
+                    bad = block.outcomes[:, e] != Outcome.OK
+                    outputs[e][part] = block.outputs[e]
+                    outputs[e][part][bad] = np.nan
                     if q:
-                        sensitivities[e][part][good] = block.sensitivities[e][good]
+                        sensitivities[e][part] = block.sensitivities[e]
+                        sensitivities[e][part][bad] = np.nan
         return Trajectories(outputs, sensitivities if active is not None else None, outcomes)
 
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
@@ -186,40 +205,63 @@ class NativeSimulator:
         """Lay one block out in shared memory and run it; the pool's lock is held."""
         if self._closed:
             raise InputError("the simulator is closed")
-        problem = self.problem
-        n, p, q, experiments = len(values), values.shape[1], len(columns), len(problem.experiments)
         varies = noise is not None and noise.strides[0] != 0
-        noise_block = np.zeros(0) if noise is None else np.ascontiguousarray(noise if varies else noise[:1])
+        noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)
+        key = mode, len(values), len(columns), varies, noise_size
+        self.pool.reserve(0)  # after a fork the memory is another
+        layout = self._layout
+        if layout is None or layout.key != key or layout.arena is not self.pool.arena:
+            layout = self._layout = self._lay_out(key, values.shape[1])
+        layout.header[:] = layout.words  # another simulator of the pool may have used this memory since
+        layout.values[:] = values
+        layout.columns[:] = columns
+        if noise is not None:
+            layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
+        layout.block.outcomes[:] = TODO
+        outcomes = layout.block.outcomes.reshape(-1)
+        self.pool.run(self._path, layout.job, outcomes, self.problem.settings.time_limit)
+        return layout.block
+
+    def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _Layout:
+        mode, n, q, varies, noise_size = key
+        problem = self.problem
+        experiments = len(problem.experiments)
         stride = {_TRAJECTORY: 0, _LIKELIHOOD: 1, _GAUSS_NEWTON: 2 + q + q * q}[mode]
         shapes = [(e.time.size, len(e.outputs)) for e in problem.experiments] if mode == _TRAJECTORY else []
-        sizes = [_JOB_WORDS, 4 * experiments, values.size, noise_block.size, q, (n * experiments + 7) // 8]
-        sizes += [n * experiments * stride]
+        header = _JOB_WORDS + 4 * experiments
+        sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments * stride]
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
-        at = np.concatenate([[0], np.cumsum([(size + 7) // 8 * 8 for size in sizes])]) * 8
-        arena, start = self.pool.reserve(int(at[-1]))
-        at += start
+        at = list(accumulate(((size + 7) // 8 * 64 for size in sizes), initial=0))
+        arena, start = self.pool.reserve(at[-1])
+        at = [start + offset for offset in at]
 
-        def words(index: int, size: int, kind: type[np.int64] | type[np.float64] = np.float64) -> Any:
-            return arena[at[index] : at[index] + 8 * size].view(kind)
+        def words(index: int, kind: type[np.int64] | type[np.float64] = np.float64) -> Any:
+            return arena[at[index] : at[index] + 8 * sizes[index]].view(kind)
 
-        job = words(0, _JOB_WORDS, np.int64)
-        per_experiment = 0 if noise is None else noise.shape[2] * 3
-        per_row = per_experiment * experiments if varies else 0
-        job[:7] = 0, n * experiments, mode, experiments, p, q, per_row
-        job[7:] = per_experiment, at[2], at[3], at[4], at[5], at[6], stride, at[1]
-        table = words(1, 4 * experiments, np.int64).reshape(experiments, 4)
-        words(2, values.size)[:] = values.ravel()
-        words(3, noise_block.size)[:] = noise_block.ravel()
-        words(4, q, np.int64)[:] = columns
-        outcomes = arena[at[5] : at[5] + n * experiments]
-        outcomes[:] = TODO
-        block = _Block(
-            words(6, n * experiments * stride).reshape(n, experiments, stride),
-            outcomes.reshape(n, experiments),
-            [words(7 + e, n * a * b).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
-            [words(7 + len(shapes) + e, n * a * b * q).reshape(n, a, b, q) for e, (a, b) in enumerate(shapes)],
-        )
+        per_row = noise_size // n if varies and n else 0
+        per_experiment = (per_row if varies else noise_size) // experiments
+        table = at[0] + 8 * _JOB_WORDS
+        job = [0, n * experiments, mode, experiments, p, q, per_row, per_experiment]
+        job += [at[1], at[2], at[3], at[4], at[5], stride, table]
+        last = 6 + len(shapes)
         for e, (a, b) in enumerate(shapes):
-            table[e] = at[7 + e], a * b, at[7 + len(shapes) + e], a * b * q
-        self.pool.run(self._path, int(at[0]), outcomes, problem.settings.time_limit)
-        return block
+            job += [at[6 + e], a * b, at[last + e], a * b * q]
+        job += [0] * (header - len(job))
+        block = _Block(
+            words(5).reshape(n, experiments, stride),
+            arena[at[4] : at[4] + n * experiments].reshape(n, experiments),
+            [words(6 + e).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
+            [words(last + e).reshape(n, a, b, q) for e, (a, b) in enumerate(shapes)],
+        )
+        job_words = np.array(job, dtype=np.int64)
+        return _Layout(
+            key,
+            arena,
+            at[0],
+            job_words,
+            words(0, np.int64),
+            words(1).reshape(n, p),
+            words(3, np.int64),
+            words(2),
+            block,
+        )

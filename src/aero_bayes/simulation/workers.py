@@ -101,7 +101,7 @@ class WorkerPool:
         self.folder = Path(tempfile.mkdtemp(prefix="aero-bayes-"))
         self._binaries: dict[str, Path] = {}
         self._counter = 0
-        self._owner = os.getpid()
+        self._creator = self._owner = os.getpid()
         self._problems: dict[bytes, int] = {}
         self._engine = worker_main.load(str(engine_path())) if workers == 0 else None
         self._new_arena(_FIRST_ARENA)
@@ -147,7 +147,8 @@ class WorkerPool:
                 for worker in self._workers:
                     if worker is not None:
                         worker.send(worker_main.FORGET, 0, 0, 0, 0, key)
-            path.unlink(missing_ok=True)
+            if os.getpid() == self._creator:
+                path.unlink(missing_ok=True)
 
     # -- shared memory -------------------------------------------------------------------------------------------------
 
@@ -169,9 +170,9 @@ class WorkerPool:
         """The shared memory, at least `size` bytes behind the returned offset. Hold :attr:`lock` while it is in use."""
         if os.getpid() != self._owner:  # a forked child gets workers of its own
             self._owner = os.getpid()
+            self._finalizer.detach()
             self._workers = [None] * self.size
             self._new_arena(_FIRST_ARENA)
-            self._finalizer.detach()
         start = max(1, self.size) * _SLOT_BYTES
         if start + size > self.arena.size:
             self._map_arena(1 << (start + size - 1).bit_length())
@@ -182,15 +183,16 @@ class WorkerPool:
     def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float) -> None:
         """Run the job at this offset of the shared memory until every task has an outcome."""
         key = os.fsencode(path)
+        if not outcomes.size:
+            return
         if self._engine is not None:
             self._run_here(key, job)
             return
         active: dict[int, int] = {}
-        done = [0] * self.size
         for index in range(min(self.size, outcomes.size)):
             self._command(index, key, job, -1, active)
         try:
-            self._watch(key, job, outcomes, time_limit, active, done)
+            self._watch(key, job, outcomes, time_limit, active)
         except BaseException:  # an interrupt must not leave a worker in the middle of a job
             for index in active.values():
                 self._replace(index)
@@ -255,7 +257,6 @@ class WorkerPool:
         outcomes: NDArray[np.uint8],
         time_limit: float,
         active: dict[int, int],
-        done: list[int],
     ) -> None:
         poller = select.poll()
         for fd in active:
