@@ -236,3 +236,15 @@ def test_sample_at_a_jump_takes_the_value_after_it(test_fmu, here):
 def test_single_sample(test_fmu, here):
     out, _ = run(here, test_fmu("Dahlquist"), Experiment(np.array([3.0]), ("x", "y"), start={"x": 2.0}))
     np.testing.assert_allclose(out, [[2.0, 4.0]])
+
+
+def test_refused_derivatives_are_noticed_whatever_is_asked_first(test_fmu, here):
+    time = np.linspace(0.0, 2.0, 21)
+    targets = (StartTarget("x"), ParameterTarget("k"))
+    problem = Problem(test_fmu("Dahlquist", defines=("REFUSE",)), (Experiment(time, ("x",)),), (targets,), {}, TIGHT)
+    with NativeSimulator(problem, pool=here) as simulator:
+        for active in ([0], [1], [0, 1]):
+            found = simulator.simulate(np.array([[2.0, 1.0]]), active=active)
+            exact = np.stack([np.exp(-time), -2.0 * time * np.exp(-time)], axis=1)[:, active]
+            assert found.sensitivities is not None
+            np.testing.assert_allclose(found.sensitivities[0][0, :, 0], exact, atol=1e-6)

@@ -50,7 +50,7 @@ static Run *buffers(Problem *p, int64_t e, int64_t q, const int64_t *active)
     return p->runs[e];
 }
 
-/* Does the FMU answer for derivatives with respect to the parameters? Asked once, before any run counts. */
+/* Does the FMU answer for derivatives with respect to every target of the problem? Asked once. */
 static int direct(Run *r)
 {
     Problem *p = r->problem;
@@ -58,12 +58,13 @@ static int direct(Run *r)
     if (p->parameter_directional > 0) return 1;
     if (fmu_begin(r) != AB_OK) return 0;
     int refused = worse(rhs(r, r->t, r->x, r->f));
-    for (int j = 0; j < r->q && !refused; j++) {
-        const Target *t = &r->e->targets[r->active[j]];
-        if (t->kind == TARGET_PARAMETER) refused = worse(directional_column(r, (fmi_reference)t->a, r->column));
-        if (t->kind == TARGET_INPUT)
-            refused = worse(directional_column(r, r->e->signals[t->a].reference, r->column));
-    }
+    for (int64_t i = 0; i < p->n_experiments; i++)
+        for (int64_t j = 0; j < p->p && !refused; j++) {
+            const Experiment *e = &p->experiments[i];
+            const Target *t = &e->targets[j];
+            if (t->kind == TARGET_PARAMETER) refused = worse(directional_column(r, (fmi_reference)t->a, r->column));
+            if (t->kind == TARGET_INPUT) refused = worse(directional_column(r, e->signals[t->a].reference, r->column));
+        }
     p->parameter_directional = !refused;
     return !refused;
 }
