@@ -72,8 +72,11 @@ def compile_library(source: str, identifier: str) -> bytes:
 
 def write_archive(out: Path, members: Mapping[str, bytes]) -> None:
     """Write a zip with fixed times and order; ``out`` appears whole or not at all."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
     try:
         with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for name in sorted(members, key=lambda n: (n != "modelDescription.xml", n)):

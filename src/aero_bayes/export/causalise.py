@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.linear import linear_solve
 from aero_bayes.export.translate import System
 
 
@@ -203,7 +204,7 @@ def _solve(
             raise InputError(f"model {system.name}: the algebraic loop over {names} is not linear")
         matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
         right = [b.neg(b.substitute(c, memo)) for c in constants]
-        for symbol, value in zip(symbols, _linear_solve(system, matrix, right, symbols), strict=True):
+        for symbol, value in zip(symbols, linear_solve(system, matrix, right, symbols), strict=True):
             solved[symbol] = value
             memo[symbol] = value
     return solved
@@ -254,58 +255,6 @@ def _components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
     return found
 
 
-def _linear_solve(system: System, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]) -> list[Node]:
-    """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone."""
-    b = system.builder
-    n = len(right)
-    parameters = {b.symbol(p.name) for p in system.parameters}
-    matrix = [list(row) for row in matrix]
-    right = list(right)
-    rows = list(range(n))
-    pivots: list[tuple[int, int]] = []
-
-    def rank(node: Node) -> tuple[int, int]:
-        if node.op == "const":
-            return (0, 0 if abs(node.value) == 1.0 else 1)
-        return (1 if b.symbols(node) <= parameters else 2, len(b.symbols(node)))
-
-    columns = list(range(n))
-    while columns:
-        options = [(rank(matrix[i][j]), i, j) for i in rows for j in columns if matrix[i][j] is not b.zero]
-        if not options:
-            names = ", ".join(symbols[j].name for j in columns)
-            raise InputError(f"model {system.name}: singular equations for {names}")
-        fill = {(i, j): _fill(b, matrix, rows, columns, i, j) for _, i, j in options}
-        _, i, j = min(options, key=lambda o: (o[0], fill[o[1], o[2]], o[1], o[2]))
-        rows.remove(i)
-        columns.remove(j)
-        pivots.append((i, j))
-        for k in rows:
-            if matrix[k][j] is b.zero:
-                continue
-            factor = b.div(matrix[k][j], matrix[i][j])
-            for c in columns:
-                matrix[k][c] = b.sub(matrix[k][c], b.mul(factor, matrix[i][c]))
-            right[k] = b.sub(right[k], b.mul(factor, right[i]))
-            matrix[k][j] = b.zero
-    solution: list[Node] = [b.zero] * n
-    known: list[int] = []
-    for i, j in reversed(pivots):
-        total = right[i]
-        for c in known:
-            total = b.sub(total, b.mul(matrix[i][c], solution[c]))
-        solution[j] = b.div(total, matrix[i][j])
-        known.append(j)
-    return solution
-
-
-def _fill(b: Builder, matrix: list[list[Node]], rows: list[int], columns: list[int], i: int, j: int) -> int:
-    """Markowitz count: how many entries a pivot could fill."""
-    in_row = sum(matrix[i][c] is not b.zero for c in columns) - 1
-    in_column = sum(matrix[k][j] is not b.zero for k in rows) - 1
-    return in_row * in_column
-
-
 def _starts(system: System, states: Sequence[str], solved: dict[Node, Node]) -> tuple[Node, ...]:
     """Initial value of each state: its start attribute, or what the initial equations give."""
     b = system.builder
@@ -325,5 +274,5 @@ def _starts(system: System, states: Sequence[str], solved: dict[Node, Node]) -> 
         if any(b.symbols(a) & set(used) for row in matrix for a in row):
             raise InputError(f"model {system.name}: the initial equations are not linear in the states")
         right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
-        starts.update(zip(used, _linear_solve(system, matrix, right, used), strict=True))
+        starts.update(zip(used, linear_solve(system, matrix, right, used), strict=True))
     return tuple(starts[b.symbol(n)] for n in states)

@@ -12,6 +12,7 @@ from importlib.resources import files
 
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Builder, Node, evaluate, topological
+from aero_bayes.export.layout import Layout
 from aero_bayes.export.translate import Variable
 
 _FUNCTIONS = {
@@ -23,76 +24,6 @@ _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
     "ne": "!=", "and": "&&", "or": "||",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Which variable has which value reference: states, derivatives, inputs, parameters, dependent ones, outputs.
-
-    ``names`` of states are those of the outputs that equal them where there are any; ``aliases`` maps further names.
-    """
-
-    states: tuple[Variable, ...]
-    state_paths: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    parameters: tuple[Variable, ...]
-    dependent: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
-    aliases: dict[str, int]
-
-    @property
-    def first_parameter(self) -> int:
-        return 2 * len(self.states) + len(self.inputs)
-
-    @property
-    def first_dependent(self) -> int:
-        return self.first_parameter + len(self.parameters)
-
-    @property
-    def first_output(self) -> int:
-        return self.first_dependent + len(self.dependent)
-
-
-def lay_out(model: ExplicitModel) -> Layout:
-    """Sort the variables that the FMU shows.
-
-    Outputs that equal a state share its value reference. Of the parameters of inner components only those that the
-    equations contain are shown, because only they act.
-    """
-    b = model.system.builder
-    by_name = {v.name: v for v in model.system.variables}
-    top = [v for v in model.system.variables if "output" in v.prefixes and "." not in v.name]
-    symbols = {b.symbol(path): i for i, path in enumerate(model.states)}
-    position = {o.name: symbols[e] for o in top if (e := model.solved.get(o.name, b.symbol(o.name))) in symbols}
-    aliases: dict[str, int] = {}
-    states: list[Variable] = []
-    for i, path in enumerate(model.states):
-        inner = by_name[path]
-        mine = [o for o in top if position.get(o.name) == i]
-        if mine:
-            first = next((o for o in mine if o.name == path), mine[0])
-            aliases.update({v.name: i for v in (inner, *mine) if v.name != first.name})
-            inner = Variable(
-                first.name, first.prefixes, "Real", first.description or inner.description, first.unit or inner.unit,
-                {**inner.attributes, **{k: v for k, v in first.attributes.items() if k != "start"}}, inner.fixed, None,
-            )  # fmt: skip
-        states.append(inner)
-    used = frozenset[Node]().union(
-        *(b.symbols(e) for e in (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts))
-    )
-    free, dependent = [], []
-    for p in model.system.parameters:
-        if p.type != "Real" or "constant" in p.prefixes or p.binding is None:
-            continue
-        if p.binding.op == "const":
-            if "." not in p.name or b.symbol(p.name) in used:
-                free.append(p)
-        elif "." not in p.name:
-            dependent.append(p)
-    outputs = [o for o in top if o.name not in position]
-    return Layout(
-        tuple(states), model.states, model.system.inputs, tuple(free), tuple(dependent), tuple(outputs), aliases
-    )
 
 
 class _Writer:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
 from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.codegen import Layout
 from aero_bayes.export.expression import Node, evaluate
+from aero_bayes.export.layout import Layout
 from aero_bayes.export.translate import Variable
 from aero_bayes.export.units import base_units
 

@@ -10,11 +10,13 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_library, write_archive
 from aero_bayes.export.causalise import ExplicitModel, causalise
-from aero_bayes.export.codegen import generate, lay_out
+from aero_bayes.export.codegen import generate
 from aero_bayes.export.description import describe
 from aero_bayes.export.flat import parse
+from aero_bayes.export.layout import lay_out
 from aero_bayes.export.library import check_model_name, identifier, stage
 from aero_bayes.export.rumoca_front import flatten
+from aero_bayes.export.source_check import locate
 from aero_bayes.export.translate import translate
 
 _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
@@ -23,8 +25,12 @@ _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
 def explicit_model(model: str, sources: Sequence[Path] = ()) -> ExplicitModel:
     """Flatten and solve a Modelica model. Raises InputError for what cannot be translated."""
     with tempfile.TemporaryDirectory(prefix="aero-bayes-") as folder:
-        text = flatten(check_model_name(model), Path(folder), stage(Path(folder), sources))
-    return causalise(translate(parse(text)))
+        root = Path(folder)
+        text = flatten(check_model_name(model), root, stage(root, sources))
+        try:
+            return causalise(translate(parse(text)))
+        except InputError as error:
+            raise InputError(locate(str(error), model, root)) from None
 
 
 def export_embedded(model: str, out: Path, sources: Sequence[Path] = ()) -> Path:

@@ -1,8 +1,4 @@
-"""Writes extended models: a base system with effects, learned curves or probe inputs put into its slots.
-
-The result is a Modelica file as a person would write it. The modifiers stand at the component (``bodyEffect(tau_c =
-tau_c)``) and not in the redeclaration, where rumoca drops them.
-"""
+"""Writes extended models: a base system with effects, learned curves or probe inputs put into its slots."""
 
 from __future__ import annotations
 
@@ -14,36 +10,8 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.catalogue import CATALOGUE, Effect, EffectParameter, Port
+from aero_bayes.export.extension_text import THRUSTERS, Filling, model_text, real
 from aero_bayes.export.library import check_model_name
-
-_THRUSTERS = {
-    "Aero.Systems.OneDof": 2,
-    "Aero.Systems.HalfQuad": 1,
-    "Aero.Systems.OneDofLinear": 2,
-    "Aero.Systems.HalfQuadLinear": 1,
-}
-
-
-@dataclass(frozen=True)
-class _Slot:
-    """A replaceable model of the base: its component, its partial model, what every filling is handed on."""
-
-    component: str
-    partial: str
-    pass_on: tuple[str, ...]
-    of_thruster: bool = False
-
-
-_SLOTS: dict[str, _Slot] = {
-    "ElectricalEffect": _Slot("electricalEffect", "ElectricalEffect", ("orientation", "w"), True),
-    "RotorEffect": _Slot("rotorEffect", "RotorEffect", ("orientation", "i"), True),
-    "ThrustEffect": _Slot("thrustEffect", "ThrustEffect", ("orientation", "w"), True),
-    "BodyEffect": _Slot("bodyEffect", "BodyEffect", ("theta",)),
-    "CurrentSensor": _Slot("currentSensor", "Sensor", ()),
-    "SpeedSensor": _Slot("speedSensor", "Sensor", ()),
-    "PitchSensor": _Slot("pitchSensor", "Sensor", ()),
-}
-_SERIES = {"ElectricalEffect": ("p", "n"), "ThrustEffect": ("propeller", "frame")}
 
 PROBES: Mapping[str, tuple[Port, str]] = {
     "u_electrical": ("electrical", "V"),
@@ -112,18 +80,6 @@ class ExtendedModel:
     inputs: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Filling:
-    """One component for a slot: instance name, class, modifiers at the system's level, what it is in words."""
-
-    slot: str
-    instance: str
-    model: str
-    modifiers: tuple[tuple[str, str], ...]
-    summary: str
-    rank: int
-
-
 def write_extension(
     base: str,
     effects: Sequence[EffectUse | FreeForm],
@@ -156,9 +112,9 @@ def write_extension(
         For an unknown base, effect, parameter or curve, or an effect given twice.
     """
     check_model_name(base)
-    if base not in _THRUSTERS:
-        raise InputError(f"{base} has no slots for effects; expected one of {', '.join(_THRUSTERS)}")
-    fillings: list[_Filling] = []
+    if base not in THRUSTERS:
+        raise InputError(f"{base} has no slots for effects; expected one of {', '.join(THRUSTERS)}")
+    fillings: list[Filling] = []
     parameters: list[EffectParameter] = []
     for use in effects:
         filling, new = _of_effect(use) if isinstance(use, EffectUse) else _of_curve(use)
@@ -172,7 +128,7 @@ def write_extension(
     if "." in check_model_name(chosen):
         raise InputError(f"{chosen!r}: the name of an extended model has no dots")
     inputs = tuple(PROBES) if probes else ()
-    text = _model_text(base, chosen, fillings, parameters, inputs)
+    text = model_text(base, chosen, fillings, parameters, PROBES if probes else {})
     path = Path(out_dir) / f"{chosen}.mo"
     _write(path, text)
     return ExtendedModel(chosen, path, text, tuple(parameters), inputs)
@@ -195,7 +151,7 @@ def write_screening(base: str, out_dir: Path | str, *, name: str | None = None) 
     return write_extension(base, uses, out_dir, name=name or base.rpartition(".")[2] + "_screening")
 
 
-def _default_name(base: str, fillings: Sequence[_Filling]) -> str:
+def _default_name(base: str, fillings: Sequence[Filling]) -> str:
     title = base.rpartition(".")[2]
     return f"{title}_{'_and_'.join(f.instance for f in fillings) or 'plain'}"
 
@@ -208,7 +164,7 @@ def _refuse_duplicates(names: Iterable[str], what: str) -> None:
         seen.add(n)
 
 
-def _of_effect(use: EffectUse) -> tuple[_Filling, list[EffectParameter]]:
+def _of_effect(use: EffectUse) -> tuple[Filling, list[EffectParameter]]:
     effect = CATALOGUE.get(use.id)
     if effect is None:
         raise InputError(f"unknown effect {use.id!r}; expected one of {', '.join(CATALOGUE)}")
@@ -218,8 +174,8 @@ def _of_effect(use: EffectUse) -> tuple[_Filling, list[EffectParameter]]:
         if wrong:
             raise InputError(f"effect {use.id} has no {wrong[0]!r}; expected {', '.join(sorted(allowed)) or 'nothing'}")
     modifiers = [(p.component_name or p.name, p.name) for p in effect.parameters]
-    modifiers += [(n, _real(v)) for n, v in use.widths.items()]
-    filling = _Filling(
+    modifiers += [(n, real(v)) for n, v in use.widths.items()]
+    filling = Filling(
         effect.slot, effect.id, f"Aero.Effects.{effect.model}", tuple(modifiers), effect.summary, effect.rank
     )
     return filling, [_with_default(p, use.values.get(p.name, p.default)) for p in effect.parameters]
@@ -231,7 +187,7 @@ def _with_default(p: EffectParameter, value: float) -> EffectParameter:
     )
 
 
-def _of_curve(curve: FreeForm) -> tuple[_Filling, list[EffectParameter]]:
+def _of_curve(curve: FreeForm) -> tuple[Filling, list[EffectParameter]]:
     if (curve.port, curve.over) not in _CURVES:
         options = ", ".join(f"{p} over {o}" for p, o in _CURVES)
         raise InputError(f"no learned curve at {curve.port} over {curve.over}; expected {options}")
@@ -241,7 +197,7 @@ def _of_curve(curve: FreeForm) -> tuple[_Filling, list[EffectParameter]]:
     slot, unit = _PORT_SLOT[curve.port]
     names = [f"{curve.prefix}_{k + 1}" for k in range(len(curve.values))]
     modifiers = [("x", bound)] if bound else []
-    modifiers += [("x_min", _real(curve.x_min)), ("x_max", _real(curve.x_max)), ("c", "{" + ", ".join(names) + "}")]
+    modifiers += [("x_min", real(curve.x_min)), ("x_max", real(curve.x_max)), ("c", "{" + ", ".join(names) + "}")]
     scale = max(map(abs, curve.values)) or 1.0
     parameters = []
     for k, (n, value) in enumerate(zip(names, curve.values, strict=True)):
@@ -250,96 +206,13 @@ def _of_curve(curve: FreeForm) -> tuple[_Filling, list[EffectParameter]]:
         parameters.append(EffectParameter(n, unit, text, -1e3 * scale, 1e3 * scale, scale, (value,), value))
     summary = f"a learned curve over {curve.over} at the {curve.port} port"
     instance = f"free_form_{curve.port}_{curve.over}"
-    return _Filling(slot, instance, f"Aero.Effects.{model}", tuple(modifiers), summary, 10), parameters
+    return Filling(slot, instance, f"Aero.Effects.{model}", tuple(modifiers), summary, 10), parameters
 
 
-def _probe(name: str) -> _Filling:
+def _probe(name: str) -> Filling:
     port, _ = PROBES[name]
     slot, _ = _PORT_SLOT[port]
-    return _Filling(slot, "probe", f"Aero.Effects.{port.capitalize()}Probe", (("u", name),), "an unknown signal", 20)
-
-
-def _model_text(
-    base: str, name: str, fillings: Sequence[_Filling], parameters: Sequence[EffectParameter], inputs: Sequence[str]
-) -> str:
-    by_slot: dict[str, list[_Filling]] = {}
-    for f in sorted(fillings, key=lambda f: (f.rank, f.instance)):
-        by_slot.setdefault(f.slot, []).append(f)
-    redeclared: list[str] = []
-    modified: dict[str, list[str]] = {}
-    locals_: list[str] = []
-    thrusters = [f"thruster_{k + 1}" for k in range(_THRUSTERS[base])]
-    for slot, here in by_slot.items():
-        info = _SLOTS[slot]
-        if len(here) == 1:
-            redeclared.append(f"redeclare model {slot} = {here[0].model}")
-            inner = _arguments(here[0].modifiers)
-        else:
-            redeclared.append(f"redeclare model {slot} = {slot}s")
-            locals_.append(_composite(slot, info, here))
-            inner = ", ".join(f"{f.instance}({_arguments(f.modifiers)})" for f in here)
-        for owner in thrusters if info.of_thruster else [""]:
-            modified.setdefault(owner, []).append(f"{info.component}({inner})")
-    arguments = redeclared + modified.pop("", [])
-    arguments += [f"{owner}({', '.join(items)})" for owner, items in modified.items()]
-    title = base.rpartition(".")[2]
-    what = " and ".join(dict.fromkeys(f.summary for f in fillings)) or "nothing added"
-    short = what if len(what) <= 100 else "several effects"
-    lines = ["within ;", f'model {name} "{title} with {short}"']
-    if arguments:
-        lines += [f"  extends {base}(", ",\n".join(f"    {a}" for a in arguments) + ");"]
-    else:
-        lines.append(f"  extends {base};")
-    for p in parameters:
-        lines.append(
-            f'  parameter Real {p.name}(unit = "{p.unit}", min = {_real(p.minimum)}, max = {_real(p.maximum)}, '
-            f'nominal = {_real(p.scale)}) = {_real(p.default)} "{p.description}";'
-        )
-    for u in inputs:
-        lines.append(f'  input Real {u}(unit = "{PROBES[u][1]}") "Unknown signal at the {PROBES[u][0]} port";')
-    lines += locals_
-    lines += [
-        "  annotation (",
-        "    experiment(StartTime = 0, StopTime = 40, Tolerance = 1e-6),",
-        f'    Documentation(info = "<html><p>{title} with {what}.</p></html>"));',
-        f"end {name};",
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _arguments(modifiers: Iterable[tuple[str, str]]) -> str:
-    return ", ".join(f"{n} = {v}" for n, v in modifiers)
-
-
-def _composite(slot: str, info: _Slot, fillings: Sequence[_Filling]) -> str:
-    """A local model with several effects in one slot: in series where something passes through, else parallel."""
-    lines = [f'  model {slot}s "Several effects in one place"', f"    extends Aero.Interfaces.{info.partial};"]
-    handed = ", ".join(f"{n} = {n}" for n in info.pass_on)
-    previous = "u"
-    for f in fillings:
-        if info.partial == "Sensor":
-            handed = f"u = {previous}, du = du"
-            previous = f"{f.instance}.y"
-        lines.append(f"    {f.model} {f.instance}({handed});")
-    lines.append("  equation")
-    names = [f.instance for f in fillings]
-    if info.partial == "Sensor":
-        lines.append(f"    y = {previous};")
-    elif slot in _SERIES:
-        first, last = _SERIES[slot]
-        ends = [first, *(f"{n}.{port}" for n in names for port in (first, last)), last]
-        lines += [f"    connect({a}, {b});" for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        if slot == "ElectricalEffect":
-            lines += [f"    connect(r, {n}.r);" for n in names]
-    else:
-        lines += [f"    connect(flange, {n}.flange);" for n in names]
-    lines.append(f"  end {slot}s;")
-    return "\n".join(lines)
-
-
-def _real(value: float) -> str:
-    return repr(float(value))
+    return Filling(slot, "probe", f"Aero.Effects.{port.capitalize()}Probe", (("u", name),), "an unknown signal", 20)
 
 
 def _write(path: Path, text: str) -> None:

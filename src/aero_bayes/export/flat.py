@@ -1,4 +1,4 @@
-"""The flat Modelica text that rumoca writes: tokens, grammar, and the syntax tree it becomes.
+"""Reads the flat Modelica text that rumoca writes.
 
 Declarations, equations, initial equations and functions occur there. Everything else is an :class:`InputError` that
 names what was found; nothing is skipped.
@@ -7,116 +7,30 @@ names what was found; nothing is skipped.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-
-
-@dataclass(frozen=True)
-class Number:
-    value: float
-
-
-@dataclass(frozen=True)
-class Name:
-    """A component reference; ``subscripts`` of its last part, if any."""
-
-    name: str
-    subscripts: tuple[Expression, ...] = ()
-
-
-@dataclass(frozen=True)
-class Text:
-    value: str
-
-
-@dataclass(frozen=True)
-class Call:
-    """A function call, or an operator by its symbol."""
-
-    function: str
-    args: tuple[Expression, ...]
-
-
-@dataclass(frozen=True)
-class If:
-    condition: Expression
-    then: Expression
-    otherwise: Expression
-
-
-@dataclass(frozen=True)
-class Array:
-    items: tuple[Expression, ...]
-
-
-@dataclass(frozen=True)
-class Comprehension:
-    item: Expression
-    variable: str
-    values: Expression
-
-
-@dataclass(frozen=True)
-class Range:
-    first: Expression
-    step: Expression | None
-    last: Expression
-
-
-Expression = Number | Name | Text | Call | If | Array | Comprehension | Range
-
-
-@dataclass(frozen=True)
-class Assign:
-    target: Name
-    value: Expression
-
-
-@dataclass(frozen=True)
-class IfStatement:
-    branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
-    otherwise: tuple[Statement, ...]
-
-
-@dataclass(frozen=True)
-class ForStatement:
-    variable: str
-    values: Expression
-    body: tuple[Statement, ...]
-
-
-Statement = Assign | IfStatement | ForStatement
-
-
-@dataclass(frozen=True)
-class Declaration:
-    """One declared variable: ``prefixes`` such as parameter or input, its type, sizes, attributes and binding."""
-
-    name: str
-    type: str
-    prefixes: frozenset[str]
-    sizes: tuple[Expression, ...]
-    attributes: dict[str, Expression]
-    binding: Expression | None
-    description: str
-
-
-@dataclass(frozen=True)
-class Function:
-    name: str
-    declarations: tuple[Declaration, ...]
-    body: tuple[Statement, ...]
-
-
-@dataclass(frozen=True)
-class FlatModel:
-    name: str
-    declarations: tuple[Declaration, ...] = ()
-    equations: tuple[tuple[Expression, Expression], ...] = ()
-    initial_equations: tuple[tuple[Expression, Expression], ...] = ()
-    functions: dict[str, Function] = field(default_factory=dict)
-
+from aero_bayes.export.syntax import (
+    Array,
+    Assign,
+    Call,
+    Comprehension,
+    Declaration,
+    Equal,
+    Equation,
+    Expression,
+    FlatModel,
+    ForEquation,
+    ForStatement,
+    Function,
+    If,
+    IfStatement,
+    Index,
+    Name,
+    Number,
+    Range,
+    Statement,
+    Text,
+)
 
 _TOKEN = re.compile(
     r"""(?P<space>\s+|//[^\n]*|/\*.*?\*/)
@@ -271,7 +185,9 @@ class _Parser:
         if word in ("true", "false"):
             return Number(float(word == "true"))
         if self.accept("("):
-            return self._call(word)
+            call = self._call(word)
+            subscripts = self._subscripts()
+            return Index(call, subscripts) if subscripts else call
         return Name(word, self._subscripts())
 
     def _subscripts(self) -> tuple[Expression, ...]:
@@ -408,16 +324,22 @@ class _Parser:
         if self.kind == "text":
             self.next()
 
-    def equations(self) -> tuple[tuple[Expression, Expression], ...]:
-        found = []
+    def equations(self) -> tuple[Equation, ...]:
+        found: list[Equation] = []
         while self.word not in ("initial", "equation", "end", "algorithm"):
-            if self.word in ("for", "when", "if", "assert", "connect", "terminate", "reinit"):
-                self.fail(
-                    "an array equation; write out its components" if self.word == "for" else f"a {self.word!r} equation"
-                )
+            if self.word in ("when", "if", "assert", "connect", "terminate", "reinit"):
+                self.fail(f"a {self.word!r} equation")
+            if self.accept("for"):
+                variable = self.name()
+                self.expect("in")
+                values = self.expression()
+                self.expect("loop")
+                found.append(ForEquation(variable, values, self.equations()))
+                self._end("for")
+                continue
             left = self.expression()
             self.expect("=")
-            found.append((left, self.expression()))
+            found.append(Equal(left, self.expression()))
             self._description()
             self.expect(";")
         return tuple(found)
@@ -425,8 +347,8 @@ class _Parser:
     def model(self) -> FlatModel:
         functions: dict[str, Function] = {}
         declarations: list[Declaration] = []
-        equations: list[tuple[Expression, Expression]] = []
-        initial: list[tuple[Expression, Expression]] = []
+        equations: list[Equation] = []
+        initial: list[Equation] = []
         if self.word not in _CLASS_WORDS:
             self.fail("expected a class")
         self.next()

@@ -11,19 +11,24 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.source_check import find_event, refuse_dropped
+from aero_bayes.export.source_check import find_event, locate, refuse_dropped
 
 TIME_LIMIT = 300.0
 
 _WORK = """
 import json, sys
 import rumoca
-root, file, model = sys.argv[1:]
+root, file, model, *own = sys.argv[1:]
 try:
     text = rumoca.Session(roots=[root]).load(file, model=model).render("dae-modelica")
     print(json.dumps({"text": str(text)}))
 except Exception as error:
-    print(json.dumps({"error": str(error)}))
+    answer = {"error": str(error), "where": ""}
+    for name in own:
+        with open(name, encoding="utf-8") as stream:
+            for found in rumoca.validate_source(stream.read(), filename=name):
+                answer["where"] = answer["where"] or str(found.message)
+    print(json.dumps(answer))
 """
 
 
@@ -38,7 +43,8 @@ def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
     if importlib.util.find_spec("rumoca") is None:
         raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
     refuse_dropped(root)
-    command = [sys.executable, "-c", _WORK, str(root), str(_file_of(model, files)), model]
+    own = [str(f.relative_to(root)) for f in files[1:]]
+    command = [sys.executable, "-c", _WORK, str(root), str(_file_of(model, files)), model, *own]
     try:
         done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=TIME_LIMIT)
     except subprocess.TimeoutExpired:
@@ -48,8 +54,20 @@ def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
     except ValueError:
         raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
     if "error" in answer:
-        raise InputError(f"{model}: {_one_line(str(answer['error']), model, root)}")
+        line = _one_line(str(answer["error"]), model, root)
+        raise InputError(_with_place(line, str(answer["where"]), model, root))
     return str(answer["text"])
+
+
+def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
+    """Put file and line before a message where rumoca or the sources tell them."""
+    syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
+    if syntax is not None and syntax[1] in line:
+        return f"{syntax[2]}: {syntax[1]}"
+    placed = re.fullmatch(r"(.*) \[([^\]:]+\.mo:\d+)(?::\d+)?\]", line)
+    if placed is not None:
+        return f"{placed[2]}: {placed[1]}"
+    return line if re.match(r"[^ :]+\.mo:\d+: ", line) else locate(f"{model}: {line}", model, root)
 
 
 def _file_of(model: str, files: Sequence[Path]) -> Path:
@@ -67,7 +85,7 @@ def _one_line(text: str, model: str, root: Path) -> str:
     unsupported = re.search(r"unsupported-feature:(?:dae-modelica-scalar:)?(\w+)", line)
     if unsupported and "event" in unsupported[1]:
         where = find_event(model, root)
-        return f"{where}: the embedded exporter does not support events; use noEvent() or smooth(), or OpenModelica"
+        return f"{where}, which the embedded exporter does not support; use noEvent() or smooth(), or OpenModelica"
     if unsupported:
         return f"the embedded exporter does not support {unsupported[1].replace('_', ' ')}"
     located = next((other for other in lines[1:] if ".mo [" in other), "")

@@ -64,13 +64,27 @@ def refuse_dropped(root: Path) -> None:
                 raise InputError(f"{where}: {message.format(match[1])}")
 
 
-def find_event(model: str, root: Path) -> str:
-    """Where the sources make an event, as well as text can tell: ``file:line: 'when'``."""
+def _likely(model: str, root: Path) -> list[Path]:
+    """The user's own files, then the one that is named like the model."""
     files = list(_sources(root))
     own = [p for p in files if "Aero" not in p.relative_to(root).parts]
-    last = model.rpartition(".")[2]
-    named = [p for p in files if p.stem == last]
-    for path in [*own, *named]:
+    return [*own, *(p for p in files if p.stem == model.rpartition(".")[2])]
+
+
+def locate(message: str, model: str, root: Path) -> str:
+    """The message with ``file:line`` before it, where a name that it quotes stands in the likely sources."""
+    for quoted in re.findall(r"['`]([^'`]+)['`]", message):
+        for path in _likely(model, root):
+            text = _plain(path)
+            at = re.search(rf"(?<![\w.]){re.escape(quoted)}(?![\w.])", text)
+            if at is not None:
+                return f"{path.relative_to(root)}:{_line(text, at.start())}: {message}"
+    return message
+
+
+def find_event(model: str, root: Path) -> str:
+    """Where the sources make an event, as well as text can tell: ``file:line: 'when'``."""
+    for path in _likely(model, root):
         text = _plain(path)
         match = _EVENT.search(text)
         if match is None:
@@ -78,4 +92,4 @@ def find_event(model: str, root: Path) -> str:
             match = _BRANCH.search(guarded)
         if match is not None:
             return f"{path.relative_to(root)}:{_line(text, match.start())}: {match.group()!r} makes an event"
-    return model
+    return f"{model}: something makes an event"
