@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp
 
 from aero_bayes.data.noise import quantisation_step
 from aero_bayes.errors import InputError
@@ -97,17 +97,24 @@ def describe_counts(fit: Fit, output: str, recording: int = 0) -> Quantisation |
     if output not in fit.outputs:
         raise InputError(f"{output} was not fitted; the fit has {', '.join(fit.outputs)}")
     column = fit.outputs.index(output)
-    readings = fit.calibration.measured[recording][:, column]
+    return counts_of(
+        fit.calibration.experiments[recording].time,
+        fit.calibration.measured[recording][:, column],
+        fit.fitted[recording][:, column],
+    )
+
+
+def counts_of(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
+    """What an encoder does to readings (n,) of a signal (n,); None where they are continuous."""
     step = quantisation_step(readings)
     if step is None:
         return None
-    time = fit.calibration.experiments[recording].time
-    fitted, residual = fit.fitted[recording][:, column], fit.residuals[recording][:, column]
-    seen = np.isfinite(residual)
+    seen = np.isfinite(readings)
+    residual = (readings - fitted)[seen]
     error = rounding_error(time, fitted, step, _zero(readings, step))
-    variance = max(float(np.mean(residual[seen] ** 2)), 1e-300)
+    variance = max(float(np.mean(residual**2)), 1e-300)
     sd, exact = _noise_before_rounding(readings[seen], fitted[seen], step)
-    gaussian = -0.5 * int(seen.sum()) * (_LOG_2PI + math.log(variance) + 1.0)
+    gaussian = _on_the_grid(residual, math.sqrt(variance), step)
     return Quantisation(step, error, min(1.0, error.sd**2 / variance), sd, exact - gaussian)
 
 
@@ -168,6 +175,17 @@ class EncoderDensity:
                 gaussian = np.where(np.isfinite(z), -0.5 * (z**2 + _LOG_2PI) - np.log(sd), 0.0)
                 total += np.sum(interval_log_density(reading, predicted, sd, step) - gaussian, axis=1)
         return np.where(np.isnan(total), -np.inf, total)
+
+
+def _on_the_grid(residual: FloatArray, sd: float, step: float) -> float:
+    """Gaussian log-likelihood of residuals that can only lie ``step`` apart, normalised over where they can lie.
+
+    A density taken at the counts alone would not sum to one, and a signal at rest on a count would seem too likely.
+    """
+    reach = math.ceil(6.0 * sd / step) + 1
+    ladder = step * np.arange(-reach, reach + 1)
+    rungs = -0.5 * ((residual[:, None] + ladder) / sd) ** 2
+    return float(np.sum(-0.5 * (residual / sd) ** 2 - logsumexp(rungs, axis=1) - math.log(step)))
 
 
 def _zero(readings: FloatArray, step: float) -> float:

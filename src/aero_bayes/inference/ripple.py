@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 #: Length of a piece in s, and periods that a ripple must show within one so as not to pass for slow physics.
 PIECE, PERIODS = 0.5, 3.0
-#: Gain in log-evidence, beyond half the logarithm of the number of pieces, at which an order counts.
+#: Log-evidence, less half the logarithm of the number of pieces, at which an order counts.
 LEAST_GAIN = 5.0
 #: Rounds in which noise and ripple are estimated in turn.
 ROUNDS = 3
@@ -33,10 +33,14 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class RippleOrder:
-    """Ripple of one order (periods a turn): root mean square ``amplitude`` of its peaks, and its log-evidence."""
+    """Ripple of one order (periods a turn): root mean square ``amplitude`` of its peaks, and its log-evidence.
+
+    ``law`` says if its size is even or goes with the speed.
+    """
 
     order: int
     amplitude: float
+    law: str
     log_evidence: float
 
 
@@ -56,7 +60,10 @@ class Ripple:
     def to_dict(self) -> dict[str, object]:
         """As a report shows it."""
         return {
-            "orders": {str(o.order): {"amplitude": o.amplitude, "log_evidence": o.log_evidence} for o in self.orders},
+            "orders": {
+                str(o.order): {"amplitude": o.amplitude, "law": o.law, "log_evidence": o.log_evidence}
+                for o in self.orders
+            },
             "noise_sd": self.noise.sd,
             "noise_sd_with_ripple": self.noise_with.sd,
         }
@@ -64,11 +71,11 @@ class Ripple:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One piece: where it is, and its columns (n, 2) by order (orders that fold too low are left out)."""
+    """One piece: where it is, and its columns (n, 2) by order and law (orders that fold too low are left out)."""
 
     part: slice
     seen: NDArray[np.bool_]
-    columns: dict[int, FloatArray]
+    columns: dict[tuple[int, str], FloatArray]
 
 
 def find_ripple(
@@ -144,6 +151,7 @@ def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: S
     angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)))
     edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE, PIECE))
     edges[-1] = time.size
+    size = np.abs(speed) / max(float(np.max(np.abs(speed))), 1e-300)
     pieces = []
     for first, last in pairwise(edges.tolist()):
         part = slice(first, last)
@@ -154,10 +162,13 @@ def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: S
         columns = {}
         for order in orders:
             cycles = order * np.abs(speed[part]) * interval / (2.0 * np.pi)
-            folded = np.abs(cycles - np.round(cycles))
-            if float(np.min(folded)) * (last - first) >= PERIODS:
-                phase = order * angle[part][seen]
-                columns[order] = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            periods = np.abs(cycles - np.round(cycles)) * (last - first)
+            phase = order * angle[part][seen]
+            waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            if float(np.min(periods)) >= PERIODS:
+                columns[order, "even"] = waves
+            if float(np.median(periods)) >= PERIODS:
+                columns[order, "with speed"] = waves * size[part][seen, None]
         if columns:
             pieces.append(_Piece(part, seen, columns))
     return pieces
@@ -170,26 +181,34 @@ def _estimate(
     values = np.zeros(time.size)
     found = []
     for order in orders:
-        own = [p for p in pieces if order in p.columns]
-        terms = []
-        for piece in own:
-            covariance = Covariance(time[piece.part][piece.seen], noise)
-            weighed = covariance.solve(piece.columns[order])
-            rest = (residual - values)[piece.part][piece.seen]
-            terms.append((piece.columns[order].T @ weighed, weighed.T @ rest))
-        if not terms:
-            continue
-        variance, gain = _best_variance(terms)
-        needed = LEAST_GAIN + 0.5 * math.log(len(terms))
-        if gain < needed:
-            continue
-        power = 0.0
-        for piece, (gram, score) in zip(own, terms, strict=True):
-            mean = np.linalg.solve(gram + np.eye(2) / variance, score)
-            values[piece.part][piece.seen] += piece.columns[order] @ mean
-            power += 2.0 * variance
-        found.append(RippleOrder(order, math.sqrt(power / len(own)), gain - 0.5 * math.log(len(terms))))
+        forms = [_form(pieces, (order, law), time, residual - values, noise) for law in ("even", "with speed")]
+        best = max((f for f in forms if f is not None), key=lambda f: f[0].log_evidence, default=None)
+        if best is not None and best[0].log_evidence > LEAST_GAIN:
+            found.append(best[0])
+            values = values + best[1]
     return tuple(found), values
+
+
+def _form(
+    pieces: list[_Piece], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: NoiseEstimate
+) -> tuple[RippleOrder, FloatArray] | None:
+    """Evidence and shrunken mean of one order under one law of its size."""
+    own = [p for p in pieces if key in p.columns]
+    if not own:
+        return None
+    terms = []
+    for piece in own:
+        covariance = Covariance(time[piece.part][piece.seen], noise)
+        weighed = covariance.solve(piece.columns[key])
+        terms.append((piece.columns[key].T @ weighed, weighed.T @ residual[piece.part][piece.seen]))
+    variance, gain = _best_variance(terms)
+    values, squares, count = np.zeros(time.size), 0.0, 0
+    for piece, (gram, score) in zip(own, terms, strict=True):
+        mean = np.linalg.solve(gram + np.eye(2) / variance, score)
+        values[piece.part][piece.seen] += piece.columns[key] @ mean
+        squares += 2.0 * variance * float(np.sum(piece.columns[key] ** 2))
+        count += len(piece.columns[key])
+    return RippleOrder(key[0], math.sqrt(squares / count), key[1], gain - 0.5 * math.log(len(terms))), values
 
 
 def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
