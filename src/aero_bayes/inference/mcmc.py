@@ -43,7 +43,8 @@ class SampleSettings:
     ensembles, walkers : int
         At least four ensembles; twice the dimension plus two walkers by default (None).
     burn_in : tuple of int
-        Steps of each burn-in round; the proposal is refitted after each.
+        Steps of each burn-in round; the proposal is refitted after each. Rounds as long as the last follow until the
+        proposal no longer changes, at most ``extra_rounds``.
     settle : int
         Steps thrown away after the last refit.
     max_steps, time_limit : int, float
@@ -66,6 +67,7 @@ class SampleSettings:
     ensembles: int = 4
     walkers: int | None = None
     burn_in: tuple[int, ...] = (40, 60, 80)
+    extra_rounds: int = 8
     settle: int = 20
     max_steps: int = 6000
     time_limit: float = 900.0
@@ -175,25 +177,24 @@ def run(
     else:
         walker.start(np.random.default_rng(seed))
     elapsed_before = walker.seconds
-    burn, total = walker.burn_in, walker.burn_in + settings.max_steps
     saved = time.perf_counter()
-    next_check = max(burn + 100, walker.next_check)
     verdict: tuple[bool, str, tuple[Diagnosis, ...]] = (False, "", ())
     while True:
-        step = walker.step
+        step, burn = walker.step, walker.burn_in
+        total = burn + settings.max_steps
         now = time.perf_counter()
         walker.seconds = elapsed_before + now - began
         late = walker.seconds > settings.time_limit
-        if step >= next_check or step >= total or late:
+        if step >= max(burn + 100, walker.next_check) or step >= total or late:
             verdict = _judge(walker.kept, settings)
             if progress is not None:
                 progress("sampling", min(1.0, (step - burn) / settings.max_steps), _line(verdict[2]))
             if verdict[0] or step >= total or late:
                 break
-            next_check = walker.next_check = step + max(50, int(0.3 * (step - burn)))
+            walker.next_check = step + max(50, int(0.3 * (step - burn)))
         walker.advance()
         if progress is not None and step < burn and step % 10 == 0:
-            progress("burn-in", step / burn, "")
+            progress("burn-in", step / max(burn, 1), f"round {walker.rounds + 1}")
         if checkpoint is not None and now - saved > settings.checkpoint_seconds:
             write_arrays(checkpoint, walker.state() | {"key": np.array(key)})
             saved = time.perf_counter()
@@ -247,8 +248,7 @@ class _Walk:
         self.density, self.proposal, self.settings, self._moves = density, proposal, settings, moves
         self.dimension = proposal.mean.size
         self.walkers = settings.walkers or 2 * self.dimension + 2
-        self.burn_in = sum(settings.burn_in) + settings.settle
-        self._refits = np.cumsum(settings.burn_in).tolist()
+        self.rounds, self._round_end, self._frozen_at = 0, settings.burn_in[0], -1
         self.step, self.evaluations, self.seconds, self.next_check = 0, 0, 0.0, 0
         self._accepted, self._tried = 0, 0
         self._points = np.empty((settings.ensembles, 256, self.walkers, self.dimension))
@@ -261,6 +261,17 @@ class _Walk:
         return self._accepted / max(self._tried, 1)
 
     @property
+    def burn_in(self) -> int:
+        """First step that is kept; before the proposal is frozen, the earliest that it could be."""
+        planned = sum(self.settings.burn_in[self.rounds :]) + self._round_end - self._round_length
+        return (self._frozen_at if self._frozen_at >= 0 else max(planned, self._round_end)) + self.settings.settle
+
+    @property
+    def _round_length(self) -> int:
+        lengths = self.settings.burn_in
+        return lengths[min(self.rounds, len(lengths) - 1)]
+
+    @property
     def kept(self) -> tuple[FloatArray, FloatArray]:
         """Chain after burn-in."""
         return self._points[:, self.burn_in : self.step], self._density[:, self.burn_in : self.step]
@@ -270,7 +281,7 @@ class _Walk:
         return self.density(points)
 
     def _make_samplers(self) -> None:
-        moves = list(self._moves(self.proposal, self.step >= self._refits[-1]))
+        moves = list(self._moves(self.proposal, self._frozen_at >= 0))
         self._samplers = [
             emcee.EnsembleSampler(self.walkers, self.dimension, self._evaluate, moves=moves, vectorize=True)
             for _ in range(self.settings.ensembles)
@@ -309,13 +320,13 @@ class _Walk:
             for state in sampler.sample(self._states[e], store=False, skip_initial_state_check=True):
                 self._states[e] = state
             self._points[e, self.step], self._density[e, self.step] = self._states[e].coords, self._states[e].log_prob
-            if self.step >= self.burn_in:
+            if self._frozen_at >= 0 and self.step >= self.burn_in:
                 self._accepted += int(np.sum(np.any(old != self._states[e].coords, axis=1)))
                 self._tried += self.walkers
         self.step += 1
-        if self.step in self._refits:
+        if self._frozen_at < 0 and self.step == self._round_end:
             self._rescue()
-            self._refit()
+            self._end_round()
 
     def _rescue(self) -> None:
         """Burn-in only: walkers lost where the density is negligible start again beside a good one."""
@@ -336,15 +347,22 @@ class _Walk:
             state.coords[lost[usable]], state.log_prob[lost[usable]] = new[usable], density[usable]
             state.random_state = random.get_state(legacy=True)
 
-    def _refit(self) -> None:
-        """Fit the proposal to the last three quarters of a burn-in round, over all ensembles."""
-        length = dict(zip(self._refits, self.settings.burn_in, strict=True))[self.step]
+    def _end_round(self) -> None:
+        """Fit the proposal to the last three quarters of a round, over all ensembles; freeze it once it has settled."""
+        length = self._round_length
         recent = self._points[:, self.step - 3 * length // 4 : self.step].reshape(-1, self.dimension)
         density = self._density[:, self.step - 3 * length // 4 : self.step].reshape(-1)
         floor = density.max() - 0.5 * float(chi2.isf(1e-7, self.dimension)) - 10.0
         good = recent[density >= floor]
+        settled = False
         if len(np.unique(good[:, 0])) > 4 * self.dimension:
+            settled = self.proposal.resembles(good)
             self.proposal = HeavyTail.fit(good, self.proposal.dof)
+        self.rounds += 1
+        enough = self.rounds >= len(self.settings.burn_in) + self.settings.extra_rounds
+        if enough or (settled and self.rounds >= len(self.settings.burn_in)):
+            self._frozen_at = self.step
+        self._round_end = self.step + self._round_length
         self._make_samplers()
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -359,6 +377,7 @@ class _Walk:
             "scores": self.proposal.warp.scores,
             "tails": self.proposal.warp.tails,
             "counts": np.array([self.step, self.evaluations, self.next_check, self._accepted, self._tried]),
+            "burn": np.array([self.rounds, self._round_end, self._frozen_at]),
             "seconds": np.array(self.seconds),
         }
         for e, state in enumerate(self._states):
@@ -372,6 +391,7 @@ class _Walk:
         """Continue where :meth:`state` was taken."""
         numbers = {key: np.asarray(value) for key, value in arrays.items()}
         self.step, self.evaluations, self.next_check, self._accepted, self._tried = map(int, numbers["counts"])
+        self.rounds, self._round_end, self._frozen_at = map(int, numbers["burn"])
         self.seconds = float(numbers["seconds"])
         warp = Warp(numbers["knots"], numbers["scores"], numbers["tails"])
         self.proposal = HeavyTail(numbers["mean"], numbers["factor"], float(numbers["dof"]), warp)

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.calibration import Calibration
 from aero_bayes.inference.diagnostics import Diagnosis
 from aero_bayes.inference.identifiability import IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE, Status
@@ -250,6 +251,8 @@ def _sample(
     joint = joint_target(fit, simulator)
     proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
     chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
+    if chain.points.shape[1] < 8:
+        raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
     rng = np.random.default_rng([seed, 1])
     points, density = _thin(chain, settings.draws)
     each = max(1, settings.predictive // len(points))

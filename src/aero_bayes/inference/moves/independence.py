@@ -45,6 +45,13 @@ class HeavyTail:
         white = solve_triangular(plain.factor, (samples - plain.mean).T, lower=True).T
         return cls(plain.mean, plain.factor, dof, Warp.fit(white))
 
+    def resembles(self, samples: FloatArray) -> bool:
+        """Whether samples (n, d) have about the location and the spread of this density, in every coordinate."""
+        white = solve_triangular(self.factor, (samples - self.mean).T, lower=True).T
+        scores = np.clip(self.warp.forward(white)[0], -10.0, 10.0)
+        spread = np.std(scores, axis=0)
+        return bool(np.all(np.abs(np.mean(scores, axis=0)) < 0.3) and np.all((spread > 0.75) & (spread < 1.35)))
+
     def widened(self, factor: float, dof: float) -> HeavyTail:
         """The same with its scale multiplied."""
         return HeavyTail(self.mean, factor * self.factor, dof, self.warp)
