@@ -10,6 +10,7 @@ import pytest
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu, modelica_root
 from aero_bayes.export.build import c_compiler, write_archive
+from aero_bayes.export.source_check import refuse_dropped
 from aero_bayes.export.units import base_units
 
 
@@ -57,6 +58,11 @@ def test_every_folder_of_the_package_lists_its_classes() -> None:
         packages = {p.name for p in folder.iterdir() if p.is_dir()}
         assert set(listed) == classes | packages, folder
         assert len(listed) == len(set(listed))
+
+
+def test_the_package_has_nothing_that_the_front_end_drops() -> None:
+    root = modelica_root()
+    refuse_dropped(root, (root / "Aero").rglob("*.mo"))
 
 
 def test_every_class_is_documented_and_drawn() -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 
 _FLAGS = (
-    "-std=gnu11", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
+    "-std=gnu11", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
     "-Wl,--build-id=none", "-s",
 )  # fmt: skip
 

@@ -42,7 +42,8 @@ def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
     """
     if importlib.util.find_spec("rumoca") is None:
         raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
-    refuse_dropped(root)
+    added = [p for f in files[1:] for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
+    refuse_dropped(root, added)
     own = [str(f.relative_to(root)) for f in files[1:]]
     command = [sys.executable, "-c", _WORK, str(root), str(_file_of(model, files)), model, *own]
     try:

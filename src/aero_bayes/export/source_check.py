@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -53,9 +53,9 @@ def _line(text: str, at: int) -> int:
     return text.count("\n", 0, at) + 1
 
 
-def refuse_dropped(root: Path) -> None:
-    """Raise InputError, with file and line, where a source below ``root`` has a construct that rumoca would drop."""
-    for path in _sources(root):
+def refuse_dropped(root: Path, sources: Iterable[Path]) -> None:
+    """Raise InputError, with file and line, where one of the sources has a construct that rumoca would drop."""
+    for path in sources:
         text = _plain(path)
         for pattern, message in _DROPPED:
             match = pattern.search(text)
