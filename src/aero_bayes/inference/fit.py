@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError, InputError
@@ -19,6 +20,7 @@ from aero_bayes.inference import cost as costs
 from aero_bayes.inference import pso
 from aero_bayes.inference.aero import aero_overrides
 from aero_bayes.inference.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.inference.delays import best_valleys
 from aero_bayes.inference.identifiability import Identifiability, Status, assess
 from aero_bayes.inference.laplace import Laplace, noise_covariance, parameter_covariance
 from aero_bayes.inference.local import LocalSettings, Stop, search
@@ -147,6 +149,8 @@ def fit_calibration(
     settings, rng = settings or FitSettings(), rng if rng is not None else np.random.default_rng(1)
     began = time.perf_counter()
     with ExitStack() as stack:
+        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
         run = _Run(calibration, simulator, settings, progress)
@@ -225,6 +229,7 @@ class _Run:
             self._stage(stage)
         self._scan_delays()
         self._everything()
+        self._other_valleys()
         if self._free_what_shows():
             self._everything()
 
@@ -247,6 +252,18 @@ class _Run:
                 f"model {self.calibration.model.name} could not be simulated at any starting point: {worst.text}"
             )
         self.values = self.full(result.points[result.best])
+
+    def _other_valleys(self) -> None:
+        """Move to a better valley of the delays, other parameters following, as long as there is one."""
+        intervals = [float(np.median(np.diff(t))) for t in self.times]
+        for _ in range(3):
+            target = self.target()
+            point = target.parameters.to_search(self.values[list(self.free)])
+            point, moved = best_valleys(target, point, self.noise_rows(), intervals, self.settings.local)
+            if not moved:
+                return
+            self.values = target.values(point[None])[0]
+            self._everything()
 
     def _scan_delays(self) -> None:
         """The likelihood has a narrow valley between every two samples in a delay: look into each of them."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.calibration import Calibration
@@ -223,14 +225,16 @@ def sample(
     CannotFinishError
         If no starting point of finite density can be found.
     """
-    settings = settings or SampleSettings()
-    if simulator is None:
-        from aero_bayes.simulation import open_simulator
+    from aero_bayes.simulation import open_simulator
 
-        engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"
-        with open_simulator(fit.calibration.problem(), engine=engine, workers=workers) as own:
-            return _sample(fit, settings, seed, checkpoint, progress, own)
-    return _sample(fit, settings, seed, checkpoint, progress, simulator)
+    settings = settings or SampleSettings()
+    engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"
+    with ExitStack() as stack:
+        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        if simulator is None:
+            simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
+        return _sample(fit, settings, seed, checkpoint, progress, simulator)
 
 
 def joint_target(fit: Fit, simulator: Simulator) -> JointTarget:
