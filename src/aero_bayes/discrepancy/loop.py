@@ -28,8 +28,9 @@ from aero_bayes.discrepancy.locate import rank_ports
 from aero_bayes.discrepancy.refit import Refit, RefitSettings, refit
 from aero_bayes.discrepancy.residual import ResidualReport, inspect
 from aero_bayes.discrepancy.result import FoundEffect, LoopOutcome, LoopResult, NewParameter
+from aero_bayes.discrepancy.separate import propose
 from aero_bayes.discrepancy.study import Study, problem_of
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.export import CATALOGUE, Compiler, EffectUse, ExtendedModel, FreeForm
 from aero_bayes.inference.aero import aero_overrides
 from aero_bayes.inference.parameters import Override, Parameter, ParameterSet, parameters_from_model
@@ -319,6 +320,9 @@ class _Loop:
         self._count(study)
         study.close()
         effects = tuple(self._found(c, selection, final_set, final) for c in selection.effects)
+        effects = tuple(
+            replace(e, width_influence=self._width_influence(model, found, e, final_set, final)) for e in effects
+        )
         structured = [r for r in reports if r.verdict == "structured"]
         sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + _gain_text(found.before, after)
         if structured:
@@ -440,13 +444,58 @@ class _Loop:
             modelica=written.text if written is not None else "",
             modelica_path=written.path.name if written is not None else "",
             diff=_diff(self.family.base, written),
-            separate=(),
+            separate=self._separate(found) if named else (),
             story=self._story(selection, found.before_reports, effects, ports, tied, sentence),
             simulations=self.simulations,
             failures=self.failures,
             seconds=dict(self.seconds),
             drawn=self.names[probing.recording] if probing is not None else self.names[0],
         )
+
+    def _separate(self, found: _Found) -> tuple[str, ...]:
+        """For the first class of equivalent effects: the experiments that would separate them."""
+        if not found.selection.equivalent:
+            return ()
+        same = found.selection.equivalent[0]
+        scored = {
+            s.candidate.id: (s.candidate, s.refit)
+            for r in reversed(found.selection.rounds)
+            for s in r.scores
+            if s.refit is not None and s.candidate.id in same
+        }
+        known = [scored[id_] for id_ in same if id_ in scored]
+        if len(known) < 2:
+            return ()
+        height = max((float(np.abs(s.values).max()) for e in found.prepared.experiments for s in e.inputs), default=1.0)
+        model = self.family.screening()
+        return tuple(
+            propose(model, found.prepared, found.everything, known[0], other, height, self._open_study).sentence()
+            for other in known[1:3]
+        )
+
+    def _width_influence(
+        self, model: Model, found: _Found, effect: FoundEffect, final_set: ParameterSet, final: Refit
+    ) -> float | None:
+        """By how many standard deviations an effect's parameters move when its smoothing widths are halved."""
+        halved = {
+            variable.name: 0.5 * width
+            for name, width in effect.widths.items()
+            for variable in model.parameters
+            if variable.name.rpartition(".")[2] == name
+        }
+        if not halved:
+            return None
+        study = self._open_study(model, final_set, found.prepared, halved)
+        try:
+            fit = replace(self.settings.refit, floors=found.prepared.floors, iterations=4)
+            again = refit(study, final.coordinates, final.free, noise=final.noise, settings=fit)
+        except CannotFinishError:
+            return None
+        finally:
+            study.close()
+        columns = [final_set.index(p.name) for p in effect.parameters]
+        moved = [abs(again.coordinates[j] - final.coordinates[j]) / max(final.sd(j), 1e-300) for j in columns]
+        return float(max(moved))
 
     # ---- small parts
 

@@ -1,0 +1,75 @@
+"""Whiteness tests keep their size on long records and see what they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from aero_bayes.discrepancy.judge import rms_error
+from aero_bayes.discrepancy.residual import autocorrelation, portmanteau, slow_structure, smooth_structure
+from aero_bayes.discrepancy.study import Series
+from aero_bayes.discrepancy.whitening import OutputNoise, Sampling, whiten
+
+N = 4000
+TIME = np.arange(N) * 0.01
+NOISE = OutputNoise(1.0, 0.8, 0.3)
+
+
+@pytest.fixture(scope="module")
+def series():
+    return Series(0, 0, "theta", Sampling.of(TIME, np.zeros(N)), np.zeros(N))
+
+
+def test_portmanteau_keeps_its_size_under_changing_variance():
+    rng = np.random.default_rng(1)
+    scale = np.where(np.arange(N) % 1000 < 300, 4.0, 0.5)
+    p = [portmanteau(scale * rng.normal(size=N)).p_value for _ in range(300)]
+    assert kstest(p, "uniform").pvalue > 1e-4
+
+
+def test_portmanteau_sees_correlation():
+    rng = np.random.default_rng(2)
+    e = rng.normal(size=N)
+    assert portmanteau(e[1:] + 0.15 * e[:-1]).p_value < 1e-6
+
+
+def test_structure_tests_keep_their_size_with_fitted_directions_out(series):
+    rng = np.random.default_rng(3)
+    state = np.sin(0.9 * TIME) + 0.3 * np.sin(2.3 * TIME)
+    slopes, _ = whiten(np.stack([state, np.ones(N)]), series.sampling, NOISE)
+    gram = slopes @ slopes.T
+    slow, smooth = [], []
+    for _ in range(300):
+        e = rng.normal(size=N)
+        e -= slopes.T @ np.linalg.solve(gram, slopes @ e)
+        slow.append(slow_structure(e, series, NOISE, slopes).p_value)
+        smooth.append(smooth_structure("state", state, e, series, NOISE, slopes).p_value)
+    assert kstest(slow, "uniform").pvalue > 1e-4
+    assert kstest(smooth, "uniform").pvalue > 1e-4
+
+
+def test_structure_over_a_state_is_seen(series):
+    rng = np.random.default_rng(4)
+    state = np.sin(0.9 * TIME)
+    shape, _ = whiten(1.0 * np.abs(state)[None], series.sampling, NOISE)
+    e = rng.normal(size=N) + shape[0]
+    assert smooth_structure("state", state, e, series, NOISE, np.empty((0, N))).p_value < 1e-6
+
+
+def test_autocorrelation_of_a_known_process():
+    rng = np.random.default_rng(5)
+    e = rng.normal(size=20000)
+    x = e[1:] + 0.5 * e[:-1]
+    lags, acf = autocorrelation(x, 0.1, 5)
+    np.testing.assert_allclose(lags, 0.1 * np.arange(6))
+    np.testing.assert_allclose(acf, [1.0, 0.4, 0, 0, 0, 0], atol=0.04)
+
+
+def test_rms_and_its_spread():
+    rng = np.random.default_rng(6)
+    white = rms_error(rng.normal(size=5000), 0.01)
+    assert white.rms == pytest.approx(1.0, abs=0.05)
+    assert white.sd == pytest.approx(1.0 / np.sqrt(2 * 5000), rel=0.4)
+    slow = rms_error(np.repeat(rng.normal(size=100), 50), 0.01)
+    assert slow.sd > 3.0 * white.sd
