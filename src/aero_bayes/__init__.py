@@ -2,20 +2,50 @@
 
 >>> import aero_bayes
 >>> model = aero_bayes.load_model("Aero.Systems.HalfQuad")  # a Modelica class, or the path of an FMU
->>> recordings = aero_bayes.read_recording("step.csv")
->>> fit = aero_bayes.fit(recordings, model)
+>>> recording = aero_bayes.read_recording("step.csv")
+>>> fit = aero_bayes.fit(recording, model)
 >>> posterior = aero_bayes.sample(fit)
->>> loop = aero_bayes.close_loop([recordings], model="Aero.Systems.HalfQuad")
+>>> loop = aero_bayes.close_loop([recording], model="Aero.Systems.HalfQuad")
 """
 
-from aero_bayes.data import Recording, read_recording, summarise
-from aero_bayes.discrepancy import LoopResult, close_loop
-from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.inference import Fit, FitSettings, Posterior, SampleSettings, fit, sample
-from aero_bayes.library import load_model
-from aero_bayes.report import write_report
-from aero_bayes.simulation import Model
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from aero_bayes.data import Recording, read_recording, summarise
+    from aero_bayes.design import propose_experiment
+    from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
+    from aero_bayes.errors import CannotFinishError, InputError
+    from aero_bayes.export import export_fmu
+    from aero_bayes.inference import Fit, FitSettings, Posterior, SampleSettings, fit, sample
+    from aero_bayes.library import load_model
+    from aero_bayes.report import write_report
+    from aero_bayes.simulation import Model
+
+#: The public names and where each lives; they are imported when first used, so that one command pays for one stage.
+_HOME = {
+    "Recording": "data",
+    "read_recording": "data",
+    "summarise": "data",
+    "propose_experiment": "design",
+    "LoopResult": "discrepancy",
+    "LoopSettings": "discrepancy",
+    "close_loop": "discrepancy",
+    "CannotFinishError": "errors",
+    "InputError": "errors",
+    "export_fmu": "export",
+    "Fit": "inference",
+    "FitSettings": "inference",
+    "Posterior": "inference",
+    "SampleSettings": "inference",
+    "fit": "inference",
+    "sample": "inference",
+    "load_model": "library",
+    "write_report": "report",
+    "Model": "simulation",
+}
 
 __all__ = [
     "CannotFinishError",
@@ -23,6 +53,7 @@ __all__ = [
     "FitSettings",
     "InputError",
     "LoopResult",
+    "LoopSettings",
     "Model",
     "Posterior",
     "Recording",
@@ -31,8 +62,19 @@ __all__ = [
     "export_fmu",
     "fit",
     "load_model",
+    "propose_experiment",
     "read_recording",
     "sample",
     "summarise",
     "write_report",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

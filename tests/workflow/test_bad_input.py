@@ -22,7 +22,8 @@ def rows(duration: float = 10.0) -> list[str]:
     """A quiet, plausible recording."""
     times = np.arange(0.0, duration, 1.0 / RATE_HZ)
     swing = 0.1 * np.sin(1.3 * times)
-    return [f"{t:.3f},{12.0 * (t > 1.0):g},0.1,{200.0 * (t > 1.0):g},{y:.5f}" for t, y in zip(times, swing, strict=True)]
+    driven = times > 1.0
+    return [f"{t:.3f},{12.0 * on:g},0.1,{200.0 * on:g},{y:.5f}" for t, on, y in zip(times, driven, swing, strict=True)]
 
 
 def scaled(line: str, column: int, factor: float) -> str:

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
 SCHEMA = 1
-PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "casadi", "rumoca")
+PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
 
 @contextmanager

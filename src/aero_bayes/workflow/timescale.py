@@ -35,7 +35,9 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
     modes = _modes(model, fixed)
     for recording in recordings:
         seen = [name for name, values in recording.outputs.items() if np.isfinite(values).any()]
-        needed = max((length for length, visible in modes if any(visible.get(name, True) for name in seen)), default=0.0)
+        needed = max(
+            (length for length, visible in modes if any(visible.get(name, True) for name in seen)), default=0.0
+        )
         if recording.duration < needed:
             raise InputError(
                 f"{recording.name}: lasts {recording.duration:.3g} s, but the slowest motion of {model.name} that "

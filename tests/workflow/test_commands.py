@@ -1,0 +1,156 @@
+"""The commands end to end, on recordings of the simulated bench and, where it is present, on a real one."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from aero_bayes.bench import Truth, effect, random_levels, simulate_recording, white
+from aero_bayes.bench.truth import Parameters
+from aero_bayes.cli import main
+from aero_bayes.data import write_csv
+
+REAL = Path(os.environ.get("AERO_BAYES_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
+TRUTH = Parameters().scaled({"R_a": 1.05, "k_t": 0.95, "K_sp": 1.1})
+
+
+def record(path: Path, *effects: Any, seed: int = 5) -> Path:
+    rng = np.random.default_rng(seed)
+    truth = Truth("one_dof", TRUTH, effects, 0.006)
+    return write_csv(
+        simulate_recording(truth, random_levels(rng, 20.0, 30.0), white(), rng, duration=30.0, rate_hz=50.0), path
+    )
+
+
+@pytest.fixture(scope="module")
+def adequate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("data") / "adequate.csv")
+
+
+def invoke(*arguments: str) -> str:
+    result = CliRunner().invoke(main, [*arguments, "--quiet"])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def read(out: Path) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads((out / "result.json").read_text("utf-8"))
+    return result
+
+
+def assert_contract(result: dict[str, Any], command: str) -> None:
+    """The keys that other people's checks rely on."""
+    assert (result["schema"], result["command"]) == (1, command)
+    assert {"file", "sha256", "rows", "rate_hz"} <= set(result["data"][0])
+    for entry in result["parameters"].values():
+        assert {"value", "sd", "q05", "q50", "q95", "unit", "status"} <= set(entry)
+        assert entry["status"] in ("identified", "weak", "unidentified", "fixed")
+        if entry["status"] in ("unidentified", "fixed"):
+            assert entry["sd"] is None
+    assert all({"sd", "rho"} <= set(entry) for entry in result["noise"].values())
+    assert math.isfinite(result["fit"]["rms"]["train"]["theta"])
+    assert result["versions"]["numpy"] == np.__version__
+
+
+def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    config = tmp_path / "study.toml"
+    config.write_text("[posterior]\ness = 300\n[fit.pso]\niterations = 40\n")
+    invoke("posterior", "--data", str(adequate), "--config", str(config), "--out", str(out))
+    result = read(out)
+    assert_contract(result, "posterior")
+    assert result["mcmc"]["ensembles"] >= 4
+    assert result["mcmc"]["r_hat_max"] <= 1.01
+    assert result["mcmc"]["draws"] >= 50 * result["mcmc"]["tau"]
+    assert result["verdict"]["level"] == "good"
+    for name, truth in (("R_a", TRUTH.R_a), ("K_sp", TRUTH.K_sp)):
+        entry = result["parameters"][name]
+        assert abs(entry["value"] - truth) < 5.0 * entry["sd"], name
+    assert result["parameters"]["J_s"]["status"] == "fixed"
+    assert (out / "posterior.nc").stat().st_size > 0
+    assert (out / "report.html").read_text("utf-8").lower().startswith("<!doctype html>")
+    assert not list(out.glob("checkpoint*"))
+
+
+def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
+    config = tmp_path / "study.toml"
+    config.write_text("[fit.pso]\niterations = 10\n")
+    found = []
+    for attempt, workers in (("a", "1"), ("b", "2")):
+        out = tmp_path / attempt
+        invoke("fit", "--data", str(adequate), "--config", str(config), "--workers", workers, "--out", str(out))
+        found.append({name: entry["value"] for name, entry in read(out)["parameters"].items()})
+    assert found[0] == found[1]
+
+
+def test_the_page_can_be_drawn_again(adequate: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    invoke("fit", "--data", str(adequate), "--out", str(out))
+    first = (out / "report.html").read_bytes()
+    (out / "report.html").unlink()
+    assert CliRunner().invoke(main, ["report", str(out)]).exit_code == 0
+    assert (out / "report.html").read_bytes() == first
+
+
+def test_loop_names_the_missing_friction(tmp_path: Path) -> None:
+    friction = effect("pivot_coulomb_friction", tau_c=2.0e-3)
+    train = record(tmp_path / "train.csv", friction)
+    test = record(tmp_path / "test.csv", friction, seed=6)
+    out = tmp_path / "out"
+    invoke("close-loop", "--train", str(train), "--test", str(test), "--out", str(out))
+    result = read(out)
+    assert_contract(result, "close-loop")
+    loop = result["loop"]
+    assert loop["outcome"] == "extended"
+    assert [found["id"] for found in loop["effects"]] == ["pivot_coulomb_friction"]
+    assert loop["effects"][0]["port"] == "body"
+    assert loop["after"]["test"]["theta"] < 1.1 * loop["noise_floor"]["theta"] < loop["before"]["test"]["theta"]
+    source = (out / loop["effects"][0]["modelica"]).read_text("utf-8")
+    assert "model OneDof_pivot_coulomb_friction" in source
+
+
+def test_check_summarises(adequate: Path) -> None:
+    result = CliRunner().invoke(main, ["check", str(adequate)])
+    assert result.exit_code == 0
+    assert "50" in result.output
+    assert "theta" in result.output
+
+
+def test_configured_columns_and_units(adequate: Path, tmp_path: Path) -> None:
+    renamed = tmp_path / "renamed.csv"
+    header, *lines = adequate.read_text("utf-8").splitlines()
+    names = header.split(",")
+    pitch = names.index("theta")
+    degrees = [[*cells[:pitch], repr(math.degrees(float(cells[pitch]))), *cells[pitch + 1 :]] for cells in
+               (line.split(",") for line in lines)]  # fmt: skip
+    head = ",".join("pitch" if name == "theta" else name for name in names)
+    renamed.write_text("\n".join([head, *(",".join(cells) for cells in degrees)]) + "\n")
+    config = tmp_path / "study.toml"
+    config.write_text('[data.columns.theta]\nsource = "pitch"\nunit = "deg"\n[fit.pso]\niterations = 10\n')
+    plain, mapped = tmp_path / "plain", tmp_path / "mapped"
+    quick = tmp_path / "quick.toml"
+    quick.write_text("[fit.pso]\niterations = 10\n")
+    invoke("fit", "--data", str(adequate), "--config", str(quick), "--out", str(plain))
+    invoke("fit", "--data", str(renamed), "--config", str(config), "--out", str(mapped))
+    a, b = (read(out)["parameters"]["K_sp"]["value"] for out in (plain, mapped))
+    assert a == pytest.approx(b, rel=1e-6)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"no real recordings at {REAL}")
+def test_a_real_recording_is_said_to_need_more(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    data = REAL / "aero_pitch_pulse_500hz.csv"
+    invoke("fit", "--data", str(data), "--model", "Aero.Systems.HalfQuad", "--out", str(out))
+    result = read(out)
+    assert_contract(result, "fit")
+    assert result["fit"]["rms"]["train"]["theta"] < 0.04
+    assert result["verdict"]["level"] == "warning"
+    assert "theta" in result["verdict"]["text"]
+    assert any("theta" in line for line in result["warnings"])
