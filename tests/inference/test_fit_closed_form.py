@@ -148,7 +148,7 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
 
 def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
     rng = np.random.default_rng(17)
-    t = np.arange(1500) * 0.01
+    t = np.arange(900) * 0.01
     x = np.zeros(t.size)
     for k in range(1, t.size):
         x[k] = 0.98 * x[k - 1] + 0.04 * rng.normal()
