@@ -212,6 +212,7 @@ def judge(
     row["status"] = {n: verdict[n] for n in names if n in truth}
     row["ranks"] = {n: float(r) for n, r in zip(names, ranks, strict=False) if n in truth}
     row["noise"] = {output: noise.kind for output, noise in fit.noise.items()}
+    row["warned"] = len(fit.warnings)
     return row
 
 
@@ -263,6 +264,7 @@ def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
         "studies": len(rows),
         "failed": len(failed),
         "failures": sorted({str(r["failed"]) for r in failed}),
+        "warned_of_structure": sum(bool(r.get("warned")) for r in rows),
         "sampled_instead": sum(r.get("method") == "sampler" for r in rows),
         "importance_against_sampler": {"studies": len(checks), "largest_rank_gap": max(gaps, default=float("nan"))},
         "seed": plan.seed,
