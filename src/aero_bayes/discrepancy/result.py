@@ -172,17 +172,22 @@ class LoopResult:
         """The ``residual`` entry of result.json: the model as it stood."""
         return _reports(self.residual_before)
 
-    def series(self) -> dict[str, FloatArray]:
-        """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`)."""
+    def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).
+
+        ``times`` are the sample times of each recording; port signals, inferred on a grid of their own, are put on
+        them, NaN outside of that grid.
+        """
         arrays: dict[str, FloatArray] = {}
         for (recording, output), fitted in self.before.fitted.items():
             arrays[f"before/{recording}/{output}"] = fitted
         for (recording, output), fitted in self.after.fitted.items():
             arrays[f"after/{recording}/{output}"] = fitted
+        time = times[self.story_recording]
         for port, signal in self.signals.items():
-            arrays[f"port/{self.story_recording}/{port}"] = signal.values
-        for state, (_, values) in self.states.items():
-            arrays[f"portstate/{self.story_recording}/{state}"] = values
+            arrays[f"port/{self.story_recording}/{port}"] = _resampled(time, signal.time, signal.values)
+        for state, (grid, values) in self.states.items():
+            arrays[f"portstate/{self.story_recording}/{state}"] = _resampled(time, grid, values)
         return arrays
 
     @property
@@ -208,6 +213,10 @@ class LoopResult:
             "equivalent": list(found.equivalent),
             "why": found.why,
         }
+
+
+def _resampled(time: FloatArray, grid: FloatArray, values: FloatArray) -> FloatArray:
+    return np.interp(time, grid, values, left=np.nan, right=np.nan)
 
 
 def _reports(reports: Sequence[ResidualReport]) -> dict[str, object]:

@@ -19,7 +19,7 @@ from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.loop import loop_part, run_loop
+from aero_bayes.workflow.loop import loop_part, loop_series, run_loop
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
@@ -58,7 +58,7 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     study = open_study(train, options, tests=test)
     with ProgressBar(options.quiet) as progress:
         loop = run_loop(study, progress)
-    series = measured_series((*study.recordings, *study.tests)) | loop.series()
+    series = measured_series((*study.recordings, *study.tests)) | loop_series(study, loop)
     _finish(study, "close-loop", began, [preamble(study, "close-loop"), loop_part(study, loop)], series)
 
 
@@ -89,7 +89,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     if loop is not None:
         story = loop_part(study, loop)
         parts.append({key: story[key] for key in ("loop", "verdict")})
-        series = series | measured_series(study.tests) | loop.series()
+        series = series | measured_series(study.tests) | loop_series(study, loop)
     else:
         parts.append(_closing(result))
     _finish(study, "all", began, parts, series)

@@ -7,12 +7,11 @@ from typing import Any
 from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
 from aero_bayes.errors import InputError
 from aero_bayes.inference.parameters import Override
+from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.study import Study
 
 Json = dict[str, Any]
-
-LEVEL = {"adequate": "good", "extended": "good", "unexplained": "warning"}
 
 
 def run_loop(study: Study, progress: ProgressBar) -> LoopResult:
@@ -68,5 +67,16 @@ def loop_part(study: Study, loop: LoopResult) -> Json:
         },
         "loop": loop.to_dict(),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
-        "verdict": {"level": LEVEL[loop.outcome], "text": loop.sentence},
+        "verdict": {"level": _level(loop), "text": loop.sentence},
     }
+
+
+def _level(loop: LoopResult) -> str:
+    """Good only if nothing is left: an effect that was found may be half of what is missing."""
+    left = any(report.verdict == "structured" for report in loop.residual_after)
+    return "warning" if left or loop.outcome == "unexplained" else "good"
+
+
+def loop_series(study: Study, loop: LoopResult) -> Series:
+    """The curves that the loop adds to the page."""
+    return loop.series({recording.name: recording.time for recording in (*study.recordings, *study.tests)})
