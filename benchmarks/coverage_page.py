@@ -63,7 +63,9 @@ def section(name: str, rows: list[dict[str, Any]]) -> str:
         for r in rows
     )
     note = (
-        "" if rows[0]["counted"] else "<p>Not counted above: the noise model describes these sensors only roughly.</p>"
+        ""
+        if rows[0]["counted"]
+        else "<p>Not counted above: the noise model is known to describe this noise only roughly.</p>"
     )
     figures = "".join(histogram(r) for r in rows)
     table = f"<table><tr>{head}</tr>{lines}</table>"
