@@ -11,7 +11,7 @@ real rig (correlated noise, ripple, encoder quantisation), which the noise model
 not counted.
 
 The posterior is the Laplace approximation refined by Pareto-smoothed importance sampling; where its diagnostic says no,
-and on every tenth study to check it, the ensembles of the main program sample instead.
+and on one study in 25 to check it, the ensembles of the main program sample instead.
 """
 
 from __future__ import annotations
@@ -68,6 +68,8 @@ CORRELATION = {"correlated": (0.02, 0.25), "slow": (0.35, 1.5)}
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")
 OUTPUTS = ("i_m", "omega_m", "theta")
 DELAY_LIMIT = 0.02
+#: One study in so many is sampled beside.
+CHECK_EVERY = 25
 LEVELS = (0.5, 0.9)
 
 
@@ -179,7 +181,7 @@ def study(plan: Plan, fmu: Path, cell: Cell, index: int) -> dict[str, object]:
         swarm = FitSettings(method="local")
         fit = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), swarm, rng)
         with open_simulator(calibration.problem(), workers=0) as simulator:
-            row |= judge(fit, simulator, truth, plan, rng, check=index % 10 == 0)
+            row |= judge(fit, simulator, truth, plan, rng, check=index % CHECK_EVERY == 3)
     except (ArithmeticError, ValueError, RuntimeError) as error:
         row["failed"] = str(error)
     row["seconds"] = time.perf_counter() - began

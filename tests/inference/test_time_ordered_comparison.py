@@ -16,7 +16,7 @@ from aero_bayes.inference.crossvalidation import leave_one_recording_out, time_o
 from aero_bayes.inference.evidence import joint_target
 from aero_bayes.simulation import Model, open_simulator
 
-BLOCKS, EACH = 8, 12
+BLOCKS, EACH = 12, 8
 TIME = np.linspace(0.0, 4.0, BLOCKS * EACH)
 DESIGN = np.stack([np.ones(TIME.size), np.cos(5.0 * TIME), np.sin(3.0 * TIME)], axis=1)
 SD, PRIOR_SD = 0.5, 2.0
