@@ -138,7 +138,7 @@ class Posterior:
     def to_dict(self) -> Json:
         """The keys of result.json that a posterior fills, those of its fit included."""
         base = self.fit.to_dict()
-        failures = {o.name.lower(): self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
+        failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
         return base | {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": noise_table(self.calibration, self.noise),

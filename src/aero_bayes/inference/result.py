@@ -139,7 +139,7 @@ class Fit:
     @property
     def failures(self) -> dict[str, int]:
         """Simulations by how they ended."""
-        return {outcome.name.lower(): count for outcome, count in self.outcomes.items()}
+        return {outcome.key: count for outcome, count in self.outcomes.items()}
 
     def value(self, name: str) -> float:
         """SI value of a parameter."""

@@ -107,7 +107,7 @@ def replay_paper(
         recording.outputs["theta"],
         pitch,
         details,
-        {outcome.name.lower(): outcomes[outcome] for outcome in Outcome},
+        {outcome.key: outcomes[outcome] for outcome in Outcome},
         seed,
         time.perf_counter() - began,
     )

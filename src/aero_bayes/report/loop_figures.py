@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.report.drawing import Band, Dots, Line, Panel, Plate, cloud, draw, line
 from aero_bayes.report.residual_figures import noise_floor, residuals
-from aero_bayes.report.run_directory import FloatArray, RunDirectory
+from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number, table
 from aero_bayes.report.series_figures import NARROW, WIDE, columns_for, largest, named, unit_of
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, SERIES, WARM
 from aero_bayes.report.text import plain_name, scaled_unit, signal_title
 
 PORT = 430.0
+#: States that a port's signal is drawn against: those that explain it best.
+STATES_SHOWN = 2
 _PORT_UNITS = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
 
 
@@ -49,15 +53,19 @@ def before_and_after(run: RunDirectory, recording: str) -> Plate | None:
 
 
 def port_plates(run: RunDirectory, recording: str) -> list[Plate]:
-    """The signal inferred at each port, against every state that may explain it, else against time."""
+    """The signal inferred at each port that matters, against the states that explain it best, else against time."""
     plates = []
     ports, states = run.signals("port", recording), run.signals("portstate", recording)
     laws = run.signals("portlaw", recording)
+    shown = _ports_that_matter(run, ports)
     for port, values in ports.items():
+        if port not in shown:
+            continue
         factor, unit = scaled_unit(largest(values), unit_of(run, port) or _PORT_UNITS.get(port, ""))
         axis = f"signal at port {port}" + (f" ({unit})" if unit else "")
         law = laws[port] * factor if port in laws else None
-        for state, across in states.items():
+        ranked = sorted(states.items(), key=lambda item: -explained(item[1], values))
+        for state, across in ranked[:STATES_SHOWN]:
             plates.append(_against_state(run, across, values * factor, law, axis, port, state))
         if not states:
             time = run.time(recording)
@@ -65,6 +73,26 @@ def port_plates(run: RunDirectory, recording: str) -> list[Plate]:
             alt = f"Signal inferred at port {port} over time, recording {recording}."
             plates.append(Plate(draw([Panel(axis, (curve,), 190)], PORT, alt, "time (s)"), None, alt, Markup("")))
     return plates
+
+
+def _ports_that_matter(run: RunDirectory, ports: Mapping[str, FloatArray]) -> set[str]:
+    """Where an effect was added, else where the unknown signal explains most; all if the run does not say."""
+    loop = mapping(run.result, "loop")
+    added = {str(effect.get("port")) for effect in table(loop, "effects")} & set(ports)
+    scores = {port: score for port, x in mapping(loop, "port_scores").items() if (score := number(x)) is not None}
+    best = {max(scores, key=lambda port: scores[port])} & set(ports) if scores else set()
+    return added or best or set(ports)
+
+
+def explained(across: FloatArray, values: FloatArray, bins: int = 24) -> float:
+    """Share of a signal's variance that its mean over bins of a state leaves no more."""
+    both = np.isfinite(across) & np.isfinite(values)
+    x, y = across[both], values[both]
+    if x.size < 4 * bins or np.ptp(y) == 0.0:
+        return 0.0
+    parts = np.array_split(y[np.argsort(x, kind="stable")], bins)
+    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
+    return 1.0 - within / float(np.sum((y - y.mean()) ** 2))
 
 
 def replay_plate(run: RunDirectory) -> Plate | None:

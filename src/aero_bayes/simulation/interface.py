@@ -33,6 +33,11 @@ class Outcome(IntEnum):
     MODEL_ERROR = 5
 
     @property
+    def key(self) -> str:
+        """What result.json counts it under."""
+        return "completed" if self is Outcome.OK else self.name.lower()
+
+    @property
     def text(self) -> str:
         """What a person reads in a report."""
         return {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.loop import loop_part, loop_series, run_loop
+from aero_bayes.workflow.loop import extended_study, loop_part, loop_series, run_loop
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
@@ -63,7 +64,7 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
-    """What plain ``make`` runs: the fit, its posterior, the paper's table and the closed loop, on one page.
+    """What plain ``make`` runs: fit, closed loop, posterior of the model that came out, the paper's table; one page.
 
     Without recordings it runs on those of the simulated bench, and the page says so.
     """
@@ -72,8 +73,11 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         files, tests = write_simulated(options.out / "simulated", options.seed)
     study = open_study(files, options, tests=tests)
     with ProgressBar(options.quiet) as progress:
-        found = _fit(study, progress)
-        posterior = _sample(study, found, progress)
+        base = _fit(study, progress)
+        loop = run_loop(study, progress) if study.modelica else None
+        final = extended_study(study, loop) if loop is not None else study
+        found = base if final is study else _fit(final, progress, again=True)
+        posterior = _sample(final, found, progress)
         table = replay_paper(
             seed=options.seed,
             workers=options.workers,
@@ -81,18 +85,18 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             out=options.out / "replay",
             progress=progress,
         )
-        loop = run_loop(study, progress) if study.modelica else None
-    result, series = _fit_part(study, found)
+    result, series = _fit_part(final, found)
     sampled, bands = _posterior_part(posterior)
-    parts = [merge(result, sampled), {"replay": table.to_dict()}]
+    result = merge(result, sampled, {"replay": table.to_dict()})
     series = series | bands | table.series
-    if loop is not None:
-        story = loop_part(study, loop)
-        parts.append({key: story[key] for key in ("loop", "verdict")})
-        series = series | measured_series(study.tests) | loop_series(study, loop)
-    else:
-        parts.append(_closing(result))
-    _finish(study, "all", began, parts, series)
+    if loop is None:
+        _finish(final, "all", began, [result, _closing(result)], series)
+        return
+    story = loop_part(study, loop)
+    moved = {"parameters_before": {name: entry.to_dict() for name, entry in base.parameters.items()}}
+    closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
+    series = series | measured_series(study.tests) | loop_series(study, loop)
+    _finish(final, "all", began, [result, {"loop": story["loop"] | moved}, closing], series)
 
 
 def run_replay(out: Path, seed: int, quiet: bool) -> None:
@@ -143,13 +147,15 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def _fit(study: Study, progress: ProgressBar) -> Fit:
+def _fit(study: Study, progress: ProgressBar, *, again: bool = False) -> Fit:
+    """Fit a study; ``again`` goes on from where its parameters start, without another swarm."""
+    settings = fit_settings(study)
     return fit(
         study.recordings,
         study.model,
         parameters=study.parameters,
         fixed=study.fixed,
-        settings=fit_settings(study),
+        settings=replace(settings, method="local") if again else settings,
         seed=study.options.seed,
         engine=study.engine,
         workers=study.options.workers,

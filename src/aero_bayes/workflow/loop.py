@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
+from aero_bayes.discrepancy.catalogue import effect_parameter
 from aero_bayes.errors import InputError
+from aero_bayes.export import CATALOGUE, export_fmu
 from aero_bayes.inference.parameters import Override
+from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.study import Study
@@ -45,6 +51,22 @@ def run_loop(study: Study, progress: ProgressBar) -> LoopResult:
         out_dir=study.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
     )
+
+
+def extended_study(study: Study, loop: LoopResult) -> Study:
+    """The study of the model that came out of the loop: its FMU, and the new parameters among the free ones.
+
+    The same study if nothing of the catalogue was added.
+    """
+    added = [effect for effect in loop.effects if effect.kind == "catalogue"]
+    if not added:
+        return study
+    out = study.options.out
+    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=[out / loop.modelica_path]))
+    new = [effect_parameter(item) for effect in added for item in CATALOGUE[effect.id].parameters]
+    parameters = study.parameters.extended(new)
+    found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
+    return replace(study, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))
 
 
 def loop_part(study: Study, loop: LoopResult) -> Json:
