@@ -2,7 +2,7 @@
 
 The recording without its noise is fitted by the model that lacks the effect, all its parameters free; what remains,
 in units of the true noise (its correlation counted), is the part of the effect's signature that no change of the others
-can imitate. Readings of an encoder that stands still count as little as they do for the loop.
+can imitate. From its square is taken what the model that has the effect leaves (a smoothed step is not a step). Readings of an encoder that stands still count as little as they do for the loop.
 """
 
 from __future__ import annotations
@@ -45,7 +45,11 @@ def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
 
 def distances(spec: TrialSpec, silent: Recording, family: ModelFamily, ids: Sequence[str]) -> list[float]:
     """Distance of each effect, the others of the truth being known to the model (catalogue effects only)."""
-    return [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
+    if not ids:
+        return []
+    left = _distance(spec, silent, family, ids) if all(id_ in CATALOGUE for id_ in ids) else 0.0
+    found = [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
+    return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
 
 def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:

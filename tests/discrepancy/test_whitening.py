@@ -83,3 +83,12 @@ def test_floor_holds():
     residual = np.full(1000, 0.3)
     found = estimate_noise([BinnedPower.of(residual, Sampling.of(time, residual))], floor=0.5)
     assert found.white >= 0.5 * (1 - 1e-9)
+
+
+def test_a_bad_start_does_not_matter():
+    rng = np.random.default_rng(14)
+    time = np.arange(6000) * 0.01
+    residual = rng.normal(0, 2.0, time.size)
+    power = BinnedPower.of(residual, Sampling.of(time, residual))
+    found = estimate_noise([power], start=OutputNoise(1e-6, 2.0, 0.015))
+    assert found.white == pytest.approx(2.0, rel=0.05)

@@ -62,7 +62,8 @@ class LoopSettings:
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
     left_over : float
-        Structure that may be left beside named effects, as a share of what they explain; beyond it they are not named.
+        What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
+        beyond it they are not named.
     most_readings : int
         Readings an output and recording that the search uses; more are thinned.
     """
@@ -76,7 +77,7 @@ class LoopSettings:
     free: tuple[str, ...] | None = None
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(1e-5, 1e-5))
     locate: bool = True
-    left_over: float = 0.05
+    left_over: float = 0.3
     most_readings: int = 8000
 
 
@@ -225,7 +226,11 @@ class _Loop:
         )
         if rival.curve is not None:
             result = self._free_form(found, rival.curve)
-        elif selection.effects and rival.moment is None and not self._incomplete(selection, after_reports):
+        elif (
+            selection.effects
+            and rival.moment is None
+            and not self._incomplete(selection, before_reports, after_reports)
+        ):
             result = self._extended(found)
         else:
             result = self._unexplained_or_adequate(found, after_reports)
@@ -292,15 +297,23 @@ class _Loop:
         readings = [int(np.isfinite(e.measured).sum()) if e.measured is not None else 0 for e in prepared.experiments]
         return int(np.argmax(readings))
 
-    def _incomplete(self, selection: Selection, after_reports: Sequence[ResidualReport]) -> bool:
-        """Whether so much structure is left that the named effects are not the explanation."""
+    def _incomplete(
+        self, selection: Selection, before: Sequence[ResidualReport], after: Sequence[ResidualReport]
+    ) -> bool:
+        """Whether so much is left beside the named effects that they are not the explanation.
+
+        That is so if structure is left, and either most of what exceeded the noise floor is still there, or the
+        structure would gain a good part of what the effects have gained.
+        """
+        structured = [report for report in after if report.verdict == "structured"]
+        if not structured:
+            return False
         gained = selection.refit.log_evidence - selection.base.log_evidence
         left = sum(
-            max((t.statistic - t.freedom) / 2.0 for t in report.tests)
-            for report in after_reports
-            if report.verdict == "structured" and report.tests
+            max((t.statistic - t.freedom) / 2.0 for t in report.tests if t.name != "autocorrelation")
+            for report in structured
         )
-        return left > self.settings.left_over * gained
+        return _excess(after) > self.settings.left_over * _excess(before) or left > self.settings.left_over * gained
 
     def _extended(self, found: _Found) -> LoopResult:
         selection, everything = found.selection, found.everything
@@ -607,6 +620,11 @@ def _states_at(study: Study, fit: Refit, probing: Probing | None) -> dict[str, t
         if series.output == "theta" and predicted.size > 2:
             states["theta_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
     return states
+
+
+def _excess(reports: Sequence[ResidualReport]) -> float:
+    """Squared error above the noise floors, in squared floors, summed over outputs and recordings."""
+    return sum(max(report.ratio**2 - 1.0, 0.0) for report in reports)
 
 
 def _gain_text(before: Prediction, after: Prediction) -> str:

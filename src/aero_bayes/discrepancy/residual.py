@@ -26,6 +26,9 @@ Verdict = Literal["adequate", "structured"]
 
 #: Chance of calling one residual of right size structured, all of its tests together.
 SIZE = 1e-3
+#: Innovations are averaged over so many s before they are tested for autocorrelation: what is left of a sensor's ripple
+#: is faster, physics that a fit has missed is slower.
+BLOCK = 0.2
 #: A residual larger than this many noise floors is structured whatever the tests say.
 TIMES_FLOOR = 2.0
 
@@ -176,7 +179,10 @@ def inspect(
         residual = fit.evaluation.residual[k]
         noise = fit.noise[series.output]
         states = _states(study, fit, series)
-        tests = [portmanteau(innovations), slow_structure(innovations, series, noise, slopes)]
+        tests = [
+            portmanteau(_blocks(innovations, series.sampling.interval)),
+            slow_structure(innovations, series, noise, slopes),
+        ]
         tests += [smooth_structure(name, over, innovations, series, noise, slopes) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
         floor = floors.get((series.experiment, series.output), noise.sd)
@@ -219,6 +225,16 @@ def _states(study: Study, fit: Refit, series: Series) -> dict[str, FloatArray]:
         at = np.clip(np.searchsorted(signal.time, series.sampling.time, side="right") - 1, 0, signal.time.size - 1)
         states[signal.name] = signal.values[at]
     return states
+
+
+def _blocks(innovations: FloatArray, interval: float) -> FloatArray:
+    """Means of innovations over stretches of :data:`BLOCK` s."""
+    width = max(round(BLOCK / interval), 1)
+    count = innovations.size // width
+    if count < 20:
+        return innovations
+    means: FloatArray = innovations[: count * width].reshape(count, width).mean(axis=1)
+    return means
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

@@ -240,24 +240,32 @@ def estimate_noise(
         )
         return cost, gradient
 
-    begins = [
-        np.log([max(fast, smallest), max(total - fast, 0.05 * total), tau])
-        for tau in (5.0 * interval, min(max(50.0 * interval, 0.5), longest))
-    ]
+    # The cost has several valleys: white and drift are first found for each of a row of correlation times, all at once,
+    # by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
+    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
     if start is not None and start.drift > 0.0 and start.tau > 0.0:
-        begins.insert(0, np.log([start.white**2, start.drift**2, start.tau]))
-    best: tuple[float, FloatArray] | None = None
-    for begin in begins:
-        found = minimize(
-            objective, np.clip(begin, low, high), jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
-            options={"maxiter": 60},
-        )  # fmt: skip
-        if best is None or found.fun < best[0]:
-            best = (float(found.fun), found.x)
-        if start is not None:
-            break
-    assert best is not None
-    white, drift, tau = np.exp(best[1])
+        taus = np.append(taus, np.clip(start.tau, taus[0], taus[-1]))
+    phis = np.exp(-interval / taus)[:, np.newaxis]
+    shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * cosine)
+    whites = np.full((taus.size, 1), max(min(fast, total), smallest))
+    drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
+    for _ in range(40):
+        model = whites + drifts * shapes
+        push, pull = count * observed / model**2, count / model
+        whites = np.maximum(whites * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), smallest)
+        model = whites + drifts * shapes
+        push, pull = count * observed / model**2 * shapes, count / model * shapes
+        drifts = np.maximum(drifts * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), 1e-7 * total)
+    model = whites + drifts * shapes
+    costs = np.sum(count * (np.log(model) + observed / model), axis=1)
+    k = int(np.argmin(costs))
+    begin = np.clip(np.log([whites[k, 0], drifts[k, 0], taus[k]]), low, high)
+    found = minimize(
+        objective, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": 40},
+    )  # fmt: skip
+    best = found.x if found.fun <= costs[k] else begin
+    white, drift, tau = np.exp(best)
     if drift < 1e-6 * total:
         return OutputNoise(math.sqrt(max(total, smallest)))
     return OutputNoise(math.sqrt(white), math.sqrt(drift), float(tau))
