@@ -7,9 +7,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from aero_bayes.report.run_directory import RunDirectory, mapping, number, table
+from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.series_figures import unit_of
-from aero_bayes.report.tables import Column, generic_cell, html_table, ratio_glyph, status_pill
+from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, significant, symbol, tidy
 
 
@@ -119,13 +119,14 @@ def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
         facts.append(("cost (sum of squared errors, Eq. 6)", significant(cost, 4)))
     pso, local = mapping(fit, "pso"), mapping(fit, "local")
     if pso:
-        words = f"{count(number(pso.get('evaluations')))} evaluations in {duration(number(pso.get('seconds')))}"
-        facts.append(("particle swarm", words))
+        taken = f" in {duration(seconds)}" if (seconds := number(pso.get("seconds"))) is not None else ""
+        facts.append(("particle swarm", f"{count(number(pso.get('evaluations')))} evaluations{taken}"))
     if local:
         ended = local.get("reason", "no reason given")
         facts.append(("local search", f"{count(number(local.get('iterations')))} iterations; {ended}"))
-    if fit.get("stages"):
-        facts.append(("stages", str(generic_cell(fit["stages"]))))
+    for index, stage in enumerate(table(fit, "stages")):
+        outputs, parameters = ", ".join(texts(stage, "outputs")), ", ".join(texts(stage, "parameters"))
+        facts.append((f"stage {index + 1}, on {outputs}", parameters))
     return facts
 
 

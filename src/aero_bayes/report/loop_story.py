@@ -206,6 +206,7 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
     most = max((gain for gain in gains if gain is not None), default=0.0)
     chosen = step.get("chosen")
     same = {name for group in equivalents(run) if chosen in group for name in group}
+    shows_errors = any(row.get("rms_after") is not None for row in ranked)
     rows = []
     for row, gain in zip(ranked, gains, strict=True):
         name = str(row.get("id", NOTHING))
@@ -214,11 +215,13 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
         share = gain / most if gain is not None and most > 0 else 0.0
         words = f"evidence gained by {name}: {significant(gain)}"
         after = row.get("rms_after")
-        rows.append((label, row.get("port", NOTHING), bar(share, words), _gain(gain), generic_cell(after, 3), note))
+        gained = NOTHING if row.get("refitted") is False else _gain(gain)
+        note = note or ("gains too little to be refitted" if row.get("refitted") is False else "")
+        errors = [generic_cell(after, 3)] if shows_errors else []
+        rows.append((label, row.get("port", NOTHING), bar(share, words), gained, *errors, note))
     marked = [index for index, row in enumerate(ranked) if chosen is not None and row.get("id") == chosen]
-    columns = (
-        "candidate", "port", "", Column("evidence gained", "right"), Column("RMS after", "right"), "",
-    )  # fmt: skip
+    errors_head = [Column("RMS after", "right")] if shows_errors else []
+    columns: tuple[Column | str, ...] = ("candidate", "port", "", Column("evidence gained", "right"), *errors_head, "")
     first = html_table(columns, rows[:_SHOWN_CANDIDATES], "Candidates, each refitted with all parameters free", marked)
     rest = rows[_SHOWN_CANDIDATES:]
     return first, html_table(columns, rest, "The other candidates") if rest else None

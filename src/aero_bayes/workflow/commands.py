@@ -95,7 +95,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     story = loop_part(study, loop)
     moved = {"parameters_before": {name: entry.to_dict() for name, entry in base.parameters.items()}}
     closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
-    series = series | measured_series(study.tests) | loop_series(study, loop)
+    series = loop_series(study, loop) | measured_series(study.tests) | series
     _finish(final, "all", began, [result, {"loop": story["loop"] | moved}, closing], series)
 
 

@@ -100,5 +100,6 @@ def _level(loop: LoopResult) -> str:
 
 
 def loop_series(study: Study, loop: LoopResult) -> Series:
-    """The curves that the loop adds to the page."""
-    return loop.series({recording.name: recording.time for recording in (*study.recordings, *study.tests)})
+    """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
+    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
+    return fitted | loop.series({recording.name: recording.time for recording in (*study.recordings, *study.tests)})
