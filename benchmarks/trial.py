@@ -40,7 +40,7 @@ from aero_bayes.export import CURVE_STATES
 
 TABLE, DEVELOPMENT = 7001, 1001
 KINDS = ("single", "none", "pair", "outside")
-FULL = {"single": 320, "none": 200, "pair": 60, "outside": 80}
+FULL = {"single": 420, "none": 200, "pair": 60, "outside": 80}
 QUICK = {"single": 10, "none": 4, "pair": 2, "outside": 2}
 BASE = "Aero.Systems.OneDof"
 

@@ -1,8 +1,9 @@
 """How much of an effect a recording holds: the information distance of the blind trial.
 
-The recording without its noise is fitted by the model that lacks the effect, all its parameters free; what remains,
-in units of the true noise (its correlation counted), is the part of the effect's signature that no change of the others
-can imitate. From its square is taken what the model that has the effect leaves (a smoothed step is not a step). Readings of an encoder that stands still count as little as they do for the loop.
+The recording without its noise is fitted by the model that lacks the effect, all its parameters free; what remains, in
+units of the true noise (its correlation counted), is the part of the effect's signature that no change of the others
+can imitate. From its square is taken what the model that has the effect leaves (a smoothed step is not a step).
+Readings of an encoder that stands still count as little as they do for the loop.
 """
 
 from __future__ import annotations

@@ -160,7 +160,9 @@ def without_ripple(prepared: Prepared, study: Study, fit: Refit) -> Prepared:
     found: list[tuple[str, str, Ripple]] = []
     speeds = {s.experiment: s for s in study.series if s.output == "omega_m"}
     for k, series in enumerate(study.series):
-        if series.experiment not in speeds or series.sampling.starts.size > 1 or series.output in prepared.quanta:
+        if series.experiment not in speeds or series.sampling.starts.size > 1:
+            continue
+        if prepared.quanta.get(series.output, 0.0) > fit.noise[series.output].sd:
             continue
         fast = speeds[series.experiment]
         # The measured speed, not the fitted one: its noise averages out of the angle, a misfit would not.
