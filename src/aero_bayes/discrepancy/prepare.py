@@ -52,10 +52,13 @@ def quantum(values: FloatArray) -> float:
     return step if not dense and float(np.mean(off < 0.1)) > 0.9 else 0.0
 
 
-def thin_standstill(time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3) -> NDArray[np.bool_]:
+def thin_standstill(
+    time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3, spacing: float = 2.5
+) -> NDArray[np.bool_]:
     """Which readings to keep so that a reading which stands still does not count over and over.
 
-    In a stretch of equal readings longer than ``longest`` s only ``keep`` of them, evenly spread, are kept.
+    Of a stretch of equal readings longer than ``longest`` s one every ``spacing`` s is kept, at least ``keep``, evenly
+    spread.
     """
     use = np.isfinite(values)
     index = np.flatnonzero(use)
@@ -64,8 +67,10 @@ def thin_standstill(time: FloatArray, values: FloatArray, longest: float = 0.5, 
     seen = values[index]
     edges = np.concatenate(([0], np.flatnonzero(np.diff(seen) != 0.0) + 1, [seen.size]))
     for start, stop in pairwise(edges):
-        if time[index[stop - 1]] - time[index[start]] > longest:
-            kept = np.round(np.linspace(start, stop - 1, keep)).astype(int)
+        lasted = float(time[index[stop - 1]] - time[index[start]])
+        if lasted > longest:
+            number = max(keep, round(lasted / spacing))
+            kept = np.round(np.linspace(start, stop - 1, number)).astype(int)
             use[index[start:stop]] = False
             use[index[kept]] = True
     return use
