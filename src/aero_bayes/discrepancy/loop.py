@@ -489,16 +489,16 @@ class _Loop:
     def _width_influence(
         self, model: Model, found: _Found, effect: FoundEffect, final_set: ParameterSet, final: Refit
     ) -> float | None:
-        """By how many standard deviations an effect's parameters move when its smoothing widths are halved."""
-        halved = {
-            variable.name: 0.5 * width
+        """By how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
+        doubled = {
+            variable.name: 2.0 * width
             for name, width in effect.widths.items()
             for variable in model.parameters
             if variable.name.rpartition(".")[2] == name
         }
-        if not halved:
+        if not doubled:
             return None
-        study = self._open_study(model, final_set, found.prepared, halved)
+        study = self._open_study(model, final_set, found.prepared, doubled)
         try:
             fit = replace(self.settings.refit, floors=found.prepared.floors, iterations=4)
             again = refit(study, final.coordinates, final.free, noise=final.noise, settings=fit)

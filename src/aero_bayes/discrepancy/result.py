@@ -48,7 +48,7 @@ class FoundEffect:
 
     ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
     ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
-    they are halved.
+    they are doubled.
     """
 
     id: str
