@@ -44,7 +44,7 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert told["effects"][0]["modelica"] == "OneDof_pivot_coulomb_friction.mo"
     assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
     assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
-    assert found.series()["after/test/theta"].shape == test.time.shape
+    assert found.series({r.name: r.time for r in (train, test)})["after/test/theta"].shape == test.time.shape
     assert abs(found.effects[0].width_influence) < 3.0
 
 
