@@ -1,4 +1,8 @@
 # aero-bayes: `make` does everything, `make help` lists the rest.
+# BLAS threads would fight the simulation workers for the cores.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin

@@ -95,6 +95,7 @@ class StageSection(Section):
 class FitSection(Section):
     """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
 
+    cost: Literal["posterior", "weighted", "eq6"] = "posterior"
     method: Literal["pso+local", "pso", "local"] = "pso+local"
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"

@@ -87,8 +87,8 @@ def test_goes_into_result_json(replay):
     assert {"model", "parameters", "fitness", "paper_fitness", "note"} <= set(entry["rows"][0])
     assert entry["simulated"] is True
     assert entry["details"]["visibility"]["relative_sd"]["J_s"] is None
-    assert entry["failures"]["ok"] > 1000
-    assert set(entry["failures"]) == {outcome.name.lower() for outcome in Outcome}
+    assert entry["failures"]["completed"] > 1000
+    assert set(entry["failures"]) == {outcome.key for outcome in Outcome}
     assert "<table>" in replay._repr_html_()
 
 

@@ -152,6 +152,7 @@ def test_report_of_an_empty_folder(tmp_path: Path) -> None:
 
 
 def test_the_installed_command_ends_with_status_2(tmp_path: Path) -> None:
-    finished = subprocess.run([Path(sys.executable).with_name("aero-bayes"), "check", str(tmp_path / "none.csv")], capture_output=True, text=True)
+    command = [Path(sys.executable).with_name("aero-bayes"), "check", str(tmp_path / "none.csv")]
+    finished = subprocess.run(command, capture_output=True, text=True)
     assert finished.returncode == 2
     assert finished.stderr.count("\n") == 1

@@ -154,3 +154,22 @@ def test_a_real_recording_is_said_to_need_more(tmp_path: Path) -> None:
     assert result["verdict"]["level"] == "warning"
     assert "theta" in result["verdict"]["text"]
     assert any("theta" in line for line in result["warnings"])
+
+
+@pytest.mark.parametrize("cost", ["eq6", "weighted"])
+def test_least_squares_costs_reach_their_own_minimum(cost: str, adequate: Path, tmp_path: Path) -> None:
+    """Eq. 6 is lower under ``eq6`` than under any other cost; the weighted sum of squares under ``weighted``."""
+    found = {}
+    for name in ("posterior", cost):
+        config = tmp_path / f"{name}.toml"
+        config.write_text(f'[fit]\ncost = "{name}"\n[fit.pso]\niterations = 20\n')
+        invoke("fit", "--data", str(adequate), "--config", str(config), "--out", str(tmp_path / name))
+        found[name] = read(tmp_path / name)
+    ours, plain = found[cost]["fit"], found["posterior"]["fit"]
+    if cost == "eq6":
+        assert ours["cost_eq6"] <= plain["cost_eq6"] * (1.0 + 1e-9)
+    weights = {output: entry["sd"] for output, entry in found["posterior"]["noise"].items()}
+    sums = [sum((f["rms"]["train"][o] / sd) ** 2 for o, sd in weights.items()) for f in (ours, plain)]
+    assert sums[0] == pytest.approx(sums[1], rel=0.05)
+    if cost == "weighted":
+        assert sums[0] <= sums[1] * (1.0 + 1e-5)

@@ -35,7 +35,10 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 Progress = Callable[[str, float, float], None]
+Cost = Literal["posterior", "weighted", "eq6"]
 
+#: One standard deviation for every output under Eq. 6, as a share of the smallest range; it only sets the tolerances.
+EQ6_UNIT = 1e-3
 #: Share of an output's range that counts as noise before anything is known; ignored outputs get IGNORED times it.
 FIRST_GUESS, IGNORED = 0.03, 1e6
 
@@ -48,6 +51,10 @@ class FitSettings:
     ----------
     method : {"chain", "pso", "local"}
         ``chain``: the swarm, then the local search from its best particles.
+    cost : {"posterior", "weighted", "eq6"}
+        What is minimised: the negative log-posterior, with correlated noise where the data show it; squared errors
+        weighted by each output's white noise; or the paper's Eq. 6, squared errors as they are. The last two leave
+        the priors out.
     staged : bool
         Let the local search fit in the direction of causality before it fits all together.
     stages : tuple of Stage, optional
@@ -65,6 +72,7 @@ class FitSettings:
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
+    cost: Cost = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
     swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
@@ -186,12 +194,16 @@ class _Run:
             for name, s in zip(calibration.outputs, calibration.scale, strict=True)
         }
         self.outcomes: Counter[Outcome] = Counter()
+        self.judging = False
         self.stages: list[StageReport] = []
         self.reason = Stop.ITERATION_LIMIT
         self.iterations = 0
 
     def target(self, free: Sequence[int] | None = None, simulator: Simulator | None = None) -> Target:
-        target = Target(self.calibration, simulator or self.simulator, self.values, self.free if free is None else free)
+        target = Target(
+            self.calibration, simulator or self.simulator, self.values, self.free if free is None else free,
+            prior=self.settings.cost == "posterior",
+        )  # fmt: skip
         target.outcomes = self.outcomes
         return target
 
@@ -201,9 +213,10 @@ class _Run:
     def noise_rows(self, outputs: Sequence[str] | None = None) -> FloatArray:
         """Noise triples; outputs that are not asked for get so much noise that they do not count."""
         rows = []
+        same = (EQ6_UNIT * float(np.min(self.calibration.scale)), 0.0, 0.0)
         for name, scale in zip(self.calibration.outputs, self.calibration.scale, strict=True):
-            used = outputs is None or name in outputs
-            rows.append(self.noise[name].as_row() if used else (IGNORED * float(scale), 0.0, 0.0))
+            own = same if self.settings.cost == "eq6" and not self.judging else self.noise[name].as_row()
+            rows.append(own if outputs is None or name in outputs else (IGNORED * float(scale), 0.0, 0.0))
         return np.array([[rows]])
 
     def swarm(self, open_simulator: OpenSimulator, rng: np.random.Generator) -> pso.SwarmResult:
@@ -347,12 +360,14 @@ class _Run:
 
     def estimate_noise(self, outputs: Sequence[str], kind: NoiseKind | None = None) -> None:
         """Noise of some outputs from the residuals at the current values."""
+        if self.settings.cost == "eq6" and not self.judging:
+            return
         residual = costs.residuals(self.measured, self._fitted())
         for k, name in enumerate(self.calibration.outputs):
             if name not in outputs:
                 continue
             wanted = self.calibration.noise.kind(name)
-            if kind == "white" or wanted == "white":
+            if kind == "white" or wanted == "white" or (self.settings.cost == "weighted" and not self.judging):
                 wanted = "white"
             columns = [r[:, k] for r in residual]
             guess = self.noise[name] if self.noise[name].kind == "ou" and not self.noise[name].structured else None
@@ -379,7 +394,10 @@ class _Run:
         )  # fmt: skip
 
     def finish(self, swarm: pso.SwarmResult | None, engine: str, seconds: float) -> Fit:
-        """Judge what was found and put it together."""
+        """Judge what was found and put it together: with the noise as it is, whatever the search minimised."""
+        self.judging = True
+        if self.settings.cost != "posterior":
+            self.estimate_noise(self.calibration.outputs)
         optional = tuple(j for j, p in enumerate(self.parameters) if p.auto)
         verdict = self._assess(tuple(sorted({*self.free, *optional})))
         blind = {self.parameters.index(name) for name in verdict.no_effect}

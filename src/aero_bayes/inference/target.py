@@ -95,10 +95,20 @@ class Target:
         SI values of all parameters; those that are not free keep them.
     free : sequence of int
         Columns that are searched.
+    prior : bool
+        Whether the priors count; without them it is the negative log-likelihood that a search minimises.
     """
 
-    def __init__(self, calibration: Calibration, simulator: Simulator, base: FloatArray, free: Sequence[int]) -> None:
-        self.calibration, self.simulator = calibration, simulator
+    def __init__(
+        self,
+        calibration: Calibration,
+        simulator: Simulator,
+        base: FloatArray,
+        free: Sequence[int],
+        *,
+        prior: bool = True,
+    ) -> None:
+        self.calibration, self.simulator, self.prior = calibration, simulator, prior
         self.base, self.free = np.asarray(base, dtype=np.float64), tuple(free)
         self.outcomes: Counter[Outcome] = Counter()
         items = calibration.parameters.items
@@ -122,7 +132,9 @@ class Target:
 
     def cost(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
         """Negative log-posterior at given noise, shape (n,)."""
-        total = np.sum(self.log_likelihood(coordinates, noise), axis=1) + self.parameters.log_prior(coordinates)
+        total = np.sum(self.log_likelihood(coordinates, noise), axis=1)
+        if self.prior:
+            total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
 
     def products(self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True) -> Products:
@@ -132,7 +144,7 @@ class Target:
         slope = self.parameters.jacobian(self.parameters.from_search(coordinates))
         gradient, hessian = result.gradient * slope, result.hessian * slope[:, :, None] * slope[:, None, :]
         cost = -np.asarray(result.log_likelihood, dtype=np.float64)
-        if with_prior:
+        if with_prior and self.prior:
             first, second = self.parameters.prior_derivatives(coordinates)
             cost = cost - self.parameters.log_prior(coordinates)
             gradient = gradient - first

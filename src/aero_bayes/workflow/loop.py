@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
 from aero_bayes.discrepancy.catalogue import effect_parameter
@@ -42,15 +43,17 @@ def run_loop(study: Study, progress: ProgressBar) -> LoopResult:
         },
         free=tuple(p.name for p in study.parameters if not p.auto),
     )
-    return close_loop(
-        study.recordings,
-        study.tests,
-        model=study.name,
-        settings=settings,
-        workers=study.options.workers,
-        out_dir=study.options.out,
-        progress=lambda what, share: progress(f"loop: {what}", share),
-    )
+    # Simulations occupy the cores; BLAS threads for small matrices would only fight them.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return close_loop(
+            study.recordings,
+            study.tests,
+            model=study.name,
+            settings=settings,
+            workers=study.options.workers,
+            out_dir=study.options.out,
+            progress=lambda what, share: progress(f"loop: {what}", share),
+        )
 
 
 def extended_study(study: Study, loop: LoopResult) -> Study:

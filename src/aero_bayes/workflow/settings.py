@@ -17,6 +17,7 @@ def fit_settings(study: Study) -> FitSettings:
     delay = section.max_input_delay
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
+        cost=section.cost,
         staged=section.staged,
         stages=tuple(Stage(s.parameters, s.outputs) for s in section.stages) if section.stages else None,
         swarm=SwarmSettings(
