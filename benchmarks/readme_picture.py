@@ -1,4 +1,4 @@
-"""The README's picture from a run directory of plain ``make``: ``python benchmarks/readme_picture.py reports OUT.svg``."""
+"""The README's picture from the run directory of plain ``make``: ``readme_picture.py reports OUT.svg``."""
 
 from __future__ import annotations
 
