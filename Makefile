@@ -24,11 +24,11 @@ SIMULATED := reports/simulated
 .DEFAULT_GOAL := all
 .PHONY: all help setup fmu fit posterior loop report replay check test lint bench trial trial-quick coverage lock clean
 
-all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/index.html
+all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
 
 help: ## what each target does
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sort | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z -]+:.*##' $(MAKEFILE_LIST) | sort | sed -E 's/:.*## /\t/' | expand -t 16
 	@echo; echo "variables: DATA=\"a.csv b.csv\" TEST=c.csv OUT=dir MODEL=Aero.Systems.HalfQuad SEED=1 WORKERS=2 CONFIG=x.toml RESUME=1"
 
 setup: $(VENV)/.installed
