@@ -17,6 +17,7 @@ from aero_bayes.export import export_fmu
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
 from aero_bayes.export.expression import evaluate
+from aero_bayes.simulation import Model
 
 Write = Callable[[str, str], Path]
 
@@ -309,3 +310,15 @@ def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
 def test_the_shipped_experiment_with_a_time_event_is_refused() -> None:
     with pytest.raises(InputError, match=r"PaperStep\.mo:3: 'if' makes an event"):
         explicit_model("Aero.Experiments.PaperStep")
+
+
+def test_an_output_that_is_a_state_itself_is_refused_and_its_mend_works(tmp_path):
+    source = tmp_path / "Tank.mo"
+    body = "model Tank\n  input Real u;\n  {declared}\nequation\n  der({state}) = u - {state};\n{more}end Tank;\n"
+    source.write_text(body.format(declared="output Real q(start = 0);", state="q", more=""))
+    with pytest.raises(InputError, match=r"Tank\.mo:3: 'q' is a state and would be dropped from the outputs"):
+        export_fmu("Tank", tmp_path / "Tank.fmu", compiler="embedded", sources=[source])
+    apart = {"declared": "Real x(start = 0); output Real q;", "state": "x", "more": "  q = x;\n"}
+    source.write_text(body.format(**apart))
+    built = export_fmu("Tank", tmp_path / "Tank.fmu", compiler="embedded", sources=[source])
+    assert [v.name for v in Model.load(built).outputs] == ["q"]

@@ -19,6 +19,10 @@ _DROPPED = (
         re.compile(r"\bconstrainedby\s+([\w.]+)\s*\(\s*[^)\s]"),
         "modifiers of the constraining class {0!r} would be dropped; give them at the declaration",
     ),
+    (
+        re.compile(r"\boutput\s+[\w.]+\s+(\w+)\b(?=(?:(?!\bend\s+\w+\s*;).)*?\bder\s*\(\s*\1\s*\))", re.DOTALL),
+        "{0!r} is a state and would be dropped from the outputs; declare a state of its own and the output equal to it",
+    ),
 )
 _EVENT = re.compile(
     r"\b(when|reinit|sample|pre|edge|change|delay|assert|terminate|terminal|initial|floor|ceil|integer|mod|rem|div)\b"
