@@ -175,8 +175,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
     for (size_t i = 0; i < n; i++) {
         unsigned v = vr[i];
         if (v < AT_DX) {
-            if (!(m->phase & (INSTANTIATED | INITIALIZATION))) return fail(s, fmi2Error, "fmi2SetReal: a state's start can be set until initialisation ends");
-            m->started[v] = 1;
+            /* Until initialisation ends it is a start value; later, as some importers (CasADi) want it, the state itself. */
+            if (m->phase & (INSTANTIATED | INITIALIZATION)) m->started[v] = 1;
             stale(m, moved);
         } else if (v >= AT_U && v < AT_P) {
             stale(m, moved);
