@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from aero_bayes.data.layout import AERO, ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, read_matlab
 from aero_bayes.data.recording import Recording
 from aero_bayes.errors import InputError
+from aero_bayes.files import whole_file
 
 
 def read_recording(
@@ -99,17 +98,10 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     columns = {"time": recording.time, **recording.inputs, **recording.outputs}
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(",".join(columns) + "\n")
-            for row in np.column_stack(list(columns.values())).tolist():
-                file.write(",".join("" if value != value else f"{value:.17g}" for value in row) + "\n")
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(columns) + "\n")
+        for row in np.column_stack(list(columns.values())).tolist():
+            file.write(",".join("" if value != value else f"{value:.17g}" for value in row) + "\n")
     return target
 
 

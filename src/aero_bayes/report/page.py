@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from aero_bayes.files import whole_file
 from aero_bayes.report import (
     findings,
     loop_figures,
@@ -64,15 +63,8 @@ def write_report(directory: Path | str) -> Path:
     run = RunDirectory.read(directory)
     target = run.path / "report.html"
     page = render(run)
-    handle, temporary = tempfile.mkstemp(dir=run.path, prefix=".report-", suffix=".html")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(page)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(target) as temporary:
+        temporary.write_text(page, encoding="utf-8")
     return target
 
 

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from enum import Enum
 from importlib import metadata
@@ -18,25 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.files import whole_file
+
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
 SCHEMA = 1
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` that takes its place only if the block ends well."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
