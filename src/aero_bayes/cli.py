@@ -58,7 +58,7 @@ def run_options(command: Command) -> Command:
 
 
 def _options(**given: Any) -> Any:
-    from aero_bayes.workflow.study import RunOptions
+    from aero_bayes.workflow.job import RunOptions
 
     return RunOptions(**given)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from aero_bayes.bench.rig import effect, simulate_recording
 from aero_bayes.bench.sensors import Sensors, real, white
 from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.data import Recording, write_csv
+from aero_bayes.files import whole_file
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,8 @@ def write_truth(path: Path, truth: Truth, sensors: Sensors, recordings: list[Rec
         "truth": truth.to_dict(),
         "noise": sensors.label,
     }
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(label, indent=1) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(label, indent=1) + "\n", encoding="utf-8")
 
 
 def default_truth() -> Truth:

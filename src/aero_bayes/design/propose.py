@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted, posterior_sd
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
+from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.inference import Fit, Status
 from aero_bayes.simulation.workers import WorkerPool
@@ -52,13 +52,11 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(HeldSignal):
     """A proposed experiment.
 
     Parameters
     ----------
-    input : str
-        Name of the input; ``time`` (n,) in s and ``values`` (n,) in its unit, each held to the next sample.
     family : str
         Kind of signal; ``families`` has the best score of each kind (mean logarithm of the targets' sd ratios).
     expected : tuple of Expected
@@ -68,9 +66,6 @@ class Design:
     rate_hz : float
     """
 
-    input: str
-    time: FloatArray
-    values: FloatArray
     family: str
     families: Mapping[str, float]
     expected: tuple[Expected, ...]
@@ -89,11 +84,6 @@ class Design:
         """How many times narrower the targets' intervals would be (geometric mean)."""
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
-    def table(self) -> tuple[FloatArray, FloatArray]:
-        """Times (k,) and values (k,) at which the input changes."""
-        changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        return self.time[changes], self.values[changes]
-
     def to_dict(self) -> dict[str, object]:
         """Everything as plain numbers and text."""
         time, values = self.table()
@@ -101,7 +91,7 @@ class Design:
             "input": self.input,
             "family": self.family,
             "families": dict(self.families),
-            "duration": float(self.time[-1] - self.time[0]),
+            "duration": self.duration,
             "rate_hz": self.rate_hz,
             "gain": self.gain,
             "parameters": {
@@ -121,15 +111,6 @@ class Design:
             "table": {"time": time.tolist(), self.input: values.tolist()},
             "seed": self.seed,
         }
-
-    def write_csv(self, path: Path | str) -> Path:
-        """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
-        path = Path(path)
-        temporary = path.with_name(path.name + ".part")
-        rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        temporary.write_text("\n".join(rows) + "\n")
-        temporary.replace(path)
-        return path
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "unit", "sd now", "sd after", "times narrower"))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted
 from aero_bayes.design.optimise import Progress, SearchSettings, best_signals
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, sample_times, within_travel
+from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.inference import Fit
 from aero_bayes.simulation.workers import WorkerPool
@@ -25,16 +25,13 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Separation:
+class Separation(HeldSignal):
     """A proposed experiment and how far it would set two models apart.
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal.
     """
 
-    input: str
-    time: FloatArray
-    values: FloatArray
     family: str
     families: Mapping[str, float]
     first_true: float
@@ -50,29 +47,20 @@ class Separation:
 
     def to_dict(self) -> dict[str, object]:
         """Everything as plain numbers and text."""
-        changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        time, values = self.table()
         return {
             "input": self.input,
             "family": self.family,
             "families": dict(self.families),
-            "duration": float(self.time[-1] - self.time[0]),
+            "duration": self.duration,
             "log_evidence": self.log_evidence,
             "first_true": self.first_true,
             "second_true": self.second_true,
             "travel": dict(self.travel),
             "limits": {"amplifier": self.limits.amplifier, "travel": dict(self.limits.travel)},
-            "table": {"time": self.time[changes].tolist(), self.input: self.values[changes].tolist()},
+            "table": {"time": time.tolist(), self.input: values.tolist()},
             "seed": self.seed,
         }
-
-    def write_csv(self, path: Path | str) -> Path:
-        """Write ``time`` and the input at every sample; whole or not at all."""
-        path = Path(path)
-        temporary = path.with_name(path.name + ".part")
-        rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        temporary.write_text("\n".join(rows) + "\n")
-        temporary.replace(path)
-        return path
 
 
 def separating_experiment(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +10,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.catalogue import CATALOGUE, Effect, EffectParameter, Port
 from aero_bayes.export.extension_text import THRUSTERS, Filling, model_text, real
 from aero_bayes.export.library import check_model_name
+from aero_bayes.files import whole_file
 
 PROBES: Mapping[str, tuple[Port, str]] = {
     "u_electrical": ("electrical", "V"),
@@ -217,11 +216,8 @@ def _probe(name: str) -> Filling:
 
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        stream.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def effect_of(id_: str) -> Effect:

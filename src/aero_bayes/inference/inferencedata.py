@@ -7,14 +7,14 @@ each given all earlier readings, so that leaving one out respects the order of t
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from aero_bayes.files import whole_file
 
 if TYPE_CHECKING:
     from aero_bayes.inference.posterior import Posterior
@@ -79,12 +79,6 @@ def save(posterior: Posterior, path: Path) -> Path:
     """Write netCDF to a temporary file beside ``path`` and rename it."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".nc", dir=path.parent)
-    os.close(handle)
-    try:
-        to_inference_data(posterior).to_netcdf(name, engine="h5netcdf")
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as temporary:
+        to_inference_data(posterior).to_netcdf(str(temporary), engine="h5netcdf")
     return path

@@ -20,11 +20,11 @@ from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.loop import extended_study, loop_part, loop_series, run_loop
+from aero_bayes.workflow.job import Job, RunOptions, columns_of, layout_of, open_job
+from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, run_loop
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
-from aero_bayes.workflow.study import RunOptions, Study, columns_of, layout_of, open_study
 
 Json = dict[str, Any]
 CHECKPOINT = "checkpoint.npz"
@@ -33,34 +33,34 @@ CHECKPOINT = "checkpoint.npz"
 def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
-    study = open_study(files, options)
+    job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
-        found = _fit(study, progress)
-    result, series = _fit_part(study, found)
-    _finish(study, "fit", began, [result, _closing(result)], series)
+        found = _fit(job, progress)
+    result, series = _fit_part(job, found)
+    _finish(job, "fit", began, [result, _closing(result)], series)
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
-    study = open_study(files, options)
+    job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
-        found = _fit(study, progress)
-        posterior = _sample(study, found, progress)
-    result, series = _fit_part(study, found)
+        found = _fit(job, progress)
+        posterior = _sample(job, found, progress)
+    result, series = _fit_part(job, found)
     sampled, bands = _posterior_part(posterior)
     result = merge(result, sampled)
-    _finish(study, "posterior", began, [result, _closing(result)], series | bands)
+    _finish(job, "posterior", began, [result, _closing(result)], series | bands)
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
-    study = open_study(train, options, tests=test)
+    job = open_job(train, options, tests=test)
     with ProgressBar(options.quiet) as progress:
-        loop = run_loop(study, progress)
-    series = measured_series((*study.recordings, *study.tests)) | loop_series(study, loop)
-    _finish(study, "close-loop", began, [preamble(study, "close-loop"), loop_part(study, loop)], series)
+        loop = run_loop(job, progress)
+    series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
+    _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
@@ -71,17 +71,17 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     began = time.perf_counter()
     if not files:
         files, tests = write_simulated(options.out / "simulated", options.seed)
-    study = open_study(files, options, tests=tests)
+    job = open_job(files, options, tests=tests)
     with ProgressBar(options.quiet) as progress:
-        base = _fit(study, progress)
-        loop = run_loop(study, progress) if study.modelica else None
-        final = extended_study(study, loop) if loop is not None else study
-        found = base if final is study else _fit(final, progress, again=True)
+        base = _fit(job, progress)
+        loop = run_loop(job, progress) if job.modelica else None
+        final = extended_job(job, loop) if loop is not None else job
+        found = base if final is job else _fit(final, progress, again=True)
         posterior = _sample(final, found, progress)
         table = replay_paper(
             seed=options.seed,
             workers=options.workers,
-            engine=study.engine,
+            engine=job.engine,
             out=options.out / "replay",
             progress=progress,
         )
@@ -92,10 +92,10 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     if loop is None:
         _finish(final, "all", began, [result, _closing(result)], series)
         return
-    story = loop_part(study, loop)
+    story = loop_part(job, loop)
     moved = {"parameters_before": {name: entry.to_dict() for name, entry in base.parameters.items()}}
     closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
-    series = loop_series(study, loop) | measured_series(study.tests) | series
+    series = loop_series(job, loop) | measured_series(job.tests) | series
     _finish(final, "all", began, [result, {"loop": story["loop"] | moved}, closing], series)
 
 
@@ -147,45 +147,45 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def _fit(study: Study, progress: ProgressBar, *, again: bool = False) -> Fit:
-    """Fit a study; ``again`` goes on from where its parameters start, without another swarm."""
-    settings = fit_settings(study)
+def _fit(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
+    """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
+    settings = fit_settings(job)
     return fit(
-        study.recordings,
-        study.model,
-        parameters=study.parameters,
-        fixed=study.fixed,
+        job.recordings,
+        job.model,
+        parameters=job.parameters,
+        fixed=job.fixed,
         settings=replace(settings, method="local") if again else settings,
-        seed=study.options.seed,
-        engine=study.engine,
-        workers=study.options.workers,
+        seed=job.options.seed,
+        engine=job.engine,
+        workers=job.options.workers,
         progress=progress,
     )
 
 
-def _sample(study: Study, found: Fit, progress: ProgressBar) -> Posterior:
-    checkpoint = study.options.out / CHECKPOINT
-    if not study.options.resume:
+def _sample(job: Job, found: Fit, progress: ProgressBar) -> Posterior:
+    checkpoint = job.options.out / CHECKPOINT
+    if not job.options.resume:
         checkpoint.unlink(missing_ok=True)
     posterior = sample(
         found,
-        settings=sample_settings(study),
-        seed=study.options.seed,
-        workers=study.options.workers,
+        settings=sample_settings(job),
+        seed=job.options.seed,
+        workers=job.options.workers,
         checkpoint=checkpoint,
         progress=progress,
     )
-    posterior.save(study.options.out / "posterior.nc")
+    posterior.save(job.options.out / "posterior.nc")
     checkpoint.unlink(missing_ok=True)
     return posterior
 
 
-def _fit_part(study: Study, found: Fit) -> tuple[Json, Series]:
-    start = preamble(study, "fit")
+def _fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
+    start = preamble(job, "fit")
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    return result, measured_series(study.recordings) | fitted_series(found)
+    return result, measured_series(job.recordings) | fitted_series(found)
 
 
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
@@ -199,9 +199,9 @@ def _closing(result: Json) -> Json:
     return {"verdict": verdict(result["residual"], result.get("mcmc"))}
 
 
-def _finish(study: Study, command: str, began: float, parts: Sequence[Json], series: Series) -> None:
+def _finish(job: Job, command: str, began: float, parts: Sequence[Json], series: Series) -> None:
     """Write everything and say where."""
-    out = study.options.out
+    out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     write_series(out, only_measured(series))
     write_result(out, result)

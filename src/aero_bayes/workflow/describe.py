@@ -13,8 +13,8 @@ from aero_bayes.data import Recording, input_jumps, noise_floor
 from aero_bayes.inference.diagnostics import whiteness
 from aero_bayes.inference.noise import innovations
 from aero_bayes.inference.result import Fit
+from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
-from aero_bayes.workflow.study import Study
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
@@ -25,27 +25,27 @@ RATIO_LIMIT = 1.25
 LABEL = "simulated.json"
 
 
-def preamble(study: Study, command: str) -> Json:
+def preamble(job: Job, command: str) -> Json:
     """The keys that every result.json starts with."""
-    recordings = (*study.recordings, *study.tests)
+    recordings = (*job.recordings, *job.tests)
     units = {name: unit for recording in recordings for name, unit in recording.units.items()}
     return {
         "schema": SCHEMA,
         "command": command,
-        "seed": study.options.seed,
+        "seed": job.options.seed,
         "versions": versions(),
         "data": [recording.to_dict() for recording in recordings],
         "simulated": any(is_simulated(recording) for recording in recordings),
         "units": units,
         "model": {
-            "name": study.name,
-            "fmu_sha256": study.model.sha256,
-            "exporter": "Modelica source" if study.modelica else "FMU given",
-            "engine": study.engine,
+            "name": job.name,
+            "fmu_sha256": job.model.sha256,
+            "exporter": "Modelica source" if job.modelica else "FMU given",
+            "engine": job.engine,
         },
         "recordings": [
-            *(_recording(recording, "train") for recording in study.recordings),
-            *(_recording(recording, "test") for recording in study.tests),
+            *(_recording(recording, "train") for recording in job.recordings),
+            *(_recording(recording, "test") for recording in job.tests),
         ],
     }
 

@@ -1,4 +1,4 @@
-"""The closed loop as a command: its settings from the study, its findings as keys of result.json."""
+"""The closed loop as a command: its settings from the job, its findings as keys of result.json."""
 
 from __future__ import annotations
 
@@ -15,67 +15,65 @@ from aero_bayes.export import CATALOGUE, export_fmu
 from aero_bayes.inference.parameters import Override
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
+from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.progress import ProgressBar
-from aero_bayes.workflow.study import Study
 
 Json = dict[str, Any]
 
 
-def run_loop(study: Study, progress: ProgressBar) -> LoopResult:
-    """Close the loop on a study.
+def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
+    """Close the loop on a job.
 
     Raises
     ------
     InputError
         If the model was given as an FMU: effects can only be written into Modelica source.
     """
-    if not study.modelica:
+    if not job.modelica:
         raise InputError(
-            f"{study.model.path}: the loop writes the missing effect into Modelica source; "
+            f"{job.model.path}: the loop writes the missing effect into Modelica source; "
             "expected --model to name a class of the Aero package, not an FMU"
         )
     settings = LoopSettings(
-        effects=study.config.loop.effects,
-        held_out=study.config.loop.held_out,
-        fixed=study.fixed,
-        overrides={
-            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in study.parameters if not p.auto
-        },
-        free=tuple(p.name for p in study.parameters if not p.auto),
+        effects=job.config.loop.effects,
+        held_out=job.config.loop.held_out,
+        fixed=job.fixed,
+        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
+        free=tuple(p.name for p in job.parameters if not p.auto),
     )
     # Simulations occupy the cores; BLAS threads for small matrices would only fight them.
     with threadpool_limits(limits=1, user_api="blas"):
         return close_loop(
-            study.recordings,
-            study.tests,
-            model=study.name,
+            job.recordings,
+            job.tests,
+            model=job.name,
             settings=settings,
-            workers=study.options.workers,
-            out_dir=study.options.out,
+            workers=job.options.workers,
+            out_dir=job.options.out,
             progress=lambda what, share: progress(f"loop: {what}", share),
         )
 
 
-def extended_study(study: Study, loop: LoopResult) -> Study:
-    """The study of the model that came out of the loop: its FMU, and the new parameters among the free ones.
+def extended_job(job: Job, loop: LoopResult) -> Job:
+    """The job of the model that came out of the loop: its FMU, and the new parameters among the free ones.
 
-    The same study if nothing of the catalogue was added.
+    The same job if nothing of the catalogue was added.
     """
     added = [effect for effect in loop.effects if effect.kind == "catalogue"]
     if not added:
-        return study
-    out = study.options.out
+        return job
+    out = job.options.out
     model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=[out / loop.modelica_path]))
     new = [effect_parameter(item) for effect in added for item in CATALOGUE[effect.id].parameters]
-    parameters = study.parameters.extended(new)
+    parameters = job.parameters.extended(new)
     found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
-    return replace(study, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))
+    return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))
 
 
-def loop_part(study: Study, loop: LoopResult) -> Json:
+def loop_part(job: Job, loop: LoopResult) -> Json:
     """The keys of result.json that the loop fills."""
     table = {name: estimate.to_dict() | {"status": "identified"} for name, estimate in loop.parameters.items()}
-    interval = min(1.0 / recording.rate_hz for recording in study.recordings)
+    interval = min(1.0 / recording.rate_hz for recording in job.recordings)
     return {
         "parameters": table,
         "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
@@ -102,7 +100,7 @@ def _level(loop: LoopResult) -> str:
     return "warning" if left or loop.outcome == "unexplained" else "good"
 
 
-def loop_series(study: Study, loop: LoopResult) -> Series:
+def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
-    return fitted | loop.series({recording.name: recording.time for recording in (*study.recordings, *study.tests)})
+    return fitted | loop.series({recording.name: recording.time for recording in (*job.recordings, *job.tests)})

@@ -8,12 +8,12 @@ from aero_bayes.inference.local import LocalSettings
 from aero_bayes.inference.mcmc import SampleSettings
 from aero_bayes.inference.pso import SwarmSettings
 from aero_bayes.inference.staged import Stage
-from aero_bayes.workflow.study import Study
+from aero_bayes.workflow.job import Job
 
 
-def fit_settings(study: Study) -> FitSettings:
-    """How the study wants its fits done."""
-    section = study.config.fit
+def fit_settings(job: Job) -> FitSettings:
+    """How the job wants its fits done."""
+    section = job.config.fit
     delay = section.max_input_delay
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
@@ -26,18 +26,18 @@ def fit_settings(study: Study) -> FitSettings:
         local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         calibration=CalibrationSettings(
-            outputs=study.config.data.outputs,
+            outputs=job.config.data.outputs,
             delay="auto" if delay > 0.0 else "none",
             delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
             start=section.initial_states,
-            solver=study.solver,
+            solver=job.solver,
         ),
     )
 
 
-def sample_settings(study: Study) -> SampleSettings:
-    """How long the study wants its posterior sampled."""
-    section = study.config.posterior
+def sample_settings(job: Job) -> SampleSettings:
+    """How long the job wants its posterior sampled."""
+    section = job.config.posterior
     return SampleSettings(
         ensembles=section.ensembles,
         walkers=section.walkers,

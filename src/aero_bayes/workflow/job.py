@@ -38,7 +38,7 @@ class RunOptions:
 
 
 @dataclass(frozen=True)
-class Study:
+class Job:
     """Everything that is known before the first simulation.
 
     ``name`` is the Modelica class, or the FMU's own model name; ``modelica`` says which of the two it came from.
@@ -61,7 +61,7 @@ class Study:
 
     @property
     def solver(self) -> SolverSettings:
-        """Tolerances of every simulation in the study."""
+        """Tolerances of every simulation in the job."""
         section = self.config.solver
         return SolverSettings(
             relative_tolerance=section.relative_tolerance,
@@ -70,7 +70,7 @@ class Study:
         )
 
 
-def open_study(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Study:
+def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
     """Read the configuration and the recordings, then build or open the model.
 
     The output folder is made only once everything the user gave has been read.
@@ -95,7 +95,7 @@ def open_study(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Pa
     fixed = _fixed(model, config, parameters)
     check_duration(recordings, model, fixed)
     options.out.mkdir(parents=True, exist_ok=True)
-    return Study(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
 
 
 def _which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
