@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from aero_bayes.export import export_fmu
+from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model
+
+
+@cache
+def _session() -> ScratchFolder:
+    """Where built models stay until this process ends."""
+    return ScratchFolder()
 
 
 def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path | None = None) -> Model:
@@ -20,7 +28,7 @@ def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path |
     sources : sequence of Path
         Further Modelica files that the class needs.
     folder : Path, optional
-        Where a built FMU is kept; a new temporary folder by default.
+        Where a built FMU is kept; a temporary folder that lasts as long as the process by default.
 
     Raises
     ------
@@ -29,6 +37,6 @@ def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path |
     """
     if str(name).endswith(".fmu"):
         return Model.load(Path(name))
-    target = folder if folder is not None else Path(tempfile.mkdtemp(prefix="aero-bayes-"))
+    target = folder if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
     target.mkdir(parents=True, exist_ok=True)
     return Model.load(export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources))

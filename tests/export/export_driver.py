@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,9 +19,9 @@ FloatArray = NDArray[np.float64]
 class Driven:
     """One Model-Exchange instance."""
 
-    def __init__(self, path: Path, unpacked: str | None = None) -> None:
+    def __init__(self, path: Path, unpacked: str) -> None:
         self.description = read_model_description(str(path))
-        self.folder = unpacked or extract(str(path))
+        self.folder = unpacked
         self.references = {v.name: v.valueReference for v in self.description.modelVariables}
         self.parameters = [v.name for v in self.description.modelVariables if v.causality == "parameter"]
         self.starts = {v.name: float(v.start) for v in self.description.modelVariables if v.start is not None}
@@ -75,8 +76,9 @@ class Driven:
 
 @contextmanager
 def driven(path: Path) -> Iterator[Driven]:
-    instance = Driven(path)
-    try:
-        yield instance
-    finally:
-        instance.fmu.freeInstance()
+    with tempfile.TemporaryDirectory() as folder:
+        instance = Driven(path, str(extract(str(path), folder)))
+        try:
+            yield instance
+        finally:
+            instance.fmu.freeInstance()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,6 +33,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.export import CATALOGUE, Compiler, EffectUse, ExtendedModel, FreeForm
 from aero_bayes.inference.aero import aero_overrides
 from aero_bayes.inference.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 
@@ -123,8 +123,8 @@ def close_loop(
     unknown = [id_ for id_ in settings.effects or () if id_ not in CATALOGUE]
     if unknown:
         raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
-    with tempfile.TemporaryDirectory(prefix="aero-bayes-") as scratch, WorkerPool(workers) as pool:
-        folder = out_dir or Path(scratch)
+    with ScratchFolder() as scratch, WorkerPool(workers) as pool:
+        folder = out_dir or scratch
         family = ModelFamily(model, cache or folder / "fmu", compiler)
         return _Loop(
             family, tuple(train), tuple(test), settings, pool, folder, progress or (lambda what, share: None)

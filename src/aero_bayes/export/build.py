@@ -8,12 +8,13 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from aero_bayes.errors import InputError
+from aero_bayes.files import whole_file
+from aero_bayes.scratch import ScratchFolder
 
 _FLAGS = (
     "-std=gnu11", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
@@ -54,9 +55,9 @@ def fmi_headers() -> Path:
 def compile_library(source: str, identifier: str) -> bytes:
     """Compile one translation unit to a shared library, in a folder of its own."""
     command = c_compiler()
-    with tempfile.TemporaryDirectory(prefix="aero-bayes-") as folder:
+    with ScratchFolder() as folder:
         name = f"{identifier}.c"
-        Path(folder, name).write_text(source, encoding="utf-8")
+        (folder / name).write_text(source, encoding="utf-8")
         done = subprocess.run(
             [*command, *_FLAGS, f"-I{fmi_headers()}", "-o", f"{identifier}.so", name, "-lm"],
             cwd=folder,
@@ -67,26 +68,19 @@ def compile_library(source: str, identifier: str) -> bytes:
         if done.returncode != 0:
             lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines() or ["?"]
             raise InputError(f"the C compiler {command[0]!r} failed on the generated source: {lines[0]}")
-        return Path(folder, f"{identifier}.so").read_bytes()
+        return (folder / f"{identifier}.so").read_bytes()
 
 
 def write_archive(out: Path, members: Mapping[str, bytes]) -> None:
     """Write a zip with fixed times and order; ``out`` appears whole or not at all."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.parent)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        with whole_file(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
             for name in sorted(members, key=lambda n: (n != "modelDescription.xml", n)):
                 info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.create_system = 3
                 info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
                 archive.writestr(info, members[name])
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, out)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from None

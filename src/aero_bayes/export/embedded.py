@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,14 +17,14 @@ from aero_bayes.export.library import check_model_name, identifier, stage
 from aero_bayes.export.rumoca_front import flatten
 from aero_bayes.export.source_check import locate
 from aero_bayes.export.translate import translate
+from aero_bayes.scratch import ScratchFolder
 
 _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
 
 
 def explicit_model(model: str, sources: Sequence[Path] = ()) -> ExplicitModel:
     """Flatten and solve a Modelica model. Raises InputError for what cannot be translated."""
-    with tempfile.TemporaryDirectory(prefix="aero-bayes-") as folder:
-        root = Path(folder)
+    with ScratchFolder() as root:
         text = flatten(check_model_name(model), root, stage(root, sources))
         try:
             return causalise(translate(parse(text)))

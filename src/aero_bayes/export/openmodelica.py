@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import write_archive
 from aero_bayes.export.library import check_model_name, identifier, stage
+from aero_bayes.scratch import ScratchFolder
 
 FLAGS = "-d=-disableDirectionalDerivatives --fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
 TIME_LIMIT = 600.0
@@ -33,8 +33,7 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = ()) -> 
     if compiler is None:
         raise InputError("omc (OpenModelica) is not on the PATH; install it or use the embedded exporter")
     check_model_name(model)
-    with tempfile.TemporaryDirectory(prefix="aero-bayes-") as name:
-        folder = Path(name)
+    with ScratchFolder() as folder:
         files = [f.relative_to(folder).as_posix() for f in stage(folder, sources)]
         (folder / "export.mos").write_text(script(model, files), encoding="utf-8")
         try:

@@ -6,13 +6,11 @@ tested against. Sensitivities are central differences of whole trajectories at a
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
-import shutil
-import tempfile
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -29,6 +27,7 @@ from fmpy.fmi2 import (
 from fmpy.sundials import CVodeSolver
 from numpy.typing import NDArray
 
+from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.gaussian import products
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -89,17 +88,19 @@ class FmpySimulator:
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem
-        self._folder = Path(tempfile.mkdtemp(prefix="aero-bayes-fmpy-"))
-        extract(str(problem.model.path), str(self._folder))
-        description = read_model_description(str(self._folder))
+        self._scratch = ScratchFolder()
+        folder = str(self._scratch.path)
+        extract(str(problem.model.path), folder)
+        description = read_model_description(folder)
         self._callbacks = fmi2CallbackFunctions()
         self._logger = fmi2CallbackLoggerTYPE(_ignore)
-        self._fmu = FMU2Model(
-            guid=description.guid,
-            unzipDirectory=str(self._folder),
-            modelIdentifier=description.modelExchange.modelIdentifier,
-            instanceName=problem.model.identifier,
-        )
+        with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
+            self._fmu = FMU2Model(
+                guid=description.guid,
+                unzipDirectory=folder,
+                modelIdentifier=description.modelExchange.modelIdentifier,
+                instanceName=problem.model.identifier,
+            )
         self._callbacks.logger = self._logger
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
@@ -120,7 +121,7 @@ class FmpySimulator:
         if not self._closed:
             self._closed = True
             self._fmu.freeInstance()
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._scratch.close()
 
     # -- one run -------------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,6 @@ import ctypes
 import mmap
 import os
 import select
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -28,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import worker_main
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
@@ -71,14 +71,13 @@ class _Worker:
         self.process.wait()
 
 
-def _clean(workers: list[_Worker | None], folder: Path, owner: int) -> None:
+def _stop(workers: list[_Worker | None], owner: int) -> None:
     if os.getpid() != owner:
         return
     for index, worker in enumerate(workers):
         if worker is not None:
             worker.stop()
             workers[index] = None
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 class WorkerPool:
@@ -98,14 +97,15 @@ class WorkerPool:
         self.lock = threading.RLock()
         self.replaced = 0
         self._workers: list[_Worker | None] = [None] * workers
-        self.folder = Path(tempfile.mkdtemp(prefix="aero-bayes-"))
+        self._scratch = ScratchFolder()
+        self.folder = self._scratch.path
         self._binaries: dict[str, Path] = {}
         self._counter = 0
         self._creator = self._owner = os.getpid()
         self._problems: dict[bytes, int] = {}
         self._engine = worker_main.load(str(engine_path())) if workers == 0 else None
         self._new_arena(_FIRST_ARENA)
-        self._finalizer = weakref.finalize(self, _clean, self._workers, self.folder, self._owner)
+        self._finalizer = weakref.finalize(self, _stop, self._workers, self._owner)
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +120,7 @@ class WorkerPool:
         for path in list(self._problems):
             self.forget(Path(os.fsdecode(path)))
         self._finalizer()
+        self._scratch.close()
 
     # -- files ---------------------------------------------------------------------------------------------------------
 

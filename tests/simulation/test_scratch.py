@@ -1,0 +1,92 @@
+"""Temporary folders go with their process, however it ends, and nobody else's folder goes with them."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.scratch import ScratchFolder, sweep
+from aero_bayes.simulation import Experiment, Model, Problem
+from aero_bayes.simulation.fmpy_reference import FmpySimulator
+
+RUN = """
+import sys, time
+import numpy as np
+from aero_bayes.simulation import *
+problem = Problem(Model.load(sys.argv[1]), (Experiment(np.linspace(0, 2, 41), ("x",)),), ((ParameterTarget("k"),),))
+keep = [open_simulator(problem, engine, workers=1) for engine in ("native", "fmpy")]
+for simulator in keep:
+    simulator.simulate(np.ones((1, 1)))
+print("ran", flush=True)
+if sys.argv[2] == "hang":
+    time.sleep(60.0)
+"""
+
+
+def run(fmu: Path, folder: Path, what: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", RUN, str(fmu), what]
+    return subprocess.Popen(command, env=os.environ | {"TMPDIR": str(folder)}, stdout=subprocess.PIPE, text=True)
+
+
+def test_a_run_that_closes_nothing_leaves_nothing(test_fmu, tmp_path):
+    with run(test_fmu("Dahlquist").path, tmp_path, "end") as process:
+        assert process.communicate()[0] == "ran\n"
+    assert process.returncode == 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_run_left_goes_at_the_next_start(test_fmu, tmp_path):
+    with run(test_fmu("Dahlquist").path, tmp_path, "hang") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ran\n"
+        assert sweep(tmp_path) == 0  # all in use
+        process.send_signal(signal.SIGKILL)
+    assert len(list(tmp_path.iterdir())) == 2
+    with run(test_fmu("Dahlquist").path, tmp_path, "end") as process:
+        process.communicate()
+    assert not list(tmp_path.iterdir())
+
+
+def test_other_folders_stay(tmp_path):
+    for name in ("aero-bayes-results", "other"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text("{}")
+    (tmp_path / "aero-bayes-link").symlink_to(tmp_path / "other")
+    assert sweep(tmp_path) == 0
+    assert len(list(tmp_path.glob("*/result.json"))) == 3
+
+
+def test_a_forked_child_leaves_its_parents_folder():
+    with ScratchFolder() as folder:
+        (folder / "a").mkdir()
+        child = os.fork()
+        if child == 0:
+            sweep(folder.parent)
+            os._exit(0)
+        os.waitpid(child, 0)
+        assert (folder / "a").is_dir()
+    assert not folder.exists()
+
+
+def test_a_simulator_that_cannot_start_leaves_nothing(test_fmu, tmp_path, monkeypatch):
+    good = test_fmu("Dahlquist")
+    broken = tmp_path / "broken.fmu"
+    with zipfile.ZipFile(good.path) as source, zipfile.ZipFile(broken, "w") as target:
+        for name in source.namelist():
+            target.writestr(name, b"no library" if name.endswith(".so") else source.read(name))
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    problem = Problem(Model.load(broken), (Experiment(np.linspace(0.0, 1.0, 3), ("x",)),), ((),))
+    with pytest.raises(Exception, match="shared library"):
+        FmpySimulator(problem)
+    gc.collect()
+    assert not list(temporary.iterdir())
