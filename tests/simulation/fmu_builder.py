@@ -102,13 +102,14 @@ def description(name: str, model: str, directional: bool, extra: str = "") -> st
     scalars = MODELS[model]
     index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
     derivatives = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.derivative_of is not None)
+    derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
     outputs = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.causality == "output")
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
         f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '
         f'providesDirectionalDerivative="{str(directional).lower()}"{extra}/>'
         f"<ModelVariables>{''.join(_variable(s, index) for s in scalars)}</ModelVariables>"
-        f"<ModelStructure><Outputs>{outputs}</Outputs><Derivatives>{derivatives}</Derivatives></ModelStructure>"
+        f"<ModelStructure><Outputs>{outputs}</Outputs>{derivatives}</ModelStructure>"
         "</fmiModelDescription>"
     )
 

@@ -53,6 +53,27 @@ def test_test_models(test_fmu, here):
         compare(problem, np.array(values), here, slack=10.0 if model.event_indicators else 1.0)
 
 
+def test_directional_derivatives_that_leave_parameters_out_are_not_used(test_fmu, here):
+    time = np.linspace(0.0, 2.0, 57)
+    targets = (ParameterTarget("mu"), StartTarget("x1"))
+    found = []
+    for defines in ((), ("ONLY_STATES",)):
+        problem = Problem(
+            test_fmu("VanDerPol", defines=defines), (Experiment(time, ("x0", "x1")),), (targets,), settings=TIGHT
+        )
+        with NativeSimulator(problem, pool=here) as simulator:
+            found.append(simulator.simulate(np.array([[2.0, 0.3]]), active=[0, 1]).sensitivities[0])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-6 * np.abs(found[0]).max())
+
+
+def test_inputs_that_may_be_set_at_events_only(test_fmu, here):
+    held = InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0]))
+    for name, output in (("Feedthrough", "y"), ("Circuit", "power")):
+        model = test_fmu(name, defines=("HELD_INPUTS",))
+        problem = Problem(model, (Experiment(np.linspace(0.0, 2.0, 57), (output,), (held,)),), ((),), settings=TIGHT)
+        compare(problem, np.zeros((1, 0)), here)
+
+
 @pytest.fixture(scope="module")
 def aero_problem(aero: Model) -> tuple[Problem, np.ndarray]:
     rng = np.random.default_rng(1)

@@ -27,6 +27,7 @@ from fmpy.fmi2 import (
 from fmpy.sundials import CVodeSolver
 from numpy.typing import NDArray
 
+from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.gaussian import products
 from aero_bayes.simulation.interface import (
@@ -91,7 +92,11 @@ class FmpySimulator:
         self._scratch = ScratchFolder()
         folder = str(self._scratch.path)
         extract(str(problem.model.path), folder)
-        description = read_model_description(folder)
+        try:
+            description = read_model_description(folder)
+        except Exception as error:  # FMPy's own errors have no common class
+            why = " ".join(str(error).split())
+            raise InputError(f"{problem.model.path}: FMPy does not accept this FMU: {why}") from error
         self._callbacks = fmi2CallbackFunctions()
         self._logger = fmi2CallbackLoggerTYPE(_ignore)
         with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
@@ -185,12 +190,13 @@ class FmpySimulator:
         out = np.empty((samples.size, len(variables)))
         t, end, done = float(samples[0]), float(samples[-1]), 0
         tiny = 1e-13 * max(abs(t), abs(end))
+        moving = tuple(signal for signal in signals if signal.interpolation == "linear")
         breaks = np.unique(np.concatenate([[np.inf], *(s.time for s in signals)]))
         segment = [t]
 
         def set_time(now: float) -> None:
             fmu.setTime(now)
-            self._apply(signals, now, segment[0])
+            self._apply(moving, now, segment[0])  # held ones may be discrete: those are set at events only
 
         solver: CVodeSolver | None = None
         while True:

@@ -22,7 +22,9 @@ static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
     else
         *v = known == X0   ? -2.0 * r[MU] * r[X0] * r[X1] - 1.0
              : known == X1 ? r[MU] * (1.0 - r[X0] * r[X0])
+#ifndef ONLY_STATES /* zero, and no error, for parameters */
              : known == MU ? (1.0 - r[X0] * r[X0]) * r[X1]
+#endif
                            : 0.0;
     return OK;
 }

@@ -27,7 +27,7 @@ typedef struct {
     double t;
     const Callbacks *callbacks;
     char name[64], resources[512];
-    int initialized;
+    int initialized, continuous;
 } Model;
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
@@ -75,7 +75,7 @@ API int fmi2Reset(void *c)
 {
     Model *m = c;
     memset(m->r, 0, sizeof m->r);
-    m->initialized = 0;
+    m->initialized = m->continuous = 0;
     start(m);
     return OK;
 }
@@ -95,6 +95,9 @@ API int fmi2GetBoolean(void *c, const unsigned *vr, size_t n, int *v) { return f
 API int fmi2GetString(void *c, const unsigned *vr, size_t n, const char **v) { return ERROR; }
 API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
 {
+#ifdef HELD_INPUTS /* as a discrete input may: set in event mode only */
+    if (((Model *)c)->continuous) return ERROR;
+#endif
     for (size_t i = 0; i < n; i++) ((Model *)c)->r[vr[i]] = v[i];
     return OK;
 }
@@ -121,13 +124,13 @@ API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu
     }
     return OK;
 }
-API int fmi2EnterEventMode(void *c) { return OK; }
+API int fmi2EnterEventMode(void *c) { return ((Model *)c)->continuous = 0; }
 API int fmi2NewDiscreteStates(void *c, Events *e)
 {
     memset(e, 0, sizeof *e);
     return discrete(c, e);
 }
-API int fmi2EnterContinuousTimeMode(void *c) { return OK; }
+API int fmi2EnterContinuousTimeMode(void *c) { return ((Model *)c)->continuous = 1, OK; }
 API int fmi2CompletedIntegratorStep(void *c, int keep, int *event, int *stop)
 {
     *event = *stop = 0;

@@ -50,23 +50,17 @@ static Run *buffers(Problem *p, int64_t e, int64_t q, const int64_t *active)
     return p->runs[e];
 }
 
-/* Does the FMU answer for derivatives with respect to every target of the problem? Asked once. */
+/* Does the FMU answer rightly for derivatives with respect to every target of the problem? Asked once. */
 static int direct(Run *r)
 {
     Problem *p = r->problem;
-    if (!p->has_directional || p->parameter_directional == 0) return p->parameter_directional > 0;
-    if (p->parameter_directional > 0) return 1;
-    if (fmu_begin(r) != AB_OK) return 0;
-    int refused = worse(rhs(r, r->t, r->x, r->f));
-    for (int64_t i = 0; i < p->n_experiments; i++)
-        for (int64_t j = 0; j < p->p && !refused; j++) {
-            const Experiment *e = &p->experiments[i];
-            const Target *t = &e->targets[j];
-            if (t->kind == TARGET_PARAMETER) refused = worse(directional_column(r, (fmi_reference)t->a, r->column));
-            if (t->kind == TARGET_INPUT) refused = worse(directional_column(r, e->signals[t->a].reference, r->column));
-        }
-    p->parameter_directional = !refused;
-    return !refused;
+    if (fmu_ready(p) != AB_OK || !p->has_directional) return 0;
+    for (int64_t i = 0; i < p->n_experiments && p->parameter_directional < 0; i++) {
+        Run *other = buffers(p, i, p->runs_q, p->runs_active);
+        if (!other || !derivatives_are_right(other)) p->parameter_directional = 0;
+    }
+    if (p->parameter_directional < 0) p->parameter_directional = 1;
+    return p->parameter_directional;
 }
 
 static int one(Run *r, int mode, const double *noise)

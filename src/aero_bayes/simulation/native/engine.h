@@ -8,6 +8,7 @@
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   run.c          one simulation from initialisation to the last sample
+ *   trust.c        whether the FMU's derivatives can be built on
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
  *   batch.c        many runs, handed out from a shared counter
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
@@ -262,6 +263,9 @@ int64_t now_ns(void);
 int run_once(Run *);
 Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
 void run_close(Run *);
+
+/* trust.c */
+int derivatives_are_right(Run *);
 
 /* differences.c */
 int start_sensitivities(Run *);
