@@ -16,13 +16,19 @@ TEST    ?=
 OUT     ?=
 CONFIG  ?=
 RESUME  ?=
+AIM     ?=
+SEPARATE ?=
+LOOP    ?=
+DURATION ?=
+AMPLIFIER ?=
+TRAVEL  ?=
 
 OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS)) \
           $(if $(CONFIG),--config $(CONFIG)) $(if $(RESUME),--resume)
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fmu fit posterior loop report replay check test lint bench trial trial-quick coverage lock clean
+.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick coverage lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -54,6 +60,11 @@ fit posterior: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## fit, or fit a
 loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA, judged on TEST or a held-out part
 	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
 	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
+
+design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp", SEPARATE="effect effect" or LOOP=dir
+	$(RUN) design $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv),--data $(f)) --out $(or $(OUT),reports/design) $(OPTIONS) \
+	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) $(if $(LOOP),--loop $(LOOP)) \
+	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6
 	$(RUN) replay --out $(or $(OUT),reports/replay) --seed $(SEED)

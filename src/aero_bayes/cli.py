@@ -107,6 +107,51 @@ def close_loop(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) 
     run_close_loop(train, test, _options(**options))
 
 
+def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
+    """``theta=0.5`` and its like as numbers by output."""
+    limits = {}
+    for text in given:
+        name, _, value = text.partition("=")
+        try:
+            limits[name] = float(value)
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not OUTPUT=NUMBER, such as theta=0.5") from None
+    return limits
+
+
+@main.command()
+@click.option("--data", type=FILE, multiple=True, required=True, help="Recording at hand; may be given several times.")
+@click.option("--aim", multiple=True, metavar="PARAMETER", help="Parameter to narrow.  [default: the weak ones]")
+@click.option("--separate", nargs=2, metavar="EFFECT EFFECT", help="Two effects to tell apart.")
+@click.option("--loop", type=FOLDER, help="Finished close-loop run: tell its equivalent effects apart.")
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True, help="In s.")
+@click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="In Hz.  [default: as recorded]")
+@click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), default=24.0, show_default=True,
+              help="Largest input, in V.")  # fmt: skip
+@click.option("--travel", multiple=True, callback=_travel, metavar="OUTPUT=LIMIT",
+              help="Largest absolute value of an output (SI).  [default: theta=1]")  # fmt: skip
+@click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
+              help="Simulated repetitions that check the gain.")  # fmt: skip
+@run_options
+def design(
+    data: tuple[Path, ...],
+    aim: tuple[str, ...],
+    separate: tuple[str, str] | None,
+    loop: Path | None,
+    duration: float,
+    rate_hz: float | None,
+    amplifier: float,
+    travel: dict[str, float],
+    repeats: int,
+    **options: Any,
+) -> None:
+    """Propose the next experiment: the input that would tell most about weak parameters, or tell two effects apart."""
+    from aero_bayes.workflow.design import DesignOptions, run_design
+
+    wanted = DesignOptions(aim, separate or None, loop, duration, rate_hz, amplifier, travel, repeats)
+    run_design(data, _options(**options), wanted)
+
+
 @main.command("all")
 @click.option("--data", type=FILE, multiple=True, help="Recording to learn from.  [default: simulated]")
 @click.option("--test", type=FILE, multiple=True, help="Recording to judge on.")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.optimise import Progress
 from aero_bayes.design.propose import Design
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference import Fit, NoiseEstimate, ParameterSet
@@ -50,7 +51,14 @@ class GainCheck:
 
 
 def check_gain(
-    design: Design, fit: Fit, *, repeats: int = 20, seed: int = 1, engine: Engine = "native", workers: int | None = None
+    design: Design,
+    fit: Fit,
+    *,
+    repeats: int = 20,
+    seed: int = 1,
+    engine: Engine = "native",
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> GainCheck:
     """Draw truths from what is known, make the recordings that the design would give, and fit them.
 
@@ -63,6 +71,8 @@ def check_gain(
         The one that the design was made for.
     repeats : int
     seed : int
+    engine, workers, progress
+        As for a fit.
 
     Raises
     ------
@@ -75,7 +85,9 @@ def check_gain(
         Forecaster(fit, design.time, design.limits, engine, workers, pool) as forecaster,
     ):
         errors = []
-        for child in rng.spawn(repeats):
+        for k, child in enumerate(rng.spawn(repeats)):
+            if progress is not None:
+                progress("simulated check", k / repeats, "")
             error = _repetition(forecaster, design, child)
             if error is not None:
                 errors.append(error)
@@ -107,12 +119,17 @@ def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator
         return None
     noise = [forecaster.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([draw_noise(design.time, n, rng) for n in noise], axis=1)
-    found = _fit(forecaster, replace(experiment, measured=readings), noise)
-    return None if found is None else found - forecaster.shared.to_search(truth)
+    found = fit_again(forecaster, replace(experiment, measured=readings), noise)
+    return None if found is None else found[0] - forecaster.shared.to_search(truth)
 
 
-def _fit(forecaster: Forecaster, experiment: Experiment, noise: list[NoiseEstimate]) -> FloatArray | None:
-    """Most probable search coordinates of the shared parameters, from what was known and the new recording."""
+def fit_again(
+    forecaster: Forecaster, experiment: Experiment, noise: list[NoiseEstimate]
+) -> tuple[FloatArray, float] | None:
+    """Most probable search coordinates of the shared parameters, from what was known and a new recording.
+
+    With the negative logarithm of likelihood and prior there, the prior's own scale left out; None if no fit converged.
+    """
     shared, count = forecaster.shared, len(forecaster.shared)
     free = ParameterSet((*shared, *((forecaster.delay,) if forecaster.delay is not None else ())))
     precision = np.zeros((len(free), len(free)))
@@ -126,18 +143,18 @@ def _fit(forecaster: Forecaster, experiment: Experiment, noise: list[NoiseEstima
 
         start = centre.copy()
         if forecaster.delay is not None:
-            start = _best_delay(products, free, centre)
+            start = _best_delay(simulator, free, centre, rows)
         result = search(products, start[None], *free.box, LocalSettings(tolerance=1e-4))
-    return np.asarray(result.points[0, :count]) if result.reasons[0].converged else None
+    return (np.asarray(result.points[0, :count]), float(result.cost[0])) if result.reasons[0].converged else None
 
 
-def _best_delay(products: object, free: ParameterSet, centre: FloatArray) -> FloatArray:
+def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, noise: FloatArray) -> FloatArray:
     """Start with the delay at the best of a grid: its likelihood has a valley between every two samples."""
     low, high = free.box
     starts = np.tile(centre, (21, 1))
     starts[:, -1] = np.linspace(low[-1], high[-1], 21)
-    cost = products(starts).cost  # type: ignore[operator]
-    return np.asarray(starts[int(np.argmin(cost))])
+    found = simulator.log_likelihood(free.from_search(starts), noise).log_likelihood[:, 0]
+    return np.asarray(starts[int(np.argmax(found))])
 
 
 def _posterior(

@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from aero_bayes.report.effect_names import effect_words
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.series_figures import unit_of
 from aero_bayes.report.tables import (
@@ -26,18 +27,6 @@ _OUTCOMES = {
     "extended": "the model was extended",
     "unexplained": "something is missing and remains unexplained",
 }
-_EFFECTS = {
-    "supply_resistance": "resistance of the supply and leads", "brush_drop": "constant voltage drop at the brushes",
-    "winding_heating": "winding resistance that grows as it heats", "amplifier_deadzone": "dead zone of the amplifier",
-    "amplifier_saturation": "saturation of the amplifier", "rotor_coulomb_friction": "dry friction of the rotor",
-    "rotor_viscous_friction": "viscous friction of the rotor", "thrust_inflow_loss": "thrust lost to the inflow",
-    "thrust_lag": "thrust that lags the rotor's speed", "thrust_asymmetry": "thrust that differs by direction",
-    "pivot_coulomb_friction": "dry friction in the pivot", "body_quadratic_drag": "air drag of the body",
-    "gravity_offset": "centre of mass off the pivot", "cubic_stiffness": "restoring torque that stiffens with angle",
-    "current_offset": "offset of the current sensor", "speed_lag": "lag of the speed sensor",
-    "pitch_delay": "delay of the pitch sensor", "pitch_offset": "offset of the pitch sensor",
-    "free_form": "a shape learned from the data",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -78,7 +67,7 @@ def effects(run: RunDirectory) -> list[Effect]:
     """The effects that were added, with their parameters."""
     return [
         Effect(
-            str(entry.get("id", NOTHING)), _EFFECTS.get(str(entry.get("id")), ""), str(entry.get("port", NOTHING)),
+            str(entry.get("id", NOTHING)), effect_words(str(entry.get("id"))), str(entry.get("port", NOTHING)),
             "learned shape" if entry.get("kind") == "free_form" else "from the catalogue",
             _effect_parameters(entry), Markup(generic_cell(entry.get("evidence") or {})),
         )
@@ -211,7 +200,7 @@ def _candidate_tables(run: RunDirectory, step: Mapping[str, Any]) -> tuple[Marku
     for row, gain in zip(ranked, gains, strict=True):
         name = str(row.get("id", NOTHING))
         note = "chosen" if name == chosen else "cannot be told apart from the chosen" if name in same else ""
-        label = Markup("<code>{}</code><small>{}</small>").format(name, _EFFECTS.get(name, ""))
+        label = Markup("<code>{}</code><small>{}</small>").format(name, effect_words(name))
         share = gain / most if gain is not None and most > 0 else 0.0
         words = f"evidence gained by {name}: {significant(gain)}"
         after = row.get("rms_after")

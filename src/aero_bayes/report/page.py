@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from aero_bayes.files import whole_file
 from aero_bayes.report import (
+    experiment,
     findings,
     loop_figures,
     loop_story,
@@ -21,12 +22,14 @@ from aero_bayes.report import (
     series_figures,
 )
 from aero_bayes.report.drawing import Plate
+from aero_bayes.report.effect_names import named_effect
 from aero_bayes.report.run_directory import RunDirectory, mapping, table, texts
 from aero_bayes.report.tables import generic_cell, parameter_table
 from aero_bayes.report.text import role_words, sentence, symbol
 
 _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
+    "design": "The next experiment",
 }  # fmt: skip
 
 
@@ -80,7 +83,7 @@ def _template() -> Template:
         loader=PackageLoader("aero_bayes.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"sentence": sentence, "symbol": symbol, "cell": generic_cell}
+    environment.filters |= {"sentence": sentence, "symbol": symbol, "cell": generic_cell, "effect": named_effect}
     return environment.get_template("page.html.jinja")
 
 
@@ -101,7 +104,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
         "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run), "pso": _pso(run),
         "posterior": _posterior(run), "loop": _loop(run) if mapping(result, "loop") else None,
-        "replay": _replay(run), "provenance": overview.provenance(run),
+        "replay": _replay(run), "design": experiment.experiment(run), "provenance": overview.provenance(run),
     }  # fmt: skip
 
 
@@ -146,7 +149,8 @@ def _loop(run: RunDirectory) -> dict[str, Any]:
     return {
         "outcome": loop_story.outcome(run), "story": loop_story.story(run), "effects": loop_story.effects(run),
         "rounds": loop_story.rounds(run), "errors": loop_story.error_table(run), "shift": loop_story.shift_table(run),
-        "equivalents": loop_story.equivalents(run), "diff": loop_story.diff_lines(run),
+        "equivalents": loop_story.equivalents(run), "separate": texts(run.result, "loop", "separate"),
+        "diff": loop_story.diff_lines(run),
         "source": mapping(run.result, "loop").get("modelica_source"),
         "ports": [plate for name in run.recordings() for plate in loop_figures.port_plates(run, name)],
         "before": [

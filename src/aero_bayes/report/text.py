@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
+from aero_bayes.report.effect_names import effect_words, named_effect, with_named_effects
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "zeta": "ζ", "eta": "η", "theta": "θ", "kappa": "κ",
@@ -177,8 +179,11 @@ def signal_title(name: str, unit: str) -> str:
 
 
 def sentence(text: object) -> Markup:
-    """Escaped text in which ``backquoted`` names are set as symbols."""
+    """Escaped text in which ``backquoted`` names are set as symbols, and effects are put in words."""
     parts = str(text).split("`")
     if len(parts) % 2 == 0:
-        return escape(str(text))
-    return Markup("").join(symbol(part) if index % 2 else escape(part) for index, part in enumerate(parts))
+        return with_named_effects(str(text))
+    return Markup("").join(
+        named_effect(part) if effect_words(part) else symbol(part) if index % 2 else with_named_effects(part)
+        for index, part in enumerate(parts)
+    )

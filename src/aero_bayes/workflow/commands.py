@@ -35,8 +35,8 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     began = time.perf_counter()
     job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
-        found = _fit(job, progress)
-    result, series = _fit_part(job, found)
+        found = fit_job(job, progress)
+    result, series = fit_part(job, found)
     _finish(job, "fit", began, [result, _closing(result)], series)
 
 
@@ -45,9 +45,9 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     began = time.perf_counter()
     job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
-        found = _fit(job, progress)
+        found = fit_job(job, progress)
         posterior = _sample(job, found, progress)
-    result, series = _fit_part(job, found)
+    result, series = fit_part(job, found)
     sampled, bands = _posterior_part(posterior)
     result = merge(result, sampled)
     _finish(job, "posterior", began, [result, _closing(result)], series | bands)
@@ -73,10 +73,10 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         files, tests = write_simulated(options.out / "simulated", options.seed)
     job = open_job(files, options, tests=tests)
     with ProgressBar(options.quiet) as progress:
-        base = _fit(job, progress)
+        base = fit_job(job, progress)
         loop = run_loop(job, progress) if job.modelica else None
         final = extended_job(job, loop) if loop is not None else job
-        found = base if final is job else _fit(final, progress, again=True)
+        found = base if final is job else fit_job(final, progress, again=True)
         posterior = _sample(final, found, progress)
         table = replay_paper(
             seed=options.seed,
@@ -85,7 +85,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             out=options.out / "replay",
             progress=progress,
         )
-    result, series = _fit_part(final, found)
+    result, series = fit_part(final, found)
     sampled, bands = _posterior_part(posterior)
     result = merge(result, sampled, {"replay": table.to_dict()})
     series = series | bands | table.series
@@ -147,7 +147,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def _fit(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
+def fit_job(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
     """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
     settings = fit_settings(job)
     return fit(
@@ -180,7 +180,7 @@ def _sample(job: Job, found: Fit, progress: ProgressBar) -> Posterior:
     return posterior
 
 
-def _fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
+def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     start = preamble(job, "fit")
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:

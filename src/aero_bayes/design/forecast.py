@@ -1,0 +1,58 @@
+"""What a proposed experiment would look like: the outputs that are expected, with their spread."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.propose import Design
+from aero_bayes.design.separate import Separation
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.inference import Fit
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Expected outputs at the times of a proposal, without sensor noise.
+
+    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over what is known of the parameters.
+    """
+
+    outputs: tuple[str, ...]
+    middle: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def forecast(
+    proposal: Design | Separation,
+    fit: Fit,
+    *,
+    draws: int = 40,
+    seed: int = 1,
+    engine: Engine = "native",
+    workers: int | None = None,
+) -> Forecast:
+    """The outputs that a fitted model expects of a proposed experiment.
+
+    Raises
+    ------
+    CannotFinishError
+        If the experiment cannot be simulated.
+    """
+    with Forecaster(fit, proposal.time, proposal.limits, engine, workers) as forecaster:
+        values = forecaster.draws(draws, np.random.default_rng(seed))
+        rows = np.column_stack([values, np.full(draws, forecaster.delay_value)])
+        experiment = forecaster.experiment(proposal.values, proposal.time)
+        with forecaster.open(forecaster.problem([experiment])) as simulator:
+            result = simulator.simulate(rows)
+        usable = result.outputs[0][result.outcomes[:, 0] == 0]
+        if not len(usable):
+            raise CannotFinishError("the proposed experiment could not be simulated")
+        low, middle, high = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
+        return Forecast(forecaster.outputs, middle, low, high)

@@ -1,0 +1,285 @@
+"""``aero-bayes design``: the next experiment, as a signal to play, an expectation, and a simulated check of it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from aero_bayes.design import (
+    Design,
+    GainCheck,
+    Limits,
+    Separation,
+    SeparationCheck,
+    check_gain,
+    check_separation,
+    forecast,
+    propose_experiment,
+    separating_experiment,
+)
+from aero_bayes.design.propose import default_limits
+from aero_bayes.design.signal import HeldSignal
+from aero_bayes.discrepancy.catalogue import effect_parameter
+from aero_bayes.errors import InputError
+from aero_bayes.export import CATALOGUE, EffectUse, effect_of, export_fmu, write_extension
+from aero_bayes.inference.fit import fit
+from aero_bayes.inference.result import Fit
+from aero_bayes.report import write_report
+from aero_bayes.simulation import Model
+from aero_bayes.workflow.commands import fit_job, fit_part
+from aero_bayes.workflow.curves import Series, only_measured
+from aero_bayes.workflow.job import Job, RunOptions, open_job
+from aero_bayes.workflow.progress import ProgressBar
+from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.settings import fit_settings
+
+Json = dict[str, Any]
+
+#: The signal to play, in the run's folder.
+SIGNAL = "next_experiment.csv"
+#: Starting values tried for a rival effect's parameters, at most.
+MOST_STARTS = 4
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """What the experiment is for and what the rig allows.
+
+    ``aim`` names parameters, by default the weak ones; ``separate`` two effects, or ``loop`` a finished run of the
+    closed loop whose first pair of equivalent effects is meant. ``amplifier`` is in V, ``travel`` by output.
+    """
+
+    aim: tuple[str, ...] = ()
+    separate: tuple[str, str] | None = None
+    loop: Path | None = None
+    duration: float = 30.0
+    rate_hz: float | None = None
+    amplifier: float = 24.0
+    travel: Mapping[str, float] | None = None
+    repeats: int = 20
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Two effects to tell apart, and those that both models have besides."""
+
+    first: str
+    second: str
+    common: tuple[str, ...] = ()
+
+
+def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
+    """Fit, propose the experiment, check its gain in simulation, and write signal, result and page."""
+    began = time.perf_counter()
+    rivals = _rivals(wanted)
+    Limits(wanted.amplifier, dict(wanted.travel or {}))
+    job = open_job(files, options)
+    _check_request(job, wanted, rivals)
+    with ProgressBar(options.quiet) as progress:
+        base = fit_job(job, progress)
+        limits = _limits(base, wanted)
+        part, plan, signal = (
+            _narrow(job, base, limits, wanted, progress)
+            if rivals is None
+            else _separate(job, base, rivals, limits, wanted, progress)
+        )
+    result, series = fit_part(job, base)
+    closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
+    write_series(options.out, only_measured(series) | plan)
+    signal.write_csv(options.out / SIGNAL)
+    result = merge(result, part, closing)
+    write_result(options.out, result)
+    page = write_report(options.out)
+    click.echo(result["verdict"]["text"].replace("`", ""))
+    click.echo(f"wrote {options.out / SIGNAL}, {options.out / 'result.json'} and {page}")
+
+
+def _narrow(
+    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
+) -> tuple[Json, Series, HeldSignal]:
+    """The experiment for parameters."""
+    common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
+    design = propose_experiment(
+        base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
+        progress=progress, **common,
+    )  # fmt: skip
+    check = check_gain(design, base, repeats=wanted.repeats, progress=progress, **common)
+    found = design.to_dict()
+    parameters: Any = found["parameters"]
+    for name, entry in parameters.items():
+        entry["sd_achieved"] = check.realised[name] * entry["sd_before"]
+    found |= {"kind": "narrow", "file": SIGNAL, "unit": design.unit, "check": check.to_dict()}
+    return {"design": found, "verdict": _narrow_verdict(design, check)}, _plan(design, {"expected": base}, job), design
+
+
+def _separate(
+    job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
+) -> tuple[Json, Series, HeldSignal]:
+    """The experiment for two effects."""
+    first = _with_effect(job, base, rivals.first, rivals.common, progress)
+    second = _with_effect(job, base, rivals.second, rivals.common, progress)
+    common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
+    apart = separating_experiment(
+        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, progress=progress, **common
+    )
+    check = check_separation(apart, first, second, repeats=wanted.repeats, progress=progress, **common)
+    unit = next((v.unit for v in base.calibration.model.inputs if v.name == apart.input), "")
+    found = apart.to_dict() | {
+        "kind": "separate",
+        "file": SIGNAL,
+        "unit": unit,
+        "effects": [rivals.first, rivals.second],
+        "common": list(rivals.common),
+        "now": {"log_likelihood": [first.log_likelihood, second.log_likelihood]},
+        "models": [_effect_entry(rivals.first, first), _effect_entry(rivals.second, second)],
+        "check": check.to_dict(),
+    }
+    plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
+    return {"design": found, "verdict": _separate_verdict(rivals, apart, check)}, plan, apart
+
+
+def _effect_entry(name: str, found: Fit) -> Json:
+    """An effect as it was fitted to the recordings at hand."""
+    table = found.parameters
+    return {
+        "id": name,
+        "model": found.calibration.model.name,
+        "parameters": {p.name: table[p.name].to_dict() for p in CATALOGUE[name].parameters if p.name in table},
+    }
+
+
+def _with_effect(job: Job, base: Fit, name: str, common: Sequence[str], progress: ProgressBar) -> Fit:
+    """The base model with an effect (and those that both rivals have), written, built and fitted."""
+    ids = (*common, name)
+    out = job.options.out
+    written = write_extension(job.name, [EffectUse(id_) for id_ in ids], out)
+    model = Model.load(export_fmu(written.name, out / f"{written.name}.fmu", sources=[written.path]))
+    new = [effect_parameter(item) for id_ in ids for item in CATALOGUE[id_].parameters]
+    values = [base.named.get(p.name, p.start) for p in job.parameters]
+    grids = [item.starts or (item.scale,) for id_ in ids for item in CATALOGUE[id_].parameters]
+    tried = list(product(*grids))
+    found: list[Fit] = []
+    for k, starts in enumerate(tried[:: max(1, -(-len(tried) // MOST_STARTS))]):
+        progress(f"fit with {name}", k / MOST_STARTS, "")
+        items = [replace(p, start=min(max(s, p.lower), p.upper)) for p, s in zip(new, starts, strict=True)]
+        found.append(
+            fit(
+                job.recordings,
+                model,
+                parameters=job.parameters.with_start(np.array(values)).extended(items),
+                fixed=job.fixed,
+                settings=replace(fit_settings(job), method="local"),
+                seed=job.options.seed,
+                engine=job.engine,
+                workers=job.options.workers,
+            )
+        )
+    return max(found, key=lambda candidate: candidate.log_posterior)
+
+
+def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
+    """``plan/...``: the signal and what each model expects of it."""
+    series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
+    for label, found in models.items():
+        seen = forecast(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
+        for k, output in enumerate(seen.outputs):
+            series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
+            series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]
+            series[f"plan/upper/{label}/{output}"] = seen.upper[:, k]
+    return series
+
+
+def _rivals(wanted: DesignOptions) -> Rivals | None:
+    """Which effects to tell apart, if any.
+
+    Raises
+    ------
+    InputError
+        For effects that do not exist, or a run without equivalent ones.
+    """
+    if sum((bool(wanted.aim), wanted.separate is not None, wanted.loop is not None)) > 1:
+        raise InputError("--aim, --separate and --loop exclude each other: an experiment has one purpose")
+    if wanted.separate is not None:
+        first, second = wanted.separate
+        if effect_of(first) == effect_of(second):
+            raise InputError(f"--separate {first} {second}: expected two different effects")
+        return Rivals(first, second)
+    return None if wanted.loop is None else _rivals_of_loop(wanted.loop / "result.json")
+
+
+def _rivals_of_loop(path: Path) -> Rivals:
+    """The first two of the first class of effects that a finished loop could not tell apart."""
+    try:
+        found = json.loads(path.read_text("utf-8"))["loop"]
+        classes = [[str(id_) for id_ in group if id_ in CATALOGUE] for group in found["equivalent"]]
+        added = [str(entry["id"]) for entry in found["effects"] if entry["id"] in CATALOGUE]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a finished close-loop run") from None
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: no findings of a closed loop there; expected a finished close-loop run") from None
+    same = next((group for group in classes if len(group) > 1), None)
+    if same is None:
+        raise InputError(f"{path}: the loop names no effects that it could not tell apart; use --separate or --aim")
+    return Rivals(same[0], same[1], tuple(id_ for id_ in added if id_ not in same))
+
+
+def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
+    """What can be wrong with the request, seen before the first simulation."""
+    known = {v.name for v in job.model.outputs}
+    for name in wanted.travel or ():
+        if name not in known:
+            raise InputError(f"--travel {name}: model {job.name} has no such output; it has {', '.join(sorted(known))}")
+    for name in wanted.aim:
+        if name not in job.parameters:
+            raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
+    rate = wanted.rate_hz or job.recordings[0].rate_hz
+    if not wanted.duration * rate >= 10.0:
+        raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
+    if rivals is not None and not job.modelica:
+        raise InputError(
+            f"{job.model.path}: effects are written into Modelica source; expected --model to name a class"
+        )
+
+
+def _limits(base: Fit, wanted: DesignOptions) -> Limits:
+    usual = default_limits(base).travel
+    return Limits(wanted.amplifier, dict(usual) | dict(wanted.travel or {}))
+
+
+def _narrow_verdict(design: Design, check: GainCheck) -> Json:
+    aimed = design.targets
+    names = ", ".join(f"`{name}`" for name in aimed) if len(aimed) <= 4 else f"{len(aimed)} parameters"
+    achieved = float(np.exp(-np.mean([np.log(check.realised[name]) for name in aimed])))
+    repeats = check.repeats - check.failures
+    text = (
+        f"{design.duration:g} s of {_kind(design.family)} would make the intervals of {names} {design.gain:.1f} times "
+        f"narrower; in {repeats} simulated repetitions they became {achieved:.1f} times narrower."
+    )
+    return {"level": "good" if check.agrees and design.gain > 1.1 else "warning", "text": text}
+
+
+def _separate_verdict(rivals: Rivals, apart: Separation, check: SeparationCheck) -> Json:
+    pair = f"`{rivals.first}` and `{rivals.second}`"
+    if apart.log_evidence < 1.0:
+        return {"level": "warning", "text": f"No experiment tried within these limits would tell {pair} apart."}
+    text = (
+        f"{apart.duration:g} s of {_kind(apart.family)} would tell {pair} apart: expected difference in log-evidence "
+        f"{apart.log_evidence:.3g}, {check.achieved:.3g} in simulated repetitions, of which {check.told_apart:.0%} "
+        "named the true one."
+    )
+    return {"level": "good" if check.told_apart > 0.8 else "warning", "text": text.replace("%", " %")}
+
+
+def _kind(family: str) -> str:
+    return {
+        "steps": "steps", "binary": "a binary sequence", "square wave": "a square wave",
+        "step and release": "a step and its release", "multi-sine": "a sum of sines", "chirp": "a chirp",
+    }.get(family, family)  # fmt: skip

@@ -1,0 +1,151 @@
+"""``aero-bayes design`` end to end: the signal it writes, the gain it expects and finds, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from aero_bayes.bench import Truth, effect, pulse, simulate_recording, white
+from aero_bayes.bench.truth import Parameters
+from aero_bayes.cli import main
+from aero_bayes.data import write_csv
+from aero_bayes.export import export_fmu
+
+QUICK = "[fit]\nmethod = 'local'\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("design")
+
+
+@pytest.fixture(scope="module")
+def fmu(folder: Path) -> Path:
+    return export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu")
+
+
+@pytest.fixture(scope="module")
+def short(folder: Path) -> Path:
+    """A pulse too short to say much of the body."""
+    rng = np.random.default_rng(11)
+    truth = Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=0.5e-3),), 0.006)
+    made = simulate_recording(truth, pulse(8.0, 1.0, 4.0), white(1.0), rng, duration=8.0, rate_hz=50.0)
+    return write_csv(made, folder / "short.csv")
+
+
+@pytest.fixture(scope="module")
+def config(folder: Path) -> Path:
+    path = folder / "study.toml"
+    path.write_text(QUICK)
+    return path
+
+
+def design(out: Path, *arguments: object) -> Result:
+    words = ["design", *map(str, arguments), "--out", str(out), "--quiet"]
+    return CliRunner().invoke(main, words)
+
+
+def signal_of(out: Path) -> tuple[np.ndarray, np.ndarray]:
+    with (out / "next_experiment.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return np.array([float(r["time"]) for r in rows]), np.array([float(r["V_m"]) for r in rows])
+
+
+def test_weak_parameters_get_an_experiment_that_keeps_its_word(
+    folder: Path, fmu: Path, short: Path, config: Path
+) -> None:
+    out = folder / "narrow"
+    result = design(
+        out, "--data", short, "--model", fmu, "--config", config, "--aim", "D_p", "--aim", "K_sp", "--duration", 12,
+        "--amplifier", 10, "--travel", "theta=0.3", "--repeats", 16, "--workers", 1,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    time, volts = signal_of(out)
+    assert np.allclose(np.diff(time), 0.02)
+    assert time[-1] == pytest.approx(12.0)
+    assert np.max(np.abs(volts)) <= 10.0
+    found: dict[str, Any] = json.loads((out / "result.json").read_text("utf-8"))
+    assert (found["schema"], found["command"]) == (1, "design")
+    plan = found["design"]
+    assert plan["travel"]["theta"] <= 0.3
+    assert {name for name, entry in plan["parameters"].items() if entry["target"]} == {"D_p", "K_sp"}
+    for name in ("D_p", "K_sp"):
+        entry = plan["parameters"][name]
+        assert entry["sd_after"] < entry["sd_before"]
+        assert entry["unit"] == found["parameters"][name]["unit"]
+        # Sixteen repetitions know a standard deviation to 18 %; four of those, and what is not linear.
+        assert 0.3 < entry["sd_achieved"] / entry["sd_after"] < 1.9
+    assert plan["check"]["failures"] == 0
+    page = (out / "report.html").read_text("utf-8")
+    assert 'id="design"' in page
+    assert "next_experiment.csv" in page
+
+
+def test_two_effects_of_a_loop_are_told_apart(folder: Path, short: Path, config: Path) -> None:
+    run = folder / "loop"
+    run.mkdir()
+    pair = ["pivot_coulomb_friction", "body_quadratic_drag"]
+    story = {"loop": {"equivalent": [pair], "effects": [{"id": pair[0]}]}}
+    (run / "result.json").write_text(json.dumps(story))
+    out = folder / "apart"
+    result = design(
+        out, "--data", short, "--config", config, "--loop", run, "--duration", 8, "--rate", 25, "--repeats", 4,
+        "--workers", 1,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    plan = json.loads((out / "result.json").read_text("utf-8"))["design"]
+    assert (plan["kind"], plan["effects"]) == ("separate", pair)
+    assert plan["log_evidence"] == min(plan["first_true"], plan["second_true"])
+    assert plan["log_evidence"] > 10.0
+    assert np.allclose(np.diff(signal_of(out)[0]), 0.04)
+    # So little is known after one short pulse that the linear expectation is too high, but the two are told apart.
+    assert plan["check"]["achieved"] > 20.0
+    assert plan["check"]["told_apart"] == 1.0
+    assert np.max(np.abs(signal_of(out)[1])) <= 24.0
+    page = (out / "report.html").read_text("utf-8")
+    assert all(name in page for name in pair)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--aim", "R_x"), ("R_x", "R_a")),
+        (("--aim", "R_a", "--loop", "nowhere"), ("exclude",)),
+        (("--loop", "nowhere"), ("nowhere", "close-loop")),
+        (("--separate", "pivot_friction", "pitch_delay"), ("pivot_friction", "pivot_coulomb_friction")),
+        (("--separate", "pitch_delay", "pitch_delay"), ("different",)),
+        (("--separate", "pitch_delay", "pitch_offset"), ("Modelica",)),
+        (("--travel", "yaw=1"), ("yaw", "theta")),
+        (("--travel", "theta=-1"), ("theta", "positive")),
+        (("--duration", "0.05"), ("fewer than ten",)),
+    ],
+)
+def test_mistakes(arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: Path, fmu: Path, short: Path) -> None:
+    out = tmp_path / "out"
+    result = design(out, "--data", short, "--model", fmu, *arguments)
+    assert result.exit_code == 2, result.output
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1
+    for word in words:
+        assert word in lines[0]
+    assert not out.exists() or not [path for path in out.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("travel", ["theta", "theta=far"])
+def test_travel_that_is_no_number(travel: str, tmp_path: Path, fmu: Path, short: Path) -> None:
+    result = design(tmp_path / "out", "--data", short, "--model", fmu, "--travel", travel)
+    assert result.exit_code == 2
+    assert "theta=0.5" in result.stderr
+
+
+def test_a_loop_without_equivalent_effects(tmp_path: Path, fmu: Path, short: Path) -> None:
+    (tmp_path / "result.json").write_text(json.dumps({"loop": {"equivalent": [], "effects": []}}))
+    result = design(tmp_path / "out", "--data", short, "--model", fmu, "--loop", tmp_path)
+    assert result.exit_code == 2
+    assert "could not tell apart" in result.stderr
