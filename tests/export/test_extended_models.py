@@ -78,12 +78,15 @@ def test_base_with_one_motor(tmp_path: Path) -> None:
 
 
 def keys_curve(x: float, low: float, high: float, values: list[float]) -> float:
-    """Cubic convolution (Keys 1981) with repeated end values, by its definition as a sum of kernels."""
-    padded = np.array([values[0], values[0], *values, values[-1], values[-1]])
-    position = min(max((x - low) / (high - low), 0.0), 1.0) * (len(values) - 1)
+    """Cubic convolution (Keys 1981) of values that go on as straight lines, by its definition as a sum of kernels."""
+    position = (x - low) / (high - low) * (len(values) - 1)
+    beyond = int(abs(position)) + len(values)
+    first, last = values[1] - values[0], values[-1] - values[-2]
+    before = [values[0] - first * k for k in range(beyond, 0, -1)]
+    padded = np.array([*before, *values, *(values[-1] + last * (k + 1) for k in range(beyond))])
     total = 0.0
     for k, value in enumerate(padded):
-        s = abs(position - (k - 2))
+        s = abs(position - (k - beyond))
         if s < 1:
             total += value * (1.5 * s**3 - 2.5 * s**2 + 1)
         elif s < 2:
@@ -114,9 +117,10 @@ def test_a_learned_curve_acts_at_its_port(port: str, over: str, base: dict[str, 
         expected["thruster_1.motor.rotor.w"] -= one / inertia
         expected["thruster_2.motor.rotor.w"] -= two / inertia
     elif port == "thrust":
-        # a curve over the propeller's speed counts along its own axis, one over the body where it pitches up
-        sign = -1.0 if over == "w" else 1.0
-        expected["body.omega"] -= 0.158 * (one + sign * two) / 0.0219
+        if over == "w":
+            expected["body.omega"] -= 0.158 * (one - two) / 0.0219
+        else:
+            expected["body.omega"] -= 0.158 * one * 2.9e-7 * (310.0**2 + 290.0**2) / 0.0219
     else:
         expected["body.omega"] -= one / 0.0219
     for state, value in expected.items():
@@ -124,9 +128,9 @@ def test_a_learned_curve_acts_at_its_port(port: str, over: str, base: dict[str, 
 
 
 @pytest.mark.parametrize("x", [-2.0, -1.0, -0.6, -0.2, 0.1, 0.85, 1.0, 3.0])
-def test_curve_passes_through_its_values_and_stays_constant_outside(x: float) -> None:
+def test_curve_passes_through_its_values_and_goes_on_straight(x: float) -> None:
     values = [0.3, -0.7, 1.0, 0.2, -0.5, 0.9]
-    assert keys_curve(-5.0, -1.0, 1.0, values) == pytest.approx(0.3)
+    assert keys_curve(-5.0, -1.0, 1.0, values) == pytest.approx(0.3 + 10.0)
     for k, value in enumerate(values):
         assert keys_curve(-1.0 + 0.4 * k, -1.0, 1.0, values) == pytest.approx(value)
     constant = keys_curve(x, -1.0, 1.0, [0.7] * 6)
@@ -137,7 +141,7 @@ def test_a_curve_and_an_effect_share_the_thrust_slot(tmp_path: Path) -> None:
     uses = [EffectUse("thrust_lag", {"T_f": 0.1}), FreeForm("thrust", "theta", -1.0, 1.0, (0.1, 0.1, 0.1))]
     written = write_extension("Aero.Systems.HalfQuad", uses, tmp_path, name="Shared")
     found = rates_at(explicit_model("Shared", [written.path]), {"thruster_1.thrustEffect.thrust_lag.f": 0.05})
-    torque = 0.158 * (0.05 - 0.1) - 0.0071 * 0.41 - 0.0375 * 0.33
+    torque = 0.158 * 0.05 * (1.0 - 0.1) - 0.0071 * 0.41 - 0.0375 * 0.33
     assert found["body.omega"] == pytest.approx(torque / 0.0219, rel=1e-12)
 
 

@@ -8,7 +8,7 @@ equation
   flange.tau = Functions.smoothTable(theta, x_min, x_max, c);
   annotation (
     Documentation(info = "<html>
-<p>A learned shape: torque against a positive motion over the pitch angle, through the values <code>c</code> at equally spaced knots and constant beyond the outer ones.</p>
+<p>A learned shape: torque against a positive motion over the pitch angle, through the values <code>c</code> at equally spaced knots and straight beyond the outer ones.</p>
 </html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -20}, {-20, 15}, {10, -5}, {45, 20}}, color = {60, 60, 60}, smooth = Smooth.Bezier)}));
 end BodyAngleCurve;

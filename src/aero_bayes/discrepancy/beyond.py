@@ -1,7 +1,8 @@
 """What no listed effect explains: a learned curve over a state, or a disturbance that belongs to a moment.
 
-Both are held against the same evidence as the catalogue. A curve's values have independent normal priors, as wide as a
-tenth of what the model itself puts through that port, so that seven of them pay for their freedom.
+Both are held against the same evidence as the catalogue. A curve's values have a normal prior, as wide as a tenth of
+what the model itself puts through that port and smooth over the knots, so that they pay for their freedom and stay
+sensible where no data went; knots are added while that pays.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.discrepancy.baseline import Prepared, nuisance_parameters
 from aero_bayes.discrepancy.family import CURVE_PREFIX, KNOTS, ModelFamily
-from aero_bayes.discrepancy.locate import LinearResponse, Moment, PortSignal, find_moment, infer_signal
-from aero_bayes.discrepancy.refit import Refit, RefitSettings, refit
+from aero_bayes.discrepancy.locate import LinearResponse, Moment, PortSignal, find_moment, infer_signal, kernel
+from aero_bayes.discrepancy.refit import Refit, RefitSettings, SmoothPrior, refit
 from aero_bayes.discrepancy.study import Study
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.export import CURVE_STATES, Port
+from aero_bayes.export import CURVE_STATES, Port, curve_unit
 from aero_bayes.inference.parameters import Parameter, ParameterSet
 from aero_bayes.inference.priors import Normal
 from aero_bayes.simulation import Model
@@ -30,6 +31,8 @@ OpenStudy = Callable[[Model, ParameterSet, Prepared, Mapping[str, float]], Study
 UNITS: Mapping[str, str] = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
 #: Spread of a curve's values against what the model puts through the port.
 SHARE = 0.1
+#: Distance over which a curve's values go together, as a share of its range.
+SMOOTH = 0.3
 #: Knots of an unknown signal over time, a recording.
 SIGNAL_KNOTS = 100
 
@@ -48,7 +51,20 @@ class CurveFit:
 
     @property
     def columns(self) -> tuple[int, ...]:
-        return tuple(self.parameters.index(f"{CURVE_PREFIX}_{k + 1}") for k in range(KNOTS))
+        return tuple(self.parameters.index(f"{CURVE_PREFIX}_{k + 1}") for k in range(self.values.size))
+
+    @property
+    def smooth(self) -> SmoothPrior:
+        """The prior of its values; a parameter's own is the same but for the coupling."""
+        return smooth_prior([self.parameters.items[j] for j in self.columns])
+
+
+def smooth_prior(curve: Sequence[Parameter]) -> SmoothPrior:
+    """Prior of a curve's values at equally spaced knots: a Matern 3/2 process over the state."""
+    places = np.linspace(0.0, 1.0, len(curve))
+    sd = np.array([item.prior.sd for item in curve if isinstance(item.prior, Normal)])
+    covariance = np.outer(sd, sd) * (kernel(places, SMOOTH) + 1e-8 * np.eye(places.size))
+    return SmoothPrior(tuple(item.name for item in curve), covariance)
 
 
 @dataclass(frozen=True)
@@ -90,54 +106,79 @@ class Visited:
         return cls(ranges, {port: max(size, 1e-9) for port, size in sizes.items()})
 
 
-def fit_curves(
-    family: ModelFamily,
-    prepared: Prepared,
-    shared: Sequence[Parameter],
-    base: Refit,
-    base_parameters: ParameterSet,
-    visited: Visited,
-    open_study: OpenStudy,
-    settings: RefitSettings,
-    outputs: Sequence[str],
-) -> tuple[CurveFit, ...]:
-    """Refit the base with one curve at a time, at every port over every state that was seen, best first."""
-    start = dict(zip(base_parameters.names, base_parameters.from_search(base.coordinates), strict=True))
-    found = []
-    for port, states in CURVE_STATES.items():
-        if port in ("thrust", "body") and "theta" not in outputs:
-            continue
-        for over in states:
-            if over not in visited.ranges or visited.ranges[over][1] <= visited.ranges[over][0]:
-                continue
-            model = family.curve(port, over)
-            low, high = visited.ranges[over]
-            size = SHARE * visited.sizes[port]
-            own = nuisance_parameters(prepared, model)
-            curve = tuple(
-                Parameter(
-                    f"{CURVE_PREFIX}_{k + 1}", UNITS[port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size),
-                    "linear", f"Curve at {over} = {x:.4g}", ParameterTarget(f"{CURVE_PREFIX}_{k + 1}"),
-                )
-                for k, x in enumerate(np.linspace(low, high, KNOTS))
-            )  # fmt: skip
-            parameters = ParameterSet((*shared, *own, *curve))
-            fixed = {}
-            for variable in model.parameters:
-                if variable.name.endswith(".x_min"):
-                    fixed[variable.name] = low
-                elif variable.name.endswith(".x_max"):
-                    fixed[variable.name] = high
-            study = open_study(model, parameters, prepared, fixed)
-            try:
-                at = parameters.to_search(np.array([start.get(name, 0.0) for name in parameters.names]))
-                fit = refit(study, at, range(len(parameters)), noise=base.noise, settings=settings)
-            except CannotFinishError:
-                continue
-            finally:
-                study.close()
-            values = parameters.from_search(fit.coordinates)[-KNOTS:]
-            found.append(CurveFit(port, over, low, high, values, fit, parameters))
+@dataclass(frozen=True, eq=False)
+class CurveSearch:
+    """What a search of learned curves works with.
+
+    ``shared`` are the base's own parameters, ``start`` their values where the base was fitted.
+    """
+
+    family: ModelFamily
+    prepared: Prepared
+    shared: Sequence[Parameter]
+    start: Mapping[str, float]
+    base: Refit
+    visited: Visited
+    open_study: OpenStudy
+    settings: RefitSettings
+
+    def places(self, outputs: Sequence[str]) -> list[tuple[Port, str]]:
+        """Every port with every state that was seen to move."""
+        ports = [p for p in CURVE_STATES if "theta" in outputs or p not in ("thrust", "body")]
+        ranges = self.visited.ranges
+        return [(p, o) for p in ports for o in CURVE_STATES[p] if o in ranges and ranges[o][1] > ranges[o][0]]
+
+    def fit(self, port: Port, over: str, knots: int, like: CurveFit | None = None) -> CurveFit | None:
+        """Refit the base with one curve, from none or from a coarser one; None if it cannot be simulated."""
+        model = self.family.curve(port, over, knots)
+        low, high = self.visited.ranges[over]
+        size = SHARE * (1.0 if curve_unit(port, over) == "1" else self.visited.sizes[port])
+        places = np.linspace(low, high, knots)
+        curve = tuple(
+            Parameter(
+                f"{CURVE_PREFIX}_{k + 1}", curve_unit(port, over), 0.0, -100.0 * size, 100.0 * size,
+                Normal(0.0, size), "linear", f"Curve at {over} = {x:.4g}", ParameterTarget(f"{CURVE_PREFIX}_{k + 1}"),
+            )
+            for k, x in enumerate(places)
+        )  # fmt: skip
+        parameters = ParameterSet((*self.shared, *nuisance_parameters(self.prepared, model), *curve))
+        start, noise = dict(self.start), self.base.noise
+        if like is not None:
+            noise = like.refit.noise
+            start = dict(zip(like.parameters.names, like.parameters.from_search(like.refit.coordinates), strict=True))
+            values = np.interp(places, np.linspace(low, high, like.values.size), like.values)
+            start |= {f"{CURVE_PREFIX}_{k + 1}": float(v) for k, v in enumerate(values)}
+        fixed = {
+            variable.name: low if variable.name.endswith(".x_min") else high
+            for variable in model.parameters
+            if variable.name.endswith((".x_min", ".x_max"))
+        }
+        study = self.open_study(model, parameters, self.prepared, fixed)
+        try:
+            at = parameters.to_search(np.array([start.get(name, 0.0) for name in parameters.names]))
+            settings = replace(self.settings, smooth=smooth_prior(curve))
+            found = refit(study, at, range(len(parameters)), noise=noise, settings=settings)
+        except CannotFinishError:
+            return None
+        finally:
+            study.close()
+        return CurveFit(port, over, low, high, parameters.from_search(found.coordinates)[-knots:], found, parameters)
+
+
+def fit_curves(search: CurveSearch, outputs: Sequence[str], refined: int = 2) -> tuple[CurveFit, ...]:
+    """Refit the base with one curve at a time, at every port over every state that was seen, best first.
+
+    The ``refined`` best ones get more knots for as long as that pays.
+    """
+    tried = [search.fit(port, over, KNOTS[0]) for port, over in search.places(outputs)]
+    found = sorted((c for c in tried if c is not None), key=lambda curve: -curve.refit.log_evidence)
+    for k, curve in enumerate(found[:refined]):
+        for knots in KNOTS[1:]:
+            finer = search.fit(curve.port, curve.over, knots, curve)
+            if finer is None or finer.refit.log_evidence < curve.refit.log_evidence + 1.0:
+                break
+            curve = finer
+        found[k] = curve
     return tuple(sorted(found, key=lambda curve: -curve.refit.log_evidence))
 
 
@@ -215,11 +256,22 @@ def _for_one(item: Parameter) -> Parameter:
 
 @dataclass(frozen=True, eq=False)
 class MomentFit:
-    """A disturbance of a moment with its size refitted beside all parameters, and the evidence, its place paid for."""
+    """A disturbance of a moment with its size refitted beside all parameters, and the evidence, its place paid for.
+
+    ``parameters`` are those of ``refit``, the disturbance's size last; ``recording`` is where it happened.
+    """
 
     moment: Moment
     refit: Refit
     log_evidence: float
+    parameters: ParameterSet
+    recording: int
+
+    @property
+    def signal(self) -> InputSignal:
+        """The disturbance as an input."""
+        times = np.array([self.moment.start - 1.0, self.moment.start, self.moment.stop])
+        return InputSignal(f"u_{self.moment.port}", times, np.array([0.0, self.moment.size, 0.0]))
 
 
 def fit_moment(
@@ -264,4 +316,6 @@ def fit_moment(
         replace(moment, size=fitted, gain=found.log_evidence - base.log_evidence - float(np.log(places))),
         found,
         found.log_evidence - float(np.log(places)),
+        everything,
+        probing.recording,
     )

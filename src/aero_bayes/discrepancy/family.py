@@ -24,9 +24,9 @@ from aero_bayes.export import (
 )
 from aero_bayes.simulation import Model
 
-#: Knots of a learned curve.
-KNOTS = 7
-#: Its values are the parameters ``c_1`` to ``c_7``.
+#: Knots that a learned curve may have, coarsest first.
+KNOTS = (7, 15, 31, 63)
+#: Its values are the parameters ``c_1``, ``c_2``, ...
 CURVE_PREFIX = "c"
 
 
@@ -67,10 +67,10 @@ class ModelFamily:
         """The base with every effect of the catalogue switched off, and an input at every port."""
         return self._extended([EffectUse(id_) for id_ in CATALOGUE], f"{self.title}_screening", probes=True)
 
-    def curve(self, port: Port, over: str) -> Model:
+    def curve(self, port: Port, over: str, knots: int = KNOTS[0]) -> Model:
         """The base with a curve over one state at one port, zero everywhere; its range is a parameter."""
-        use = FreeForm(port, over, -1.0, 1.0, (0.0,) * KNOTS, prefix=CURVE_PREFIX)
-        return self._extended([use], f"{self.title}_curve_{port}_{over}", probes=False)
+        use = FreeForm(port, over, -1.0, 1.0, (0.0,) * knots, prefix=CURVE_PREFIX)
+        return self._extended([use], f"{self.title}_curve_{port}_{over}_{knots}", probes=False)
 
     def with_effects(self, uses: Sequence[EffectUse | FreeForm], folder: Path) -> tuple[ExtendedModel, Model]:
         """The base with chosen effects, written to ``folder`` as a model of its own, and its FMU."""

@@ -17,7 +17,7 @@ from aero_bayes.discrepancy.study import problem_of
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.parameters import Parameter, ParameterSet
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
-from aero_bayes.simulation.interface import DelayTarget, SolverSettings, StartTarget
+from aero_bayes.simulation.interface import DelayTarget, InputSignal, SolverSettings, StartTarget
 
 FloatArray = NDArray[np.float64]
 
@@ -105,12 +105,13 @@ def predict(
     settings: SolverSettings,
     pool: WorkerPool,
     held_from: Mapping[str, float],
+    extra: Mapping[int, InputSignal] | None = None,
 ) -> Prediction:
     """Run a fitted model over whole recordings.
 
     A recording that was not fitted gets the fitted recordings' mean input delay, and starts at its own first readings,
     off by as much as theirs were. ``held_from`` gives, by training recording, the time (s) from which readings count as
-    unseen.
+    unseen; ``extra`` an input beside the recorded ones, by the index of a training recording.
     """
     values = dict(zip(parameters.names, parameters.from_search(fit.coordinates), strict=True))
     shared = [p for p in parameters if p.recording is None]
@@ -135,9 +136,12 @@ def predict(
         columns.append(replace(p, name=f"{p.name}#{p.recording}"))
         row.append(float(np.clip(value, p.lower, p.upper)))
     experiments = []
-    for recording in everything:
+    for e, recording in enumerate(everything):
         seen = tuple(output for output in outputs if output in recording.outputs)
-        experiments.append(to_experiment(recording, seen))
+        experiment = to_experiment(recording, seen)
+        if extra is not None and e in extra:
+            experiment = replace(experiment, inputs=(*experiment.inputs, extra[e]))
+        experiments.append(experiment)
     everywhere = ParameterSet(tuple(columns))
     problem = problem_of(model, experiments, everywhere, fixed, settings)
     with open_simulator(problem, pool=pool) as simulator:

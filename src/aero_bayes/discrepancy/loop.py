@@ -19,12 +19,21 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.discrepancy.attribute import AttributeSettings, Candidate, Selection, select
 from aero_bayes.discrepancy.baseline import Prepared, fit_base, nuisance_parameters, prepare, without_ripple
-from aero_bayes.discrepancy.beyond import CurveFit, MomentFit, Probing, Visited, fit_curves, fit_moment, probe
+from aero_bayes.discrepancy.beyond import (
+    CurveFit,
+    CurveSearch,
+    MomentFit,
+    Probing,
+    Visited,
+    fit_curves,
+    fit_moment,
+    probe,
+)
 from aero_bayes.discrepancy.catalogue import candidates_of, describe, effect_parameter
 from aero_bayes.discrepancy.family import ModelFamily
 from aero_bayes.discrepancy.judge import Prediction, floors_of, predict, shifts
 from aero_bayes.discrepancy.locate import rank_ports
-from aero_bayes.discrepancy.refit import Refit, RefitSettings, refit
+from aero_bayes.discrepancy.refit import Refit, RefitSettings, SmoothPrior, refit
 from aero_bayes.discrepancy.residual import ResidualReport, inspect
 from aero_bayes.discrepancy.result import FoundEffect, LoopOutcome, LoopResult, NewParameter
 from aero_bayes.discrepancy.separate import propose
@@ -35,7 +44,7 @@ from aero_bayes.inference.aero import aero_overrides
 from aero_bayes.inference.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
-from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.interface import InputSignal, SolverSettings
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -64,6 +73,9 @@ class LoopSettings:
     left_over : float
         What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
         beyond it they are not named.
+    astray : float
+        How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
+        named.
     most_readings : int
         Readings an output and recording that the search uses; more are thinned.
     """
@@ -78,6 +90,7 @@ class LoopSettings:
     solver: SolverSettings = field(default_factory=lambda: SolverSettings(1e-5, 1e-5))
     locate: bool = True
     left_over: float = 0.3
+    astray: float = 3.0
     most_readings: int = 8000
 
 
@@ -139,6 +152,7 @@ class _Rival:
     visited: Visited | None
     curve: CurveFit | None
     moment: MomentFit | None
+    best_curve: CurveFit | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,21 +238,45 @@ class _Loop:
         found = _Found(
             study, selection, prepared, base_set, everything, before_reports, before, floors, by_index, rival
         )
-        if rival.curve is not None:
-            result = self._free_form(found, rival.curve)
-        elif (
-            selection.effects
-            and rival.moment is None
-            and not self._incomplete(selection, before_reports, after_reports)
-        ):
-            result = self._extended(found)
-        else:
-            result = self._unexplained_or_adequate(found, after_reports)
+        result = self._decide(found, after_reports)
         study.close()
         self.progress("done", 1.0)
         return result
 
     # ---- stages
+
+    def _decide(self, found: _Found, after_reports: tuple[ResidualReport, ...]) -> LoopResult:
+        """What to make of the evidence: a model that does not carry over to data it has not seen is no explanation."""
+        selection, rival = found.selection, found.rival
+        if rival.curve is not None:
+            return self._free_form(found, rival.curve)
+        refused = ""
+        if (
+            selection.effects
+            and rival.moment is None
+            and not self._incomplete(selection, found.before_reports, after_reports)
+        ):
+            named = self._extended(found)
+            refused = self._astray(named)
+            if not refused:
+                return named
+            best = rival.best_curve
+            if best is not None and best.refit.log_evidence > selection.base.log_evidence + named.rounds[0].threshold:
+                learned = self._free_form(found, best)
+                if not self._astray(learned):
+                    return learned
+        return self._unexplained_or_adequate(found, after_reports, refused)
+
+    def _astray(self, result: LoopResult) -> str:
+        """Where the extended model is far off on data that was not fitted; empty where it is not."""
+        settled = {(r.recording, r.output): r.rms for r in result.residual_after if r.verdict == "adequate"}
+        found: dict[str, float] = {}
+        for (name, output), error in result.after.test.items():
+            own = [rms for (_, other), rms in settled.items() if other == output]
+            expected = max([result.noise[output].sd, result.floors.get((name, output), 0.0), *own])
+            if error.rms > self.settings.astray * expected:
+                found[output] = max(error.rms / expected, found.get(output, 0.0))
+        return ", ".join(f"{output} ({ratio:.2g} times what the fit leaves)" for output, ratio in found.items())
 
     def _fit_base(
         self, model: Model, parameters: ParameterSet, count: int, prepared: Prepared, fit: RefitSettings
@@ -280,17 +318,17 @@ class _Loop:
         attribute = self.settings.attribute
         named = selection.refit.log_evidence - len(selection.effects) * math.log(len(CATALOGUE))
         shared = [p for p in base_set if p.recording is None]
-        curves = fit_curves(
-            self.family, prepared, shared, base, everything, visited, self._open_study, fit, self.outputs
-        )
+        start = dict(zip(everything.names, everything.from_search(base.coordinates), strict=True))
+        search = CurveSearch(self.family, prepared, shared, start, base, visited, self._open_study, fit)
+        curves = fit_curves(search, self.outputs)
         moment = fit_moment(screening, prepared, everything, base, probing, visited, self._open_study, fit)
         best_curve = curves[0].refit.log_evidence - math.log(len(curves)) if curves else -math.inf
         best_moment = moment.log_evidence if moment is not None else -math.inf
         if moment is not None and best_moment > max(named, best_curve) + attribute.margin:
-            return _Rival(probing, visited, None, moment)
+            return _Rival(probing, visited, None, moment, curves[0] if curves else None)
         if curves and best_curve > max(named, best_moment) + attribute.margin:
-            return _Rival(probing, visited, curves[0], None)
-        return _Rival(probing, visited, None, None)
+            return _Rival(probing, visited, curves[0], None, curves[0])
+        return _Rival(probing, visited, None, None, curves[0] if curves else None)
 
     def _fullest(self, prepared: Prepared) -> int:
         """The recording with most readings, whose port signals are drawn."""
@@ -352,7 +390,7 @@ class _Loop:
         self._lap("extension")
         start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
         new = [curve.parameters.items[j] for j in curve.columns]
-        final_set, study, final = self._final_fit(model, found, new, start, curve.refit)
+        final_set, study, final = self._final_fit(model, found, new, start, curve.refit, curve.smooth)
         reports = inspect(study, final, found.floors_by_index, self.names)
         after = self._predict(model, final_set, final)
         self._count(study)
@@ -362,7 +400,7 @@ class _Loop:
         effect = FoundEffect(
             "free_form", curve.port, "free_form", tuple(named[p.name] for p in new),
             curve.refit.log_evidence - found.selection.base.log_evidence, bar,
-            f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, constant beyond",
+            f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, straight beyond",
             over=curve.over,
         )  # fmt: skip
         rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
@@ -374,26 +412,45 @@ class _Loop:
         return self._result(found, "extended", sentence, written, (effect,), after, reports, final_set, final)
 
     def _final_fit(
-        self, model: Model, found: _Found, new: Sequence[Parameter], start: Mapping[str, float], warm: Refit
+        self,
+        model: Model,
+        found: _Found,
+        new: Sequence[Parameter],
+        start: Mapping[str, float],
+        warm: Refit,
+        smooth: SmoothPrior | None = None,
     ) -> tuple[ParameterSet, Study, Refit]:
         """Refit on the exported model itself, from where the search ended."""
         shared = [p for p in found.base_set if p.recording is None]
         final_set = ParameterSet((*shared, *nuisance_parameters(found.prepared, model), *new))
         at = final_set.to_search(np.array([start[name] for name in final_set.names]))
         study = self._open_study(model, final_set, found.prepared, {})
-        fit = replace(self.settings.refit, floors=found.prepared.floors)
+        fit = replace(self.settings.refit, floors=found.prepared.floors, smooth=smooth)
         return final_set, study, refit(study, at, range(len(final_set)), noise=warm.noise, settings=fit)
 
-    def _unexplained_or_adequate(self, found: _Found, after_reports: Sequence[ResidualReport]) -> LoopResult:
+    def _unexplained_or_adequate(
+        self, found: _Found, after_reports: Sequence[ResidualReport], refused: str
+    ) -> LoopResult:
         selection, moment = found.selection, found.rival.moment
         structured = [r for r in found.before_reports if r.verdict == "structured"]
         last = selection.rounds[-1] if selection.rounds else None
         outcome: LoopOutcome = "unexplained"
+        after, after_set, after_fit = found.before, found.everything, selection.base
+        reports = found.before_reports
         if moment is not None:
             m = moment.moment
+            after = self._predict(
+                self.family.screening(), moment.parameters, moment.refit, {moment.recording: moment.signal}
+            )
             sentence = (
                 f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
                 "residual better than any effect; it belongs to that moment and is not made into physics."
+            )
+        elif refused:
+            best = " and ".join(c.id for c in selection.effects)
+            sentence = (
+                f"The residual is structured; {best} explains it where it was fitted but is far off on data that was "
+                f"not: {refused}. The missing physics is something else."
             )
         elif selection.effects:
             best = " and ".join(c.id for c in selection.effects)
@@ -411,9 +468,7 @@ class _Loop:
         else:
             outcome = "adequate"
             sentence = f"The model is adequate for these recordings: {last.why if last else 'the residual is noise'}."
-        return self._result(
-            found, outcome, sentence, None, (), found.before, found.before_reports, found.everything, selection.base
-        )
+        return self._result(found, outcome, sentence, None, (), after, reports, after_set, after_fit)
 
     def _result(
         self,
@@ -529,10 +584,12 @@ class _Loop:
         problem = problem_of(model, prepared.experiments, parameters, held, self.settings.solver)
         return Study(open_simulator(problem, pool=self.pool), parameters)
 
-    def _predict(self, model: Model, parameters: ParameterSet, fit: Refit) -> Prediction:
+    def _predict(
+        self, model: Model, parameters: ParameterSet, fit: Refit, extra: Mapping[int, InputSignal] | None = None
+    ) -> Prediction:
         return predict(
             model, parameters, fit, self.train, self.test, self.outputs, self.settings.fixed, self.settings.solver,
-            self.pool, self.held_from,
+            self.pool, self.held_from, extra,
         )  # fmt: skip
 
     def _found(self, candidate: Candidate, selection: Selection, final_set: ParameterSet, final: Refit) -> FoundEffect:

@@ -17,8 +17,32 @@ from numpy.typing import NDArray
 from aero_bayes.discrepancy.study import Evaluation, Study, Whitened
 from aero_bayes.discrepancy.whitening import BinnedPower, OutputNoise, estimate_noise
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.inference.parameters import ParameterSet
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPrior:
+    """A joint normal prior of zero mean for the values of a learned curve, in place of their own.
+
+    ``covariance`` (k, k) is over the values of the parameters ``names``, in their squared unit.
+    """
+
+    names: tuple[str, ...]
+    covariance: FloatArray
+
+    def terms(self, parameters: ParameterSet, x: FloatArray) -> tuple[list[int], float, FloatArray, FloatArray]:
+        """Columns, log-density in search coordinates, its gradient (k,) and the curvature (k, k) of its negative."""
+        columns = [parameters.index(name) for name in self.names]
+        values = parameters.from_search(x)
+        slope = parameters.jacobian(values)[columns]
+        factor = np.linalg.cholesky(self.covariance)
+        precision = np.linalg.inv(self.covariance)
+        white = np.linalg.solve(factor, values[columns])
+        density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor) / slope)))
+        density -= 0.5 * len(columns) * math.log(2.0 * math.pi)
+        return columns, density, -slope * (precision @ values[columns]), precision * np.outer(slope, slope)
 
 
 @dataclass(frozen=True)
@@ -35,6 +59,7 @@ class RefitSettings:
     floors: Mapping[str, float] | None = None
     longest: float = 1.0
     hold_noise: bool = False
+    smooth: SmoothPrior | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +127,7 @@ def refit(
         If the model cannot be simulated at the start.
     """
     settings = settings or RefitSettings()
+    smooth = settings.smooth
     free = tuple(free)
     columns = list(free)
     low, high = (bound[columns] for bound in study.parameters.box)
@@ -115,9 +141,9 @@ def refit(
     converged = False
     step_count = 0
     white = study.whiten(found.residual, found.slopes, noise)
-    value = white.log_likelihood + _log_prior(study, x, columns)
+    value = white.log_likelihood + _log_prior(study, x, columns, smooth)
     for step_count in range(1, settings.iterations + 1):  # noqa: B007
-        gradient, curvature = _posterior_slopes(study, white, x, columns)
+        gradient, curvature = _posterior_slopes(study, white, x, columns, smooth)
         moved = False
         predicted = 0.0
         for _ in range(8):
@@ -130,7 +156,7 @@ def refit(
             there = study.evaluate(trial, free)
             if there is not None:
                 at = study.whiten(there.residual, there.slopes, noise)
-                gain = at.log_likelihood + _log_prior(study, trial, columns) - value
+                gain = at.log_likelihood + _log_prior(study, trial, columns, smooth) - value
                 if gain > 0.0:
                     x, found, white, value = trial, there, at, value + gain
                     damping = max(damping * (0.1 if gain > 0.5 * predicted else 1.0), 1e-9)
@@ -141,14 +167,14 @@ def refit(
         if not settings.hold_noise:
             renewed = noise_of(study, found.residual, settings, noise)
             again = study.whiten(found.residual, found.slopes, renewed)
-            after = again.log_likelihood + _log_prior(study, x, columns)
+            after = again.log_likelihood + _log_prior(study, x, columns, smooth)
             gained = after - value
             if gained > 0.0:
                 noise, white, value = renewed, again, after
         if not moved and gained < 0.1:
             converged = predicted < settings.tolerance
             break
-    return finish(study, x, free, noise, found, white, converged=converged, steps=step_count)
+    return finish(study, x, free, noise, found, white, smooth=smooth, converged=converged, steps=step_count)
 
 
 def finish(
@@ -159,16 +185,17 @@ def finish(
     found: Evaluation,
     white: Whitened,
     *,
+    smooth: SmoothPrior | None,
     converged: bool,
     steps: int,
 ) -> Refit:
     """Laplace's approximation of the evidence at an optimum."""
     columns = list(free)
-    _, curvature = _posterior_slopes(study, white, x, columns)
+    _, curvature = _posterior_slopes(study, white, x, columns, smooth)
     values, vectors = np.linalg.eigh(curvature)
     values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0)) if len(columns) else values
     covariance = (vectors / values) @ vectors.T
-    prior = _log_prior(study, x, columns)
+    prior = _log_prior(study, x, columns, smooth)
     occam = 0.5 * len(columns) * math.log(2.0 * math.pi) - 0.5 * float(np.sum(np.log(values)))
     likelihood = white.log_likelihood
     return Refit(
@@ -177,25 +204,35 @@ def finish(
     )  # fmt: skip
 
 
-def _log_prior(study: Study, x: FloatArray, columns: Sequence[int]) -> float:
+def _log_prior(study: Study, x: FloatArray, columns: Sequence[int], smooth: SmoothPrior | None) -> float:
     """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
     parameters = study.parameters
     values = parameters.from_search(x)
     slopes = parameters.jacobian(values)
+    coupled: list[int] = []
     total = 0.0
+    if smooth is not None:
+        coupled, total, _, _ = smooth.terms(parameters, x)
     for j in columns:
-        total += float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j]))
+        if j not in coupled:
+            total += float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j]))
     return total
 
 
 def _posterior_slopes(
-    study: Study, white: Whitened, x: FloatArray, columns: Sequence[int]
+    study: Study, white: Whitened, x: FloatArray, columns: Sequence[int], smooth: SmoothPrior | None
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient of the log-posterior and the Gauss-Newton curvature of its negative."""
     first, second = study.parameters.prior_derivatives(x)
-    gradient = white.slopes @ white.residual + first[list(columns)]
-    curvature = white.slopes @ white.slopes.T + np.diag(np.maximum(-second[list(columns)], 1e-9))
-    return gradient, curvature
+    curvature = np.diag(np.maximum(-second, 1e-9))
+    if smooth is not None:
+        coupled, _, gradient, block = smooth.terms(study.parameters, x)
+        first[coupled] = gradient
+        curvature[np.ix_(coupled, coupled)] = block
+    chosen = list(columns)
+    return white.slopes @ white.residual + first[chosen], white.slopes @ white.slopes.T + curvature[
+        np.ix_(chosen, chosen)
+    ]
 
 
 def _bounded_step(

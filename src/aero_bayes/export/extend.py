@@ -37,10 +37,18 @@ _PORT_SLOT: dict[Port, tuple[str, str]] = {
     "body": ("BodyEffect", "N.m"),
 }
 
+#: A propeller's loss over a state of the body is a share of its thrust: as a force it would be a torque on the body.
+_SHARES: frozenset[tuple[Port, str]] = frozenset({("thrust", "theta"), ("thrust", "theta_dot")})
+
 #: What a learned curve may be a function of, port by port: current, speed, pitch angle, pitch rate.
 CURVE_STATES: Mapping[Port, tuple[str, ...]] = {
     port: tuple(over for p, over in _CURVES if p == port) for port in _PORT_SLOT
 }
+
+
+def curve_unit(port: Port, over: str) -> str:
+    """Unit of a learned curve's values."""
+    return "1" if (port, over) in _SHARES else _PORT_SLOT[port][1]
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,8 @@ class EffectUse:
 class FreeForm:
     """A learned curve at a port: ``values`` at equally spaced knots from ``x_min`` to ``x_max`` of the state ``over``.
 
-    It is a loss: a voltage drop, a torque against the motion, a loss of thrust. Beyond the outer knots it is constant.
+    It is a loss: a voltage drop, a torque against the motion, a loss of thrust (over a state of the body: the share of
+    the thrust that is lost). Beyond the outer knots it is straight.
     The values become top-level parameters ``<prefix>_1`` to ``<prefix>_n``.
     """
 
@@ -193,7 +202,7 @@ def _of_curve(curve: FreeForm) -> tuple[Filling, list[EffectParameter]]:
     if len(curve.values) < 2 or not curve.x_max > curve.x_min:
         raise InputError("a learned curve needs at least two values and x_min < x_max")
     model, bound = _CURVES[curve.port, curve.over]
-    slot, unit = _PORT_SLOT[curve.port]
+    slot, unit = _PORT_SLOT[curve.port][0], curve_unit(curve.port, curve.over)
     names = [f"{curve.prefix}_{k + 1}" for k in range(len(curve.values))]
     modifiers = [("x", bound)] if bound else []
     modifiers += [("x_min", real(curve.x_min)), ("x_max", real(curve.x_max)), ("c", "{" + ", ".join(names) + "}")]
