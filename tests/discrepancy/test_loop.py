@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,20 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
     assert found.series({r.name: r.time for r in (train, test)})["after/test/theta"].shape == test.time.shape
     assert abs(found.effects[0].width_influence) < 3.0
+
+
+def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
+    truth = effect("cable_hysteresis", tau_h=9e-4, stiffness=0.15)
+    train, test = recordings(15, white(1.0), 0.0, truth)
+    settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
+    found = close_loop([train], [test], settings=settings, workers=0, cache=fmus, out_dir=tmp_path)
+    assert [e.id for e in found.effects] == ["pivot_presliding_friction"]
+    torque, angle, _ = found.effects[0].parameters
+    assert torque.value == pytest.approx(9e-4, abs=5 * torque.sd + 2e-5)
+    assert angle.value == pytest.approx(9e-4 / 0.15, abs=5 * angle.sd + 2e-4)
+    assert "in place of pivot_coulomb_friction" in found.rounds[-1].why
+    assert "PivotPreslidingFriction" in found.modelica
+    assert found.after.test["test", "theta"].rms < 1.1 * 2e-3
 
 
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):

@@ -19,13 +19,13 @@ from aero_bayes.export import CATALOGUE
 ON = {
     "R_s": 1.3, "V_b": 0.7, "r_h": 25.0, "V_dz": 0.6, "s_sat": 0.08, "tau_r": 8e-4, "d_r": 3e-6, "k_v": 2e-4,
     "T_f": 0.12, "a_f": -0.2, "tau_c": 1.1e-3, "c_b": 4e-3, "tau_g": -9e-4, "k_3": 6e-3, "b_i": 0.02, "T_w": 0.04,
-    "T_d": 0.03, "b_th": -0.015,
+    "T_d": 0.03, "b_th": -0.015, "tau_p": 9e-4,
 }  # fmt: skip
 
 EXTRA = (
     "thruster_1.electricalEffect.winding_heating.h", "thruster_1.thrustEffect.thrust_lag.f", "speedSensor.q",
     "pitchSensor.pitch_delay.q", "pitchSensor.pitch_delay.dq", "thruster_2.electricalEffect.winding_heating.h",
-    "thruster_2.thrustEffect.thrust_lag.f",
+    "thruster_2.thrustEffect.thrust_lag.f", "bodyEffect.pivot_presliding_friction.z",
 )  # fmt: skip
 PATHS = {
     "i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta",
@@ -35,13 +35,13 @@ PATHS = {
 def draw(rng: np.random.Generator, names: list[str]) -> dict[str, float]:
     scale = dict(zip(STATES, SCALES, strict=True))
     scale |= {path: scale[short] for short, path in PATHS.items()}
-    scale |= dict(zip(EXTRA, (1.0, 0.1, 100.0, 1.0, 10.0, 1.0, 0.1), strict=True))
+    scale |= dict(zip(EXTRA, (1.0, 0.1, 100.0, 1.0, 10.0, 1.0, 0.1, 0.5), strict=True))
     return {n: float(rng.normal() * scale[n]) for n in names}
 
 
 def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
-    e = dict.fromkeys(ON, 0.0) | {"T_h": 10.0} | on
+    e = dict.fromkeys(ON, 0.0) | {"T_h": 10.0, "theta_p": 0.02, "w_p": 0.05} | on
     p = NOMINAL
     rate, theta = x["body.omega"], x["body.theta"]
     rates: dict[str, float] = {}
@@ -67,6 +67,9 @@ def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[d
         f *= 1 + e["a_f"] * tanh(side * f / 1e-4)
         torque += side * p["D_t"] * f
     torque += e["tau_g"] * cos(theta) - e["tau_c"] * tanh(rate / 2e-5)
+    bend = x["bodyEffect.pivot_presliding_friction.z"]
+    torque -= e["tau_p"] * bend
+    rates["bodyEffect.pivot_presliding_friction.z"] = (rate - sqrt(rate**2 + e["w_p"] ** 2) * bend) / e["theta_p"]
     torque -= e["c_b"] * rate * abs(rate) + e["k_3"] * theta**3
     rates["body.theta"] = rate
     rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]
@@ -117,7 +120,11 @@ def test_switched_off_all_together_they_change_nothing(screening_fmu: Path, aero
             assert np.array_equal(fmu.get("i_m", "omega_m", "theta"), [inner[s] for s in ("i_m", "omega_m", "theta")])
 
 
-CASES = [{n: v} for n, v in ON.items()] + [ON, {"T_w": 4e-4, "T_f": 3e-4, "T_d": 1e-3}]
+CASES = [{n: v} for n, v in ON.items()] + [
+    {"tau_p": 2e-3, "theta_p": 1e-3, "w_p": 1e-4},
+    ON,
+    {"T_w": 4e-4, "T_f": 3e-4, "T_d": 1e-3},
+]
 
 
 @pytest.mark.parametrize("on", CASES, ids=lambda c: "_".join(c) if len(c) < 4 else "all")

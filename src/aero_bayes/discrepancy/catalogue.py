@@ -45,7 +45,7 @@ def candidates_of(
             continue
         columns = tuple(range(first_column + len(parameters), first_column + len(parameters) + len(effect.parameters)))
         parameters += [effect_parameter(item) for item in effect.parameters]
-        candidates.append(Candidate(effect.id, effect.port, columns, _starts(effect, recordings)))
+        candidates.append(Candidate(effect.id, effect.port, columns, _starts(effect, recordings), effect.refines))
     return tuple(parameters), tuple(candidates)
 
 

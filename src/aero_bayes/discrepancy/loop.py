@@ -33,6 +33,7 @@ from aero_bayes.discrepancy.catalogue import candidates_of, describe, effect_par
 from aero_bayes.discrepancy.family import ModelFamily
 from aero_bayes.discrepancy.judge import Prediction, floors_of, predict, shifts
 from aero_bayes.discrepancy.locate import rank_ports
+from aero_bayes.discrepancy.refine import refine
 from aero_bayes.discrepancy.refit import Refit, RefitSettings, SmoothPrior, refit
 from aero_bayes.discrepancy.residual import ResidualReport, inspect
 from aero_bayes.discrepancy.result import FoundEffect, LoopOutcome, LoopResult, NewParameter
@@ -227,9 +228,10 @@ class _Loop:
         before_reports = inspect(study, base, by_index, self.names)
         self.progress("trying every effect", 0.2)
         selection = select(
-            study, base, candidates, self.settings.attribute, fit,
+            study, base, [c for c in candidates if not c.refines], self.settings.attribute, fit,
             lambda what, share: self.progress(what, 0.2 + 0.4 * share),
         )  # fmt: skip
+        selection = refine(study, selection, candidates, self.settings.attribute, fit)
         self._lap("attribution")
         after_reports = inspect(study, selection.refit, by_index, self.names)
         rival = self._rival(screening, study, selection, prepared, base_set, everything, after_reports, fit)

@@ -56,7 +56,8 @@ class Effect:
     """An effect of the catalogue.
 
     ``slot`` is the replaceable model that it fills. ``parameters[0]`` switches the effect: at zero nothing is left.
-    ``widths`` names the component's smoothing constants with their values; ``rank`` orders effects in one slot.
+    ``widths`` names the component's smoothing constants with their values; ``rank`` orders effects in one slot. An
+    effect that ``refines`` another is a finer law of the same physics, with more parameters, and stands in its place.
     """
 
     id: str
@@ -68,6 +69,7 @@ class Effect:
     source: str = ""
     widths: Mapping[str, float] = field(default_factory=dict)
     rank: int = 0
+    refines: str = ""
 
     @property
     def magnitude(self) -> EffectParameter:
@@ -83,6 +85,12 @@ def _positive(
 
 def _signed(name: str, unit: str, description: str, limit: float, scale: float, inner: str = "") -> EffectParameter:
     return EffectParameter(name, unit, description, -limit, limit, scale, (scale, -scale), component_name=inner)
+
+
+def _shape(
+    name: str, unit: str, description: str, low: float, high: float, starts: tuple[float, ...]
+) -> EffectParameter:
+    return EffectParameter(name, unit, description, low, high, high, starts, high)
 
 
 _ENTRIES = (
@@ -181,6 +189,17 @@ _ENTRIES = (
         "pitch_offset", "sensor", "PitchSensor", "SensorOffset",
         (_signed("b_th", "rad", "Offset of the pitch reading", 0.5, 0.01, "b"),),
         "pitch reading that is off by a constant", rank=1,
+    ),
+    Effect(
+        "pivot_presliding_friction", "body", "BodyEffect", "PivotPreslidingFriction",
+        (
+            _positive("tau_p", "N.m", "Dry friction torque at the pivot once it slides", 0.05, 1e-3, (3e-4, 1.5e-3)),
+            _shape("theta_p", "rad", "Angle by which the pivot yields before it slides", 1e-4, 0.02, (1e-3, 5e-3)),
+            _shape("w_p", "rad/s", "Rate of the vibration under which the pivot creeps", 1e-5, 0.05, (1e-4, 5e-3)),
+        ),
+        "dry friction at the pivot that yields before it slides and creeps under vibration",
+        source="P. R. Dahl, A solid friction model, TOR-0158(3107-18)-1, The Aerospace Corporation (1968)",
+        rank=4, refines="pivot_coulomb_friction",
     ),
 )  # fmt: skip
 

@@ -1,0 +1,17 @@
+within Aero.Effects;
+model PivotPreslidingFriction "Dry friction at the pivot that yields elastically before it slides"
+  extends Interfaces.BodyEffect;
+  parameter Real tau_p(unit = "N.m", min = 0, nominal = 1e-3) = 0 "Friction torque when sliding";
+  parameter Real theta_p(unit = "rad", min = 1e-6, nominal = 1e-3) = 1e-3 "Angle by which the contact yields before it slides";
+  parameter Real w_p(unit = "rad/s", min = 1e-7, nominal = 1e-3) = 1e-3 "Pitch rate of the vibration that lets the contact creep";
+  Real z(start = 0, fixed = true, nominal = 1) "Share of the friction torque that is called up";
+equation
+  theta_p * der(z) = flange.w - sqrt(flange.w ^ 2 + w_p ^ 2) * z;
+  flange.tau = tau_p * z;
+  annotation (
+    Documentation(info = "<html>
+<p>Dahl's model: the contact bends like a spring of <code>tau_p / theta_p</code> until it slides with <code>tau_p</code>. Vibration of the rate
+<code>w_p</code> wears the bend down, so that a body that is shaken creeps to rest.</p>
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -25}, {-30, -25}, {0, -10}, {15, 25}, {45, 25}}, color = {60, 60, 60})}));
+end PivotPreslidingFriction;
