@@ -18,6 +18,7 @@ from hand_written_aero import NOMINAL, SCALES, STATES, half_quad, one_dof
 from scipy.integrate import solve_ivp
 
 from aero_bayes.export import export_fmu
+from aero_bayes.simulation import Model
 
 Built = Callable[[str], Path]
 SYSTEMS = ("OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear", "TransferFunction")
@@ -269,3 +270,14 @@ def test_units_have_their_base_units(aero_fmu: Built) -> None:
     thrust = units["N.s2/rad2"]
     assert (thrust.kg, thrust.m, thrust.s, thrust.rad) == (1, 1, 0, -2)
     assert all(base is not None for base in units.values())
+
+
+@pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
+def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu: Built, name: str) -> None:
+    model = Model.load(aero_fmu(name))
+    assert model.jacobian_pattern is not None
+    with driven(aero_fmu(name)) as fmu:
+        fmu.begin()
+        fmu.move(np.random.default_rng(3).uniform(0.2, 1.0, len(fmu.states)))
+        for state, rows in zip(fmu.states, model.jacobian_pattern, strict=True):
+            assert {i for i, slope in enumerate(fmu.slope(fmu.rates, state)) if slope} == set(rows)

@@ -46,10 +46,12 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="40", tolerance="1e-6")
     writer = _Variables(root, values)
     nx = len(layout.states)
-    for i, v in enumerate(layout.inputs):
+    inputs = [
         writer.add(
             v, 2 * nx + i, causality="input", variability="continuous", start=_attribute(v, "start", values, 0.0)
         )
+        for i, v in enumerate(layout.inputs)
+    ]
     states = []
     for i, v in enumerate(layout.states):
         start = model.starts[i]
@@ -93,6 +95,12 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     rates = [_add_rate(writer, v, nx + i, states[i]) for i, v in enumerate(layout.states)]
     outputs = sorted(outputs + [s for s in states if writer.causality(s) == "output"])
     structure = ET.SubElement(root, "ModelStructure")
+    knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
+    knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, inputs, strict=True)}
+    needs = {
+        index: sorted(knowns[s] for s in b.symbols(e) if s in knowns)
+        for index, e in zip(rates, model.rates, strict=True)
+    }
     open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
     for tag, indices in (
         ("Outputs", outputs),
@@ -102,7 +110,9 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
         if indices:
             group = ET.SubElement(structure, tag)
             for index in indices:
-                ET.SubElement(group, "Unknown", index=str(index))
+                unknown = ET.SubElement(group, "Unknown", index=str(index))
+                if tag == "Derivatives":
+                    unknown.set("dependencies", " ".join(str(known) for known in needs[index]))
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
