@@ -50,6 +50,9 @@ from aero_bayes.simulation.interface import InputSignal, SolverSettings
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
+#: A model that leaves less than this share of the error on data that was not fitted carries over to it.
+CARRIES_OVER = 0.1
+
 
 @dataclass(frozen=True)
 class LoopSettings:
@@ -276,7 +279,8 @@ class _Loop:
         for (name, output), error in result.after.test.items():
             own = [rms for (_, other), rms in settled.items() if other == output]
             expected = max([result.noise[output].sd, result.floors.get((name, output), 0.0), *own])
-            if error.rms > self.settings.astray * expected:
+            carries_over = error.rms < CARRIES_OVER * result.before.test[name, output].rms
+            if error.rms > self.settings.astray * expected and not carries_over:
                 found[output] = max(error.rms / expected, found.get(output, 0.0))
         return ", ".join(f"{output} ({ratio:.2g} times what the fit leaves)" for output, ratio in found.items())
 
