@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from aero_bayes.bench import draw_trial
 from aero_bayes.bench.sensors import clean
 from aero_bayes.data import read_recording
 from aero_bayes.discrepancy import close_loop
-from aero_bayes.discrepancy.family import ModelFamily
+from aero_bayes.discrepancy.family import KNOTS, ModelFamily
 from aero_bayes.export import CURVE_STATES
 
 TABLE, DEVELOPMENT = 7001, 1001
@@ -147,8 +148,8 @@ def main() -> None:
     family = ModelFamily(BASE, cache)
     family.screening()
     for port, states in CURVE_STATES.items():
-        for over in states:
-            family.curve(port, over)
+        for over, knots in product(states, KNOTS):
+            family.curve(port, over, knots)
     done: dict[str, dict[str, Any]] = {}
     lines = work / "trials.jsonl"
     if lines.exists():

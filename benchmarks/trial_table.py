@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.export import CATALOGUE
+
 Row = dict[str, Any]
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
 
@@ -28,10 +30,22 @@ def abstained(row: Row) -> bool:
 
 
 def right_port(row: Row) -> bool:
-    """Whether the first effect found acts where the true one does (a moment is told by its time, not by a port)."""
+    """Whether the first effect found, or one equivalent to it, acts where the true one does.
+
+    A moment is told by its time, not by a port.
+    """
     if row["truth"][0]["port"] == "moment":
         return row["moment"] is not None
-    return bool(row["found"]) and row["found"][0]["port"] == row["truth"][0]["port"]
+    if not row["found"]:
+        return False
+    first = row["found"][0]
+    same = {other for ids in row["equivalent"] if first["id"] in ids for other in ids}
+    return row["truth"][0]["port"] in {first["port"], *(CATALOGUE[id_].port for id_ in same)}
+
+
+def learned(row: Row) -> bool:
+    """Whether a curve was learned."""
+    return any(found["kind"] == "free_form" for found in row["found"])
 
 
 def _matches(row: Row, truth: str, names: Sequence[str]) -> bool:
@@ -49,6 +63,8 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
     clear_pairs = [row for row in pair if min(row["d"]) >= 20.0]
     clear_outside = [row for row in outside if row["d"][0] >= 8.0]
     after = [max(row["after_over_noise"].values()) for row in [*strong, *weak]]
+    curves = [row for row in clear_outside if learned(row)]
+    unseen = [max(row["after_over_noise"].values()) for row in curves]
     summary: dict[str, Any] = {
         "trials": len(rows),
         "right_effect": {"d>=20": _rate(strong, right_effect), "8<=d<20": _rate(weak, right_effect)},
@@ -58,10 +74,21 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
         "nothing_missing": _rate(none, lambda row: row["outcome"] == "adequate"),
         "false_discovery": _rate(none, lambda row: bool(row["found"])),
         "abstained_outside": _rate(outside, abstained),
+        "learned_outside": {
+            "trials": len(curves),
+            "right_port": _rate(curves, right_port),
+            "unseen_over_noise_median": _quantile(unseen, 0.5),
+            "unseen_within_1.3": _rate(curves, lambda row: max(row["after_over_noise"].values()) <= 1.3),
+        },
+        "outside_by_effect": {
+            id_: _of_one([row for row in outside if row["truth"][0]["id"] == id_])
+            for id_ in sorted({row["truth"][0]["id"] for row in outside})
+        },
         "abstained_outside_d>=8": _rate(clear_outside, abstained),
         "extra_effects": _rate([*strong, *weak], lambda row: len(row["found"]) > 1),
         "after_over_noise_median": _quantile(after, 0.5),
         "after_over_noise_q95": _quantile(after, 0.95),
+        "after_within_1.05": _rate([*strong, *weak], lambda row: max(row["after_over_noise"].values()) <= 1.05),
         "seconds_median": _quantile([row["seconds"] for row in good], 0.5),
         "cpu_seconds_median": _quantile([row["cpu_seconds"] for row in good], 0.5),
         "counts": {
@@ -80,7 +107,18 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
         "seeds": {"table": [root, "kind", "number"], "development": [development, "kind", "number"]},
         "table": list(rows),
     }  # fmt: skip
-    return summary, _text(summary, single)
+    return summary, _text(summary, single, curves)
+
+
+def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
+    return {
+        "trials": len(rows),
+        "no_false_name": _rate(rows, abstained),
+        "learned": sum(map(learned, rows)),
+        "moment": sum(row["moment"] is not None for row in rows),
+        "right_port": _rate(rows, right_port),
+        "unseen_over_noise_median": _quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
+    }
 
 
 def _band(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
@@ -102,11 +140,11 @@ def _quantile(values: Sequence[float], q: float) -> float | None:
     return float(np.quantile(values, q)) if values else None
 
 
-def _text(summary: dict[str, Any], single: Sequence[Row]) -> str:
+def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row]) -> str:
     def show(value: float | None, percent: bool = True) -> str:
         return "-" if value is None else f"{100 * value:.1f} %" if percent else f"{value:.3g}"
 
-    counts = summary["counts"]
+    counts, learnt = summary["counts"], summary["learned_outside"]
     lines = [
         f"{summary['trials']} trials ({counts['failed']} failed)",
         f"right effect, d >= 20       {show(summary['right_effect']['d>=20']):>8}  of {counts['d>=20']}",
@@ -117,8 +155,12 @@ def _text(summary: dict[str, Any], single: Sequence[Row]) -> str:
         f"nothing missing: false name {show(summary['false_discovery']):>8}",
         f"outside: no false name      {show(summary['abstained_outside']):>8}  of {counts['outside']}",
         f"outside: right port, d >= 8 {show(summary['right_port_outside']):>8}",
+        f"learned curves, d >= 8      {len(curves):>8}",
+        f"  at the right port         {show(learnt['right_port']):>8}",
+        f"  unseen error over noise   {show(learnt['unseen_over_noise_median'], False):>8}  median, "
+        f"{show(learnt['unseen_within_1.3'])} within 1.3",
         f"unseen error over noise     {show(summary['after_over_noise_median'], False):>8}  median, "
-        f"{show(summary['after_over_noise_q95'], False)} at 95 %",
+        f"{show(summary['after_over_noise_q95'], False)} at 95 %, {show(summary['after_within_1.05'])} within 1.05",
         f"seconds a loop              {show(summary['seconds_median'], False):>8}  median",
         "",
         "      d         trials   right effect   right port   something found",
@@ -130,6 +172,12 @@ def _text(summary: dict[str, Any], single: Sequence[Row]) -> str:
             f"{label:>14} {band['trials']:7d} {show(band['right_effect']):>14} {show(band['right_port']):>12} "
             f"{show(band['found_something']):>17}"
         )
+    lines += ["", "outside the catalogue        trials   no false name   curves   moments   right port   unseen/noise"]
+    lines += [
+        f"  {id_:<26} {item['trials']:6d} {show(item['no_false_name']):>15} {item['learned']:8d} {item['moment']:9d} "
+        f"{show(item['right_port']):>12} {show(item['unseen_over_noise_median'], False):>14}"
+        for id_, item in summary["outside_by_effect"].items()
+    ]
     wrong = [row for row in single if row["d"][0] >= 8.0 and not right_effect(row)]
     if wrong:
         lines += ["", "missed with d >= 8:"]

@@ -40,12 +40,13 @@ class AttributeSettings:
     """When an effect has earned its place.
 
     ``margin`` is the log-evidence asked for beyond the logarithm of the number of candidates; ``equivalence`` is the
-    difference in log-evidence within which two candidates count as equally good; ``starts`` is how many of the best
-    starting magnitudes of a candidate are refitted, if one of them promises a gain in log-likelihood of ``promise``.
+    difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
+    how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
+    log-likelihood of ``promise``.
     """
 
     margin: float = 4.0
-    equivalence: float = 3.0
+    equivalence: float = 4.6
     starts: int = 2
     promise: float = 2.0
     max_effects: int = 3
