@@ -27,6 +27,7 @@ from aero_bayes.simulation import (
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)
 )
+LEAK = 13
 EXPECTED = {
     FINE: {Outcome.OK},
     CRASH: {Outcome.CRASHED},
@@ -192,6 +193,24 @@ def test_a_forked_child_runs_beside_its_parent(test_fmu, workers):
         again = simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
         np.testing.assert_array_equal(simulator.log_likelihood(np.zeros((1, 1)), noise).log_likelihood, again)
+
+
+def test_a_worker_that_leaks_is_recycled(test_fmu):
+    problem = trouble(test_fmu)
+    with WorkerPool(1, memory_limit=256 << 20) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.full((1200, 1), float(LEAK)))
+        assert pool.recycled >= 2
+        assert pool.replaced == 0
+        again = simulator.simulate(np.full((200, 1), float(LEAK)))
+    assert np.all(found.outcomes == Outcome.OK)
+    assert np.all(again.outcomes == Outcome.OK)
+    np.testing.assert_array_equal(np.unique(found.outputs[0], axis=0), again.outputs[0][:1])
+
+
+def test_a_worker_below_the_limit_is_kept(test_fmu):
+    with WorkerPool(1) as pool, NativeSimulator(trouble(test_fmu), pool=pool) as simulator:
+        simulator.simulate(np.zeros((500, 1)))
+        assert pool.recycled == pool.replaced == 0
 
 
 ORPHAN = """

@@ -1,6 +1,6 @@
 """A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
 
-Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD``; it never imports the package, so that it
+Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD [BYTES]``; it never imports the package, so that it
 starts in a few hundredths of a second and holds nothing that a crash could spoil.
 """
 
@@ -42,7 +42,9 @@ def load(path: str) -> ctypes.CDLL:
     engine.ab_open.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t]
     engine.ab_close.restype = None
     engine.ab_close.argtypes = [ctypes.c_void_p]
-    engine.ab_batch.restype = None
+    engine.ab_batch.restype = ctypes.c_int
+    engine.ab_limit.restype = None
+    engine.ab_limit.argtypes = [ctypes.c_int64]
     engine.ab_batch.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64]
     engine.ab_counts.restype = ctypes.c_int
     engine.ab_counts.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
@@ -74,10 +76,12 @@ def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
                 os.write(replies, b"e" + error.value[:1000] + b"\n")
                 continue
             problems[path] = problem
-        engine.ab_batch(problem, base, base + job, base + slot, first)
-        os.write(replies, b"d")
+        full = engine.ab_batch(problem, base, base + job, base + slot, first)
+        os.write(replies, b"r" if full else b"d")
 
 
 if __name__ == "__main__":
     threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
-    serve(load(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+    loaded = load(sys.argv[1])
+    loaded.ab_limit(int(sys.argv[5]) if len(sys.argv) > 5 else 0)
+    serve(loaded, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -88,14 +88,18 @@ class WorkerPool:
     workers : int, optional
         Number of processes; the machine's usable cores by default. 0 runs everything in this process: less overhead,
         no protection against a model that crashes or hangs.
+    memory_limit : int
+        Bytes of its own memory beyond which a worker is recycled: it ends between two runs and another goes on, so
+        that a model that leaks does not fill the machine. 0 for no limit.
     """
 
-    def __init__(self, workers: int | None = None) -> None:
+    def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30) -> None:
         if workers is None:
             workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.size = workers
         self.lock = threading.RLock()
-        self.replaced = 0
+        self.memory_limit = memory_limit
+        self.replaced = self.recycled = 0
         self._workers: list[_Worker | None] = [None] * workers
         self._scratch = ScratchFolder()
         self.folder = self._scratch.path
@@ -121,6 +125,11 @@ class WorkerPool:
             self.forget(Path(os.fsdecode(path)))
         self._finalizer()
         self._scratch.close()
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Process ids of the workers that run."""
+        return tuple(worker.process.pid for worker in self._workers if worker is not None)
 
     # -- files ---------------------------------------------------------------------------------------------------------
 
@@ -231,7 +240,7 @@ class WorkerPool:
         try:
             process = subprocess.Popen(
                 [sys.executable, "-I", "-S", worker_main.__file__, str(engine_path())]
-                + [str(fd) for fd in (command_read, reply_write, self._arena_fd)],
+                + [str(fd) for fd in (command_read, reply_write, self._arena_fd, self.memory_limit)],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -250,6 +259,11 @@ class WorkerPool:
         if worker is not None:
             worker.stop()
             self.replaced += 1
+
+    def _recycle(self, index: int) -> None:
+        self._replace(index)
+        self.replaced -= 1
+        self.recycled += 1
 
     def _watch(
         self,
@@ -272,6 +286,16 @@ class WorkerPool:
                 if reply == b"d":
                     poller.unregister(fd)
                     del active[fd]
+                    continue
+                if reply == b"r":
+                    poller.unregister(fd)
+                    del active[fd]
+                    self._recycle(index)
+                    if np.any(outcomes == TODO):
+                        self._command(index, key, job, -1, active)
+                        worker = self._workers[index]
+                        assert worker is not None
+                        poller.register(worker.replies, select.POLLIN)
                     continue
                 if reply:
                     raise CannotFinishError(reply[1:].decode(errors="replace").strip())

@@ -3,12 +3,14 @@
 #define DERIVATIVES {1}
 #include "skeleton.h"
 enum { X, DX, MODE };
-enum { FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP };
+enum { FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP, LEAK };
 static int flooded;
 static void start(Model *m) { m->r[X] = 1.0; }
 static int initialize(Model *m)
 {
     if (m->r[MODE] == REFUSE_START) return ERROR;
+    if (m->r[MODE] == LEAK)
+        for (volatile char *kept = malloc(1 << 20), *at = kept; at && at < kept + (1 << 20); at += 4096) *at = 1;
     return OK;
 }
 static int update(Model *m)

@@ -4,6 +4,8 @@
 #include <xmmintrin.h>
 #endif
 
+#include <unistd.h>
+
 #include "engine.h"
 
 enum { TODO = 255 };
@@ -142,16 +144,36 @@ EXPORT Problem *ab_open(const char *path, char *error, size_t size)
 
 EXPORT void ab_close(Problem *p) { problem_close(p); }
 
-/* Works until no task is left; `first` (or -1) is a task to do before asking for more. */
-EXPORT void ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
+static int64_t memory_limit; /* bytes of this process's own memory, 0 for any */
+
+EXPORT void ab_limit(int64_t bytes) { memory_limit = bytes; }
+
+/* Has the model's code left more memory behind than is allowed? Looked at every few runs, so that every life of a
+ * worker gets some done. */
+static int leaks(void)
+{
+    enum { EVERY = 64 };
+    static int runs;
+    if (memory_limit <= 0 || ++runs % EVERY) return 0;
+    long total, resident = 0, shared = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (!f) return 0;
+    const int read = fscanf(f, "%ld %ld %ld", &total, &resident, &shared);
+    fclose(f);
+    return read == 3 && (int64_t)(resident - shared) * sysconf(_SC_PAGESIZE) > memory_limit;
+}
+
+/* Works until no task is left (0) or its memory is full (1); `first` (or -1) is a task to do before asking for more. */
+EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 {
 #if defined(__x86_64__)
     const unsigned int mode = _mm_getcsr();
     _mm_setcsr(mode | 0x8040); /* denormal numbers are zero: a decayed sensitivity must not cost a hundredfold */
 #endif
     unsigned char *outcome = (unsigned char *)base + job->outcome;
+    int full = 0;
     slot = mine;
-    for (;;) {
+    while (!full) {
         const int64_t index = first >= 0 ? first : __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED);
         first = -1;
         if (index >= job->total) break;
@@ -161,11 +183,13 @@ EXPORT void ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first
         const int result = task(p, base, job, index);
         outcome[index] = (unsigned char)result;
         __atomic_store_n(&slot->task, -1, __ATOMIC_RELEASE);
+        full = leaks();
     }
     slot = NULL;
 #if defined(__x86_64__)
     _mm_setcsr(mode);
 #endif
+    return full;
 }
 
 /* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
