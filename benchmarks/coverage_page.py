@@ -34,6 +34,11 @@ def page(result: dict[str, Any]) -> str:
         f"<tr><td>{kind}</td><td>{percent(result[kind]['50'])}</td><td>{percent(result[kind]['90'])}</td></tr>"
         for kind in ("white", "correlated")
     )
+    by_noise = "".join(
+        section(f"{kind} noise, all counted", [r for r in result["by_noise"] if r["cell"] == kind])
+        for kind in ("white", "correlated")
+    )
+    by_cell = "".join(f"<li>{escape(line)}</li>" for line in result["outside_two_standard_errors_by_cell"])
     cells = list(dict.fromkeys(row["cell"] for row in result["rows"]))
     body = "".join(section(name, [r for r in result["rows"] if r["cell"] == name]) for name in cells)
     gap = result["importance_against_sampler"]
@@ -42,20 +47,27 @@ def page(result: dict[str, Any]) -> str:
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Calibration of the intervals</title><style>{STYLE}</style>
 <h1>Do the intervals hold what they promise?</h1>
+<p>Parameters further from nominal than two binomial standard errors, of {2 * tests} figures (one in twenty is expected
+by chance):</p>
+<ul>{listed}</ul>
 <p>Over {result["recordings"]} simulated recordings ({result["studies"]} studies, {result["failed"]} failed), truths
 drawn from the prior, identified parameters pooled:</p>
 <table><tr>{head}</tr>{pooled}</table>
 <p>Smallest p-value of {tests} tests of uniform ranks: {p_min:.3g} (about {1 / max(tests + 1, 2):.2g} is expected of the
-smallest when all is well). Further from nominal than two binomial standard errors (one in twenty is expected):</p>
-<ul>{listed}</ul>
+smallest when all is well).</p>
 <p>The posterior is importance sampling from the Laplace approximation; the sampler took over in
 {result["sampled_instead"]} studies where its diagnostic said no, and was run beside it in {gap["studies"]}: the largest
 difference in rank was {gap["largest_rank_gap"]:.3f}. Seed {result["seed"]}.</p>
+{by_noise}
+<h2>Cell by cell</h2>
+<p>Smaller numbers, wider errors; further from nominal than two of them:</p><ul>{by_cell or "<li>none</li>"}</ul>
 {body}</html>"""
 
 
 def section(name: str, rows: list[dict[str, Any]]) -> str:
     """One cell: its table and histograms."""
+    if not rows:
+        return ""
     head = "".join(f"<th>{t}</th>" for t in ("parameter", "studies", "50 %", "90 %", "p, ranks uniform"))
     lines = "".join(
         f"<tr><td>{escape(r['parameter'])}</td><td>{r['studies']}</td>{held(r, 0.5)}{held(r, 0.9)}"
@@ -75,7 +87,8 @@ def section(name: str, rows: list[dict[str, Any]]) -> str:
 def held(row: dict[str, Any], level: float) -> str:
     share, count = row[str(round(100 * level))], row["studies"]
     bad = abs(share - level) > 2.0 * (level * (1.0 - level) / count) ** 0.5
-    return f"<td{' class=bad' if bad else ''}>{percent(share)}</td>"
+    error = 100.0 * (level * (1.0 - level) / count) ** 0.5
+    return f"<td{' class=bad' if bad else ''}>{percent(share)} ± {error:.1f}</td>"
 
 
 def percent(share: float) -> str:

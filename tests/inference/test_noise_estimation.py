@@ -75,3 +75,23 @@ def test_lag_one_correlation_of_the_sum() -> None:
     k = dense(np.array([0.0, 0.1]), n)
     assert n.rho(0.1) == pytest.approx(k[0, 1] / k[0, 0])
     assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
+
+
+def test_slow_noise_of_the_right_kind_is_suspected_but_searched_and_smooth_errors_are_held() -> None:
+    time = np.arange(3000) * 0.01
+    rng = np.random.default_rng(8)
+    truth = NoiseEstimate(0.01, 0.02, 1.2)
+    step = np.exp(-0.01 / truth.tau)
+    values = np.empty(time.size)
+    values[0] = truth.sd_ou * rng.standard_normal()
+    for k in range(1, time.size):
+        values[k] = step * values[k - 1] + truth.sd_ou * np.sqrt(1.0 - step**2) * rng.standard_normal()
+    white = truth.sd_white * rng.standard_normal(time.size)
+    found = estimate_noise([time], [values + white])
+    assert found.structured
+    assert not found.held
+    assert found.searched == (True, True, True)
+    smooth = estimate_noise([time], [0.03 * np.sin(2.0 * time) + white])
+    assert smooth.structured
+    assert smooth.held
+    assert smooth.searched == (False, False, False)

@@ -23,7 +23,7 @@ from aero_bayes.inference import (
 )
 from aero_bayes.inference.evidence import importance_posterior, joint_target, laplace_evidence
 from aero_bayes.inference.fit import fit_calibration
-from aero_bayes.inference.importance import importance_sample, pareto_smooth
+from aero_bayes.inference.importance import adaptive_importance_sample, importance_sample, pareto_smooth
 from aero_bayes.inference.mcmc import SampleSettings, run
 from aero_bayes.inference.moves import HeavyTail
 from aero_bayes.inference.target import NoiseLayout
@@ -154,3 +154,22 @@ def test_smoothed_weights_estimate_the_evidence_of_a_narrow_target():
     assert kstest(draws[:, 0] / 0.5, "norm").pvalue > 1e-5
     assert found.quantiles(np.array([0.5]))[0] == pytest.approx(np.zeros(2), abs=0.05)
     assert replace(found, pareto_k=0.9).reliable is False
+
+
+def test_adaptive_rounds_find_a_target_that_the_first_proposal_misses():
+    shift, sd = np.array([2.5, -1.0, 0.5]), np.array([0.3, 1.5, 0.8])
+    mix = np.linalg.cholesky(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 1.0]]))
+    factor = sd[:, None] * mix
+
+    def density(points):  # a Gaussian whose integral is e^-2
+        white = np.linalg.solve(factor, (points - shift).T)
+        return -2.0 - 1.5 * np.log(2.0 * np.pi) - np.sum(np.log(np.diag(factor))) - 0.5 * np.sum(white**2, axis=0)
+
+    first = HeavyTail.of(np.zeros(3), np.eye(3), 8.0)
+    rng = np.random.default_rng(3)
+    found = adaptive_importance_sample(density, first, 1000, rng, enough=lambda w: w.ess > 2500.0)
+    assert found.reliable
+    assert found.ess > 2500.0
+    assert found.log_evidence == pytest.approx(-2.0, abs=4.5 / np.sqrt(found.ess))
+    assert np.all(np.abs(found.mean - shift) < 4.5 * sd / np.sqrt(found.ess))
+    assert found.covariance == pytest.approx(factor @ factor.T, abs=6.0 * np.max(sd) ** 2 / np.sqrt(found.ess))

@@ -7,13 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.inference.importance import Weighted, importance_sample
+from aero_bayes.inference.importance import Weighted, adaptive_importance_sample
 from aero_bayes.inference.moves import HeavyTail
 from aero_bayes.inference.result import Fit
 from aero_bayes.inference.target import JointTarget, NoiseLayout, Target
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
+
+#: Shape of the weights' tail below which no further round is worth its draws.
+GOOD = 0.6
 
 
 def laplace_evidence(fit: Fit) -> float:
@@ -32,9 +35,9 @@ def joint_target(fit: Fit, simulator: Simulator) -> JointTarget:
 
 
 def importance_posterior(
-    fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 2, dof: float = 8.0
+    fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
 ) -> Weighted:
-    """Posterior of a fit by importance sampling from its Laplace approximation.
+    """Posterior of a fit by importance sampling from its Laplace approximation, improved from round to round.
 
     Parameters
     ----------
@@ -42,12 +45,12 @@ def importance_posterior(
     simulator : Simulator
         Of the fit's own calibration.
     size : int
-        Draws of the last round.
+        Draws of the first two rounds together; as many effective draws, over 5, are enough.
     rng : Generator
     rounds : int
-        The earlier rounds, each of a quarter of the draws, refit the proposal to the weighted draws.
+        Most rounds of half of ``size`` draws.
     dof : float
-        Degrees of freedom of the Student proposal.
+        Degrees of freedom of the Student proposals.
 
     Returns
     -------
@@ -55,10 +58,11 @@ def importance_posterior(
         Points are search coordinates of the free parameters, then logarithms of the noise parameters. Trust it only
         where ``reliable``; otherwise sample.
     """
-    density = joint_target(fit, simulator)
-    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, dof)
-    for _ in range(rounds - 1):
-        pilot = importance_sample(density, proposal, max(size // 4, 100), rng)
-        if pilot.ess > 5.0 * density.dimension:
-            proposal = HeavyTail.of(pilot.mean, pilot.covariance, dof)
-    return importance_sample(density, proposal, size, rng)
+    first = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, dof)
+
+    def enough(found: Weighted) -> bool:
+        return found.pareto_k < GOOD and found.ess > 0.2 * size
+
+    return adaptive_importance_sample(
+        joint_target(fit, simulator), first, -(-size // 2), rng, enough=enough, rounds=rounds
+    )

@@ -370,7 +370,7 @@ class _Run:
             if kind == "white" or wanted == "white" or (self.settings.cost == "weighted" and not self.judging):
                 wanted = "white"
             columns = [r[:, k] for r in residual]
-            guess = self.noise[name] if self.noise[name].kind == "ou" and not self.noise[name].structured else None
+            guess = self.noise[name] if self.noise[name].kind == "ou" and not self.noise[name].held else None
             self.noise[name] = estimate_noise(self.times, columns, wanted, guess, 1e-7 * self.calibration.scale[k])
 
     def _free_what_shows(self) -> bool:

@@ -92,6 +92,60 @@ def importance_sample(
     return Weighted(points, np.exp(smoothed - logsumexp(smoothed)), shape, float(logsumexp(smoothed) - math.log(size)))
 
 
+def adaptive_importance_sample(
+    density: Callable[[FloatArray], FloatArray],
+    proposal: HeavyTail,
+    size: int,
+    rng: np.random.Generator,
+    *,
+    enough: Callable[[Weighted], bool],
+    rounds: int = 8,
+) -> Weighted:
+    """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end.
+
+    A draw of any round is weighed against the mixture of all proposals (adaptive multiple importance sampling; Cornuet,
+    Marin, Mira and Robert, 2012, Scandinavian Journal of Statistics 39, 798), so the first, widest ones keep guarding
+    the tails.
+
+    Parameters
+    ----------
+    density : callable
+        Log-density, (n, d) to (n,), that need not be normalised.
+    proposal : HeavyTail
+        Of the first round.
+    size : int
+        Draws a round.
+    rng : Generator
+    enough : callable
+        Whether to stop; asked after every round but the first.
+    rounds : int
+        Most rounds.
+
+    Raises
+    ------
+    ValueError
+        If the density vanishes at every draw.
+    """
+    proposals, used = [proposal], []
+    points, values = np.empty((0, proposal.mean.size)), np.empty(0)
+    for turn in range(rounds):
+        used.append(proposals[-1])
+        new = used[-1].sample(np.random.RandomState(np.random.MT19937(int(rng.integers(2**63)))), size)
+        points, values = np.concatenate([points, new]), np.concatenate([values, density(new)])
+        mixture = logsumexp([p.log_density(points) for p in used], axis=0) - math.log(len(used))
+        ratio = np.where(np.isnan(values), -np.inf, values - mixture)
+        if not np.isfinite(ratio).any():
+            raise ValueError("the density vanishes at every draw")
+        smoothed, shape = pareto_smooth(ratio)
+        total = float(logsumexp(smoothed))
+        found = Weighted(points, np.exp(smoothed - total), shape, total - math.log(len(points)))
+        if turn > 0 and enough(found):
+            break
+        wide = found.ess > 3.0 * points.shape[1]
+        proposals.append(HeavyTail.of(found.mean, found.covariance, proposal.dof) if wide else used[-1])
+    return found
+
+
 def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
     """Replace the largest weights by the expected order statistics of the Pareto tail fitted to them.
 

@@ -16,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpttrf, dpttrs
 from scipy.optimize import minimize
+from scipy.stats import chi2
+
+from aero_bayes.inference.diagnostics import slow_excess, whiteness
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
@@ -23,14 +26,17 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 #: A correlation time above this share of the longest recording is taken for a fault of the model.
 STRUCTURED_ABOVE = 0.02
+#: Chance, if innovations are white, of a statistic beyond which an error is not taken for this kind of noise.
+DESCRIBED_ABOVE = 1e-3
 
 
 @dataclass(frozen=True)
 class NoiseEstimate:
     """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none).
 
-    ``structured`` marks an error so slow that the model and not the sensor must be at fault; its size is then that of
-    the residual, and it is not searched. ``white_seen`` is False where the data cannot tell white noise from none.
+    ``structured`` marks an error so slow that the model and not the sensor must be at fault. ``held`` marks one that
+    this kind of noise does not describe either: its size and correlation time are then those of the residual, and they
+    are not searched. ``white_seen`` is False where the data cannot tell white noise from none.
     """
 
     sd_white: float
@@ -38,6 +44,7 @@ class NoiseEstimate:
     tau: float = 0.0
     structured: bool = False
     white_seen: bool = True
+    held: bool = False
 
     @property
     def kind(self) -> Literal["white", "ou"]:
@@ -57,7 +64,7 @@ class NoiseEstimate:
     @property
     def searched(self) -> tuple[bool, bool, bool]:
         """Which of the three numbers the data determines."""
-        if self.structured:
+        if self.held:
             return (False, False, False)
         return (self.white_seen, self.kind == "ou", self.kind == "ou")
 
@@ -164,7 +171,7 @@ def estimate_noise(
         Sample times and residuals of each recording; NaN where there is no reading.
     kind : {"white", "ou", "auto"}
         ``auto`` compares the two by BIC. A correlation time of more than 2 % of the longest recording makes the
-        estimate ``structured``.
+        estimate ``structured``; if its innovations are not white either, it is ``held`` at the residual's own size.
     guess : NoiseEstimate, optional
         Where to start (an earlier estimate); saves most of the work.
     floor : float
@@ -197,12 +204,27 @@ def estimate_noise(
     if kind != "ou" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
         return white
     if correlated.tau > STRUCTURED_ABOVE * longest and correlated.sd_ou > correlated.sd_white:
-        return _of_the_residual(pairs, correlated)
+        if not _described(pairs, correlated):
+            return _of_the_residual(pairs, correlated)
+        correlated = replace(correlated, structured=True)
     new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
     unseen = replace(correlated, sd_white=max(0.003 * new, floor), white_seen=False)
     if total(unseen) > likelihood - 1.0:
         return unseen
     return correlated
+
+
+def _described(pairs: Sequence[tuple[FloatArray, FloatArray]], noise: NoiseEstimate) -> bool:
+    """Whether the noise leaves white innovations: Ljung-Box over two ranges of lags, and averages of blocks.
+
+    An error of the model is smoother than this noise (or repeats itself) and leaves its innovations correlated.
+    """
+    white = [innovations(t, r, noise) for t, r in pairs]
+    for lags in (5, 30):
+        statistic = sum(lags * whiteness(w, lags)[1] for w in white)
+        if chi2.sf(statistic, lags * len(white)) < DESCRIBED_ABOVE:
+            return False
+    return slow_excess(np.concatenate(white)) < 2.0
 
 
 def _of_the_residual(pairs: Sequence[tuple[FloatArray, FloatArray]], likely: NoiseEstimate) -> NoiseEstimate:
@@ -215,7 +237,7 @@ def _of_the_residual(pairs: Sequence[tuple[FloatArray, FloatArray]], likely: Noi
     rms = math.sqrt(sum(float(r @ r) for _, r in pairs) / count)
     lengths = [_correlation_time(t, r) for t, r in pairs if t.size > 10]
     sd_ou = math.sqrt(max(rms**2 - likely.sd_white**2, (0.1 * rms) ** 2))
-    return NoiseEstimate(likely.sd_white, sd_ou, max(lengths), structured=True)
+    return NoiseEstimate(likely.sd_white, sd_ou, max(lengths), structured=True, held=True)
 
 
 def _correlation_time(time: FloatArray, residual: FloatArray) -> float:
@@ -241,7 +263,7 @@ def _starts(
     longest: float,
     guess: NoiseEstimate | None,
 ) -> list[FloatArray]:
-    if guess is not None and guess.sd_ou > 0.0 and not guess.structured:
+    if guess is not None and guess.sd_ou > 0.0 and not guess.held:
         return [np.log(guess.as_row())]
     steps = np.concatenate([np.diff(r) for _, r in pairs if r.size > 1])
     white = min(max(1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2.0), 0.02 * rms), 0.9 * rms)
