@@ -116,6 +116,17 @@ class PosteriorSection(Section):
     ess: Count = 1000
 
 
+class PredictionSection(Section):
+    """``[prediction]``: how well several recordings predict each other; ``max_seconds = 0`` leaves it out.
+
+    ``refits`` computes posteriors anew where re-weighting is unreliable: by default for short recordings only.
+    """
+
+    stretches: Annotated[int, Field(ge=4)] = 8
+    refits: bool | None = None
+    max_seconds: Annotated[float, Field(ge=0)] = 10.0
+
+
 class LoopSection(Section):
     """``[loop]``: the search for the effect that the model lacks."""
 
@@ -141,6 +152,7 @@ class Config(Section):
     parameters: dict[str, ParameterSection] = Field(default_factory=dict)
     fit: FitSection = FitSection()
     posterior: PosteriorSection = PosteriorSection()
+    prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()
     solver: SolverSection = SolverSection()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -71,6 +72,7 @@ def time_ordered(
     blocks: int = 12,
     first: int = 4,
     draws: int = 400,
+    refits: bool = True,
     progress: Progress | None = None,
 ) -> TimeOrdered:
     """WAIC, leave-one-out and leave-future-out of a fit over stretches of its recordings.
@@ -87,6 +89,8 @@ def time_ordered(
         Stretches of each recording that leave-future-out learns from before it predicts.
     draws : int
         Posterior draws.
+    refits : bool
+        Compute posteriors anew where re-weighting is unreliable; without, such stretches are only said to be so.
 
     Notes
     -----
@@ -105,7 +109,9 @@ def time_ordered(
 
     pooled = np.concatenate(densities, axis=1)
     together = np.sum(densities, axis=0)
-    return TimeOrdered(waic(pooled), leave_one_out(pooled), leave_future_out(together, first, refit))
+    return TimeOrdered(
+        waic(pooled), leave_one_out(pooled), leave_future_out(together, first, refit if refits else None)
+    )
 
 
 def leave_one_recording_out(
@@ -114,6 +120,7 @@ def leave_one_recording_out(
     rng: np.random.Generator,
     *,
     draws: int = 40,
+    time_limit: float = math.inf,
     progress: Progress | None = None,
 ) -> tuple[LeftOut, ...]:
     """Predict each recording from a fit to the others.
@@ -121,16 +128,21 @@ def leave_one_recording_out(
     A recording's own nuisances (its delay, its start) are no prediction of the others: for every draw they are fitted
     to it within their priors and integrated by Laplace's approximation.
 
+    No recording is begun that, by the time the others took, would end after ``time_limit`` s.
+
     Raises
     ------
     InputError
         If there is only one recording.
     """
+    began = time.perf_counter()
     calibration = fit.calibration
     if len(calibration.experiments) < 2:
         raise InputError("leaving a recording out needs at least two")
-    found = []
+    found: list[LeftOut] = []
     for index, name in enumerate(calibration.names):
+        if found and (time.perf_counter() - began) * (index + 1) / index > time_limit:
+            break
         if progress is not None:
             progress("recordings", index / len(calibration.names), name)
         others = _select(calibration, [e for e in range(len(calibration.names)) if e != index], fit.values)

@@ -6,6 +6,7 @@ an eigenvalue above one is a direction in which the data says more than the prio
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -51,15 +52,45 @@ class Identifiability:
     combinations: tuple[Combination, ...]
     no_effect: tuple[str, ...]
 
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        """What a reader should know, one sentence each."""
-        lines = [f"{name} changes no recorded output: it cannot be determined." for name in self.no_effect]
-        lines += [f"Only the combination {c.text} is determined, not its members." for c in self.combinations]
-        weak = [n for n, s in self.status.items() if s is Status.WEAK]
+    def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
+        """What a reader should know, one sentence each; ``held`` names those that were then left at their start."""
+        lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
+        for members in dict.fromkeys(c.members for c in self.combinations):
+            lines.append(_determined(members, [c.text for c in self.combinations if c.members == members]))
+        weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in held]
         if weak:
-            lines.append(f"Weakly determined, the prior matters: {', '.join(weak)}.")
+            lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
+        left = [n for n in held if n not in self.no_effect]
+        if left:
+            lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
         return tuple(lines)
+
+
+def status_of(ratio: float) -> Status:
+    """Verdict from the ratio of posterior to prior standard deviation."""
+    if ratio > UNIDENTIFIED_ABOVE:
+        return Status.UNIDENTIFIED
+    return Status.WEAK if ratio > IDENTIFIED_BELOW else Status.IDENTIFIED
+
+
+def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
+    """What is determined of parameters that are not seen apart."""
+    alone = [name for name in members if name in texts]
+    if len(texts) == 1 and not alone:
+        names = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in members))
+        marked = names.sub(lambda found: f"`{found[0]}`", texts[0])
+        return f"Only the combination {marked} is determined, not its members."
+    lost = [name for name in members if name not in alone]
+    if not lost:
+        return f"{_listed(alone)} {'is' if len(alone) == 1 else 'are'} determined."
+    seen = f"{_listed(texts)} {'is' if len(texts) == 1 else 'are'} determined"
+    return f"{seen}; {_listed(lost)} cannot be told apart." if len(lost) > 1 else f"{seen}, {_listed(lost)} is not."
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Names, marked as such, in a sentence."""
+    marked = [f"`{word}`" for word in words]
+    return marked[0] if len(marked) == 1 else f"{', '.join(marked[:-1])} and {marked[-1]}"
 
 
 def assess(
@@ -91,13 +122,7 @@ def assess(
     posterior = np.sqrt(np.sum(vectors**2 / (1.0 + eigenvalues), axis=1))
     status: dict[str, Status] = {}
     for j, name in enumerate(names):
-        status[name] = (
-            Status.UNIDENTIFIED
-            if blind[j] or posterior[j] > UNIDENTIFIED_ABOVE
-            else Status.WEAK
-            if posterior[j] > IDENTIFIED_BELOW
-            else Status.IDENTIFIED
-        )
+        status[name] = Status.UNIDENTIFIED if blind[j] else status_of(float(posterior[j]))
     ratio = {name: float(posterior[j]) for j, name in enumerate(names)}
     return Identifiability(
         status,
@@ -130,6 +155,8 @@ def _combinations(
         group = [columns[k] for k in members]
         for text, row in _names(names, values, group, block):
             spread = float(np.sqrt(row @ covariance[np.ix_(group, group)] @ row))
+            if spread > IDENTIFIED_BELOW * float(np.linalg.norm(row * prior_sd[group])):
+                continue  # only the prior knows it
             found.append(Combination(text, tuple(names[j] for j in group), spread))
     return tuple(found)
 

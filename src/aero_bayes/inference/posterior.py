@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.calibration import Calibration
 from aero_bayes.inference.diagnostics import Diagnosis
-from aero_bayes.inference.identifiability import IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE, Status
+from aero_bayes.inference.identifiability import Status, status_of
 from aero_bayes.inference.mcmc import Chain, SampleSettings, run
 from aero_bayes.inference.moves import HeavyTail
 from aero_bayes.inference.noise import NoiseEstimate
@@ -116,7 +116,7 @@ class Posterior:
             axis = np.log(x) if item.scale == "log" else x / (item.upper - item.lower)
             ratio = float(np.std(axis)) / prior_sd[name]
             q05, q50, q95 = np.quantile(x, [0.05, 0.5, 0.95]).tolist()
-            base = replace(estimate, value=q50, status=_status(ratio), note="")
+            base = replace(estimate, value=q50, status=status_of(ratio), note="")
             if base.status is Status.UNIDENTIFIED:
                 table[name] = replace(
                     base, sd=None, q05=None, q50=None, q95=None, note="the data says no more of it than the prior"
@@ -186,12 +186,6 @@ class Posterior:
         return (
             f"<Posterior {self.calibration.model.name}: {self.draws.shape[0]} ensembles, {self.steps} steps, {state}>"
         )
-
-
-def _status(ratio: float) -> Status:
-    if ratio > UNIDENTIFIED_ABOVE:
-        return Status.UNIDENTIFIED
-    return Status.WEAK if ratio > IDENTIFIED_BELOW else Status.IDENTIFIED
 
 
 def sample(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 
 import numpy as np
@@ -44,6 +44,7 @@ class Estimate:
     lower: float | None = None
     upper: float | None = None
     note: str = ""
+    recording: str = ""
 
     def to_dict(self) -> Json:
         """The entry of result.json."""
@@ -92,6 +93,8 @@ class Fit:
     warnings : tuple of str
         What a reader must know before trusting an interval.
     seconds : float
+    sensors : mapping of str to dict
+        Ripple (already taken out of the readings) and encoder counts, by output.
     """
 
     calibration: Calibration
@@ -112,6 +115,7 @@ class Fit:
     warnings: tuple[str, ...]
     seconds: float
     engine: str = "native"
+    sensors: Mapping[str, Json] = field(default_factory=dict)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -159,8 +163,20 @@ class Fit:
             table[item.name] = Estimate(
                 item.name, float(self.values[j]), *spread, item.unit, self.status(j), item.description,
                 item.prior.describe(item.unit), item.start, item.lower, item.upper, self.note(j),
+                self.own_recording(item.recording),
             )  # fmt: skip
         return table | fixed_parameters(self.calibration)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Parameters that were left at their start since the data does not show them."""
+        names = self.calibration.parameters.names
+        return tuple(name for column, name in enumerate(names) if column not in self.free)
+
+    def own_recording(self, index: int | None) -> str:
+        """Name of the recording that a parameter belongs to alone; empty for all, and where there is only one."""
+        names = self.calibration.names
+        return names[index] if index is not None and len(names) > 1 else ""
 
     def status(self, column: int) -> Status:
         """How well the data determines a column."""
@@ -199,6 +215,7 @@ class Fit:
         return {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": self.noise_table(),
+            "sensors": dict(self.sensors),
             "fit": {
                 "cost_eq6": self.cost_eq6,
                 "rms": {"train": self.rms},
@@ -222,7 +239,7 @@ class Fit:
                     for c in self.identifiability.combinations
                 ],
                 "unidentified": [n for n, e in self.parameters.items() if e.status is Status.UNIDENTIFIED],
-                "text": list(self.identifiability.sentences),
+                "text": list(self.identifiability.sentences(self.held)),
             },
             "failures": self.failures,
             "warnings": list(self.warnings),
@@ -245,7 +262,7 @@ def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
         value = calibration.fixed.get(v.name, v.start)
         known = v.name in FIXED or v.name in calibration.fixed
         if v.name not in searched and known and value is not None:
-            note = FIXED.get(v.name, "held fixed")
+            note = FIXED.get(v.name, "held at the value that the configuration gives")
             table[v.name] = Estimate(
                 v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
             )

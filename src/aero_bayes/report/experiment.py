@@ -183,11 +183,28 @@ def _gain_check(plan: Mapping[str, Any]) -> Markup:
     )  # fmt: skip
 
 
+def _already(plan: Mapping[str, Any]) -> Markup:
+    """What the recordings at hand say of the two effects."""
+    densities = plan.get("log_posterior_now") or []
+    first, second = (number(x) for x in [*densities, None, None][:2])
+    if first is None or second is None:
+        return Markup("")
+    names = texts(plan, "effects")
+    if abs(first - second) < (number(mapping(plan, "check").get("decisive")) or 0.0):
+        return Markup("The recordings at hand do not tell them apart (difference in log-posterior {}). ").format(
+            significant(abs(first - second), 2)
+        )
+    better = names[0] if first > second else names[1]
+    return Markup("The recordings at hand already favour {}, by {} in log-posterior. ").format(
+        named_effect(better), significant(abs(first - second))
+    )
+
+
 def _separation_check(plan: Mapping[str, Any]) -> Markup:
     check = mapping(plan, "check")
     repeats, failures = (int(number(check.get(key)) or 0) for key in ("repeats", "failures"))
     share = 100 * (number(check.get("told_apart")) or 0.0)
-    return Markup(
+    return _already(plan) + Markup(
         "Expected difference in log-evidence: {} if the first is true, {} if the second is. In {} simulated "
         "repetitions, half of them with either: {} and {} on average; {} % of them put the true one ahead by more "
         "than {} (odds of twenty to one){}. The expectation is linear in what is not known; the repetitions are not."

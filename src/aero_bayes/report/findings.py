@@ -10,7 +10,7 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.series_figures import unit_of
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
-from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, significant, symbol, tidy
+from aero_bayes.report.text import NOTHING, count, duration, minus, pretty_unit, role_words, significant, symbol, tidy
 
 
 def residual_table(run: RunDirectory) -> Markup | None:
@@ -168,3 +168,54 @@ def _replay_value(value: Any) -> str:
 
 def _percent(share: float) -> str:
     return f"{significant(100 * share, 2)} %"
+
+
+def left_out_table(run: RunDirectory) -> Markup | None:
+    """Error of each recording predicted from the others, beside that of the fit which has seen it."""
+    rows = []
+    for recording, entry in mapping(run.result, "prediction", "recordings").items():
+        for output, predicted in mapping(entry, "rms").items():
+            error, fitted = number(predicted), number(mapping(entry, "rms_fitted").get(output))
+            if error is None:
+                continue
+            more = 100 * (error / fitted - 1) if fitted else None
+            floor = _floor_of(run, recording, output)
+            rows.append((
+                recording, symbol(output), significant(error), significant(fitted), significant(floor),
+                pretty_unit(unit_of(run, output)), NOTHING if more is None else minus(f"{more:+.1f} %"),
+                ratio_glyph(fitted / floor if fitted and floor else None, error / floor if floor else None),
+            ))  # fmt: skip
+    columns = (
+        "recording", "output", Column("predicted", "right"), Column("fitted", "right"), Column("noise floor", "right"),
+        "unit", Column("predicted over fitted", "right"), Column("floor │ ○ fitted  ● predicted", "centre"),
+    )  # fmt: skip
+    return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
+
+
+def stretches_table(run: RunDirectory) -> Markup | None:
+    """Expected log-density of stretches of time that were left out."""
+    words = {
+        "leave_future_out": "each stretch from those before it", "leave_one_out": "each stretch from all others",
+        "waic": "the same by Watanabe's criterion",
+    }  # fmt: skip
+    rows = []
+    for key, label in words.items():
+        entry = mapping(run.result, "prediction", "stretches", key)
+        if not entry:
+            continue
+        trust = "" if entry.get("reliable") else "the weights are too uneven to rely on it"
+        name = Markup("{}<small>{}</small>").format(label, key.replace("_", " "))
+        rows.append((
+            name, tidy(number(entry.get("elpd")), 7), significant(number(entry.get("se")), 2),
+            count(number(entry.get("stretches"))), trust,
+        ))  # fmt: skip
+    columns = (
+        "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("stretches", "right"),
+        "",
+    )  # fmt: skip
+    return html_table(columns, rows, "Stretches of time, in order (larger is better)") if rows else None
+
+
+def _floor_of(run: RunDirectory, recording: str, output: str) -> float | None:
+    row = next((row for row in table(run.result, "recordings") if row.get("name") == recording), {})
+    return number(mapping(row, "noise_floor").get(output))

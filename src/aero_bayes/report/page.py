@@ -18,6 +18,7 @@ from aero_bayes.report import (
     loop_story,
     overview,
     posterior_figures,
+    profile_figures,
     residual_figures,
     series_figures,
 )
@@ -103,7 +104,8 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "recordings": [_recording(run, name) for name in run.recordings()],
         "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
         "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run), "pso": _pso(run),
-        "posterior": _posterior(run), "loop": _loop(run) if mapping(result, "loop") else None,
+        "prediction": _prediction(run), "posterior": _posterior(run),
+        "loop": _loop(run) if mapping(result, "loop") else None,
         "replay": _replay(run), "design": experiment.experiment(run), "provenance": overview.provenance(run),
     }  # fmt: skip
 
@@ -121,8 +123,20 @@ def _identifiability(run: RunDirectory) -> dict[str, Any]:
     found = mapping(run.result, "identifiability")
     return {
         "unidentified": texts(found, "unidentified"), "text": texts(found, "text"),
-        "combinations": table(found, "combinations"),
+        "combinations": _unless_single(table(found, "combinations")),
+        "profiles": profile_figures.profile_plates(run), "skipped": texts(found, "not_profiled"),
     }  # fmt: skip
+
+
+def _unless_single(combinations: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Combinations but for those that are a parameter by itself: that one has a row in the table."""
+    return [entry for entry in combinations if entry.get("text") not in texts(entry, "members")]
+
+
+def _prediction(run: RunDirectory) -> dict[str, Any] | None:
+    shown = {"recordings": findings.left_out_table(run), "stretches": findings.stretches_table(run)}
+    note = mapping(run.result, "prediction").get("note")
+    return shown | {"note": note} if any(shown.values()) else None
 
 
 def _pso(run: RunDirectory) -> Plate | None:

@@ -81,7 +81,8 @@ def parameter_table(parameters: Mapping[str, Any]) -> Markup:
         interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NOTHING
         about = Markup("{}<small>{}</small>").format(symbol(name), stated.get("description", ""))
         glyph = interval_glyph(stated, str(name)) if sure else Markup("")
-        note = stated.get("note") or ""
+        own = f"of {stated['recording']} alone" if stated.get("recording") else ""
+        note = "; ".join(filter(None, (str(stated.get("note") or ""), own)))
         prior = Markup("{}<small>{}</small>").format(stated.get("prior") or NOTHING, note)
         value = shown.value if status != "unidentified" else Markup('<span class="held">{}</span>').format(shown.value)
         rows.append((about, value, interval, shown.unit, status_pill(status), glyph, prior))

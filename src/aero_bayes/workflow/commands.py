@@ -22,6 +22,8 @@ from aero_bayes.workflow.curves import Series, band_series, fitted_series, measu
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
 from aero_bayes.workflow.job import Job, RunOptions, columns_of, layout_of, open_job
 from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, run_loop
+from aero_bayes.workflow.prediction import prediction_part
+from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
@@ -36,8 +38,9 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
         found = fit_job(job, progress)
+        doubts = _doubts(job, found, progress)
     result, series = fit_part(job, found)
-    _finish(job, "fit", began, [result, _closing(result)], series)
+    _finish(job, "fit", began, [result, doubts, _closing(result)], series)
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -46,10 +49,11 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     job = open_job(files, options)
     with ProgressBar(options.quiet) as progress:
         found = fit_job(job, progress)
+        doubts = _doubts(job, found, progress)
         posterior = _sample(job, found, progress)
     result, series = fit_part(job, found)
     sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled)
+    result = merge(result, sampled, doubts)
     _finish(job, "posterior", began, [result, _closing(result)], series | bands)
 
 
@@ -77,6 +81,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         loop = run_loop(job, progress) if job.modelica else None
         final = extended_job(job, loop) if loop is not None else job
         found = base if final is job else fit_job(final, progress, again=True)
+        doubts = _doubts(final, found, progress)
         posterior = _sample(final, found, progress)
         table = replay_paper(
             seed=options.seed,
@@ -87,7 +92,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         )
     result, series = fit_part(final, found)
     sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled, {"replay": table.to_dict()})
+    result = merge(result, sampled, doubts, {"replay": table.to_dict()})
     series = series | bands | table.series
     if loop is None:
         _finish(final, "all", began, [result, _closing(result)], series)
@@ -178,6 +183,11 @@ def _sample(job: Job, found: Fit, progress: ProgressBar) -> Posterior:
     posterior.save(job.options.out / "posterior.nc")
     checkpoint.unlink(missing_ok=True)
     return posterior
+
+
+def _doubts(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """Profiles of doubtful parameters, and how well the recordings predict each other."""
+    return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 
 
 def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:

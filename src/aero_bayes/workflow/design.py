@@ -138,7 +138,7 @@ def _separate(
         "unit": unit,
         "effects": [rivals.first, rivals.second],
         "common": list(rivals.common),
-        "now": {"log_likelihood": [first.log_likelihood, second.log_likelihood]},
+        "log_posterior_now": [first.log_posterior, second.log_posterior],
         "models": [_effect_entry(rivals.first, first), _effect_entry(rivals.second, second)],
         "check": check.to_dict(),
     }

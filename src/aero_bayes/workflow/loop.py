@@ -12,7 +12,9 @@ from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
 from aero_bayes.discrepancy.catalogue import effect_parameter
 from aero_bayes.errors import InputError
 from aero_bayes.export import CATALOGUE, export_fmu
-from aero_bayes.inference.parameters import Override
+from aero_bayes.inference.aero import FIXED
+from aero_bayes.inference.identifiability import status_of
+from aero_bayes.inference.parameters import Override, Parameter, ParameterSet
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job
@@ -72,10 +74,9 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
 
 def loop_part(job: Job, loop: LoopResult) -> Json:
     """The keys of result.json that the loop fills."""
-    table = {name: estimate.to_dict() | {"status": "identified"} for name, estimate in loop.parameters.items()}
     interval = min(1.0 / recording.rate_hz for recording in job.recordings)
     return {
-        "parameters": table,
+        "parameters": loop_parameters(job, loop),
         "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
         "residual": loop.residual_dict(),
         "noise": {
@@ -91,6 +92,48 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "loop": loop.to_dict(),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "verdict": {"level": _level(loop), "text": loop.sentence},
+    }
+
+
+def loop_parameters(job: Job, loop: LoopResult) -> Json:
+    """Every parameter of the model that came out: estimates with their status, and what was held with the reason."""
+    new = {item.name: effect_parameter(item) for effect in CATALOGUE.values() for item in effect.parameters}
+    table: Json = {}
+    for name, estimate in loop.parameters.items():
+        item = job.parameters[name] if name in job.parameters else new.get(name)
+        entry: Json = estimate.to_dict() | {"status": "identified"}
+        if item is not None:
+            entry |= _judged(item, estimate.value, estimate.sd)
+            if entry["status"] == "unidentified":
+                entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
+        table[name] = entry
+    for variable in job.model.parameters:
+        name = variable.name
+        value = job.fixed.get(name, variable.start)
+        reason = FIXED.get(name) or ("held at the value that the configuration gives" if name in job.fixed else "")
+        if name in job.parameters and not reason:
+            reason = "not searched by the loop, left at its start"
+            value = job.parameters[name].start
+        if name not in table and reason and value is not None:
+            table[name] = {
+                "value": value, "sd": None, "q05": None, "q50": None, "q95": None, "unit": variable.unit,
+                "status": "fixed", "description": variable.description, "note": reason,
+            }  # fmt: skip
+    return table
+
+
+def _judged(item: Parameter, value: float, sd: float) -> Json:
+    """What is known of a parameter beside its estimate, and how far the data narrowed its prior."""
+    alone = ParameterSet((item,))
+    inside = np.array([min(max(value, item.lower), item.upper)])
+    ratio = sd / float(alone.jacobian(inside)[0]) / float(alone.prior_sd()[0])
+    return {
+        "status": str(status_of(ratio)),
+        "description": item.description,
+        "prior": item.prior.describe(item.unit),
+        "start": item.start,
+        "lower": item.lower,
+        "upper": item.upper,
     }
 
 

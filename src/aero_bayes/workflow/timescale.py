@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 #: Span over which the linearised model is propagated, in s, and rates below which a mode counts as an integrator.
 SPAN, STANDING = 1e-3, 1e-4
+#: Speed at which a model counts as moving, in its unit.
+SPEED, SPEED_UNITS = 1.0, ("rad/s", "m/s")
 #: Share of an eigenvector from which an output is taken to see the mode.
 VISIBLE = 1e-9
 
@@ -32,11 +34,15 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
     """
     if not model.states:
         return
-    modes = _modes(model, fixed)
+    rest = np.array([state.start or 0.0 for state in model.states])
+    moving = rest + np.array([SPEED if state.unit in SPEED_UNITS else 0.0 for state in model.states])
+    # Smoothed dry friction holds a body that rests so firmly that it creeps for minutes; in motion it does not.
+    points = [_modes(model, fixed, start) for start in (rest, moving)]
     for recording in recordings:
         seen = [name for name, values in recording.outputs.items() if np.isfinite(values).any()]
-        needed = max(
-            (length for length, visible in modes if any(visible.get(name, True) for name in seen)), default=0.0
+        needed = min(
+            max((length for length, visible in modes if any(visible.get(name, True) for name in seen)), default=0.0)
+            for modes in points
         )
         if recording.duration < needed:
             raise InputError(
@@ -45,15 +51,17 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
             )
 
 
-def _modes(model: Model, fixed: Mapping[str, float]) -> list[tuple[float, dict[str, bool]]]:
-    """Length of each mode in s (period, or time constant where it does not oscillate) and which states show it."""
+def _modes(model: Model, fixed: Mapping[str, float], start: FloatArray) -> list[tuple[float, dict[str, bool]]]:
+    """Length of each mode about a state (s,), and which states show it.
+
+    The length in s is the period, or the time constant where the mode does not oscillate.
+    """
     names = tuple(state.name for state in model.states)
     experiment = Experiment(np.array([0.0, SPAN]), names)
     targets = tuple(StartTarget(name) for name in names)
     problem = Problem(model, (experiment,), (targets,), dict(fixed), SolverSettings(1e-10, 1e-10))
-    start = np.array([[state.start or 0.0 for state in model.states]])
     with open_simulator(problem, workers=1) as simulator:
-        run = simulator.simulate(start, active=range(len(names)))
+        run = simulator.simulate(start[None], active=range(len(names)))
     if run.outcomes[0, 0] != Outcome.OK or run.sensitivities is None:
         raise InputError(
             f"{model.path}: cannot be simulated at its own start values: {Outcome(run.outcomes[0, 0]).text}; "

@@ -1,0 +1,74 @@
+"""Profile likelihoods: how much the fit loses when one parameter is held elsewhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from aero_bayes.report.drawing import Dots, Layer, Line, Panel, Plate, draw
+from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number
+from aero_bayes.report.svg import ACCENT, INK, MEASURED
+from aero_bayes.report.text import NOTHING, plain_name, quantity, symbol
+
+#: How far up a profile is drawn; the threshold of a 90 % interval is at 1.35.
+_TOP = 5.0
+
+
+def profile_plates(run: RunDirectory) -> list[Plate]:
+    """A small figure for every profile of the run."""
+    found = mapping(run.result, "identifiability")
+    level = number(found.get("profile_drop_90"))
+    plates = [_plate(name, mapping(entry), level) for name, entry in mapping(found, "profiles").items()]
+    return [plate for plate in plates if plate is not None]
+
+
+def _plate(name: str, entry: dict[str, Any], level: float | None) -> Plate | None:
+    values, drop = _floats(entry.get("values")), _floats(entry.get("drop"))
+    if len(values) != len(drop) or np.isfinite(drop).sum() < 3:
+        return None
+    ends = [number(end) for end in [*(entry.get("interval") or []), None, None][:2]]
+    near = np.flatnonzero(np.nan_to_num(drop, nan=np.inf) < _TOP)
+    view = slice(max(int(near.min()) - 1, 0), int(near.max()) + 2)
+    values, drop, prior = values[view], drop[view], _floats(entry.get("prior_drop"))[view]
+    low, high = float(values.min()), float(values.max())
+    shown = quantity(float(values[int(np.nanargmin(drop))]), low, high, str(entry.get("unit") or ""), digits=2)
+    power = _power(values)
+    fine = np.isfinite(drop)
+    layers: list[Layer] = [Line(values / power, prior, MEASURED, 1.4)] if len(prior) == len(values) else []
+    layers += [
+        Line(values[fine] / power, drop[fine], ACCENT, 1.6),
+        Dots(values[fine] / power, drop[fine], INK, 3.0, 0.8),
+    ]
+    title = f"{plain_name(name)} ({shown.unit})" if shown.unit else plain_name(name)
+    panel = Panel(
+        title, tuple(layers), 110, y_limits=(-0.15, _TOP), x_limits=(low / power, high / power),
+        levels=() if level is None else (level,), ticks=3,
+    )  # fmt: skip
+    words = _interval_words(ends, entry)
+    alt = f"Profile of {name}: {words}."
+    caption = Markup("{}: {}.").format(symbol(name), words)
+    return Plate(draw([panel], 300, alt, "value held"), None, alt, caption)
+
+
+def _interval_words(ends: list[float | None], entry: dict[str, Any]) -> str:
+    """The interval at the threshold; a side on which the profile stays below it has no end."""
+    first, last = ends
+    unit = str(entry.get("unit") or "")
+    if first is None and last is None:
+        return "flat over all that was tried, no 90 % interval"
+    shown = quantity(first if first is not None else last, first, last, unit, digits=3)
+    if first is None or last is None:
+        side, end = ("above", shown.value) if last is None else ("below", shown.value)
+        return f"90 % {side} {end} {shown.unit}, open on the other side".replace("  ", " ")
+    return f"90 % between {shown.low} and {shown.high} {shown.unit}".rstrip() if shown.low != NOTHING else ""
+
+
+def _floats(given: object) -> FloatArray:
+    return np.array([np.nan if x is None else float(x) for x in given] if isinstance(given, list) else [])
+
+
+def _power(values: FloatArray) -> float:
+    largest = float(np.max(np.abs(values)))
+    return 1.0 if largest == 0 or 1e-3 <= largest < 1e5 else 10.0 ** (3 * np.floor(np.log10(largest) / 3))

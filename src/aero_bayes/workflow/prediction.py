@@ -1,0 +1,52 @@
+"""How well what was learned predicts: later stretches of each recording, and whole recordings from the others."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.inference.crossvalidation import leave_one_recording_out, time_ordered
+from aero_bayes.inference.result import Fit
+from aero_bayes.simulation import open_simulator
+from aero_bayes.workflow.job import Job
+from aero_bayes.workflow.progress import ProgressBar
+
+Json = dict[str, Any]
+
+#: Posterior draws behind a recording's density, behind those of stretches, and stretches known before the first is
+#: predicted, as a share of all.
+DRAWS, STRETCH_DRAWS, KNOWN = 10, 100, 0.5
+#: Rows of all recordings up to which posteriors of the past are computed anew without being asked.
+SHORT = 20_000
+
+
+def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """The ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
+    section = job.config.prediction
+    if len(job.recordings) < 2 or section.max_seconds == 0.0:
+        return {}
+    opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
+    rng = np.random.default_rng([job.options.seed, 7])
+    refits = section.refits if section.refits is not None else sum(r.rows for r in job.recordings) <= SHORT
+    entry: Json = {}
+    try:
+        with threadpool_limits(limits=1, user_api="blas"):
+            left_out = leave_one_recording_out(
+                found, opener, rng, draws=DRAWS, progress=progress, time_limit=section.max_seconds
+            )
+            entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
+            ordered = time_ordered(
+                found, opener, rng, blocks=section.stretches, first=max(1, round(KNOWN * section.stretches)),
+                draws=STRETCH_DRAWS, refits=refits, progress=progress,
+            )  # fmt: skip
+            entry["stretches"] = ordered.to_dict()
+    except CannotFinishError as error:
+        entry["note"] = f"not completed: {error}"
+    missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
+    if missing and "note" not in entry:
+        entry["note"] = f"{', '.join(missing)} not left out: the time limit of {section.max_seconds:g} s was reached"
+    return {"prediction": entry}

@@ -1,0 +1,79 @@
+"""Profile likelihoods of the parameters that a Gaussian interval may misjudge."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.inference.identifiability import Status
+from aero_bayes.inference.local import LocalSettings
+from aero_bayes.inference.parameters import ParameterSet
+from aero_bayes.inference.profile import DROP_90, profile
+from aero_bayes.inference.result import Fit
+from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.workflow.job import Job
+from aero_bayes.workflow.progress import ProgressBar
+
+Json = dict[str, Any]
+
+#: Points of a profile, iterations of its search, and seconds after which no further one is begun.
+POINTS, ITERATIONS, TIME_LIMIT = 15, 15, 4.0
+#: How near a bound, in standard deviations, makes a parameter doubtful.
+NEAR = 2.0
+
+
+def doubtful(found: Fit) -> list[str]:
+    """Fitted physical parameters that are weak or not identified, or that lie at a bound; the weakest first."""
+    low, high = found.calibration.parameters.box
+    point = found.calibration.parameters.to_search(found.values)
+    doubts = []
+    for position, column in enumerate(found.free):
+        item = found.calibration.parameters.items[column]
+        room = min(point[column] - low[column], high[column] - point[column])
+        unsure = found.status(column) is not Status.IDENTIFIED or room < NEAR * found.laplace.sd[position]
+        if isinstance(item.target, ParameterTarget) and unsure:
+            doubts.append((-found.identifiability.ratio[item.name], item.name))
+    return [name for _, name in sorted(doubts)]
+
+
+def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """The ``profiles`` of result.json's ``identifiability``: nothing where no parameter is doubtful."""
+    names = doubtful(found)
+    if not names:
+        return {}
+    began = time.perf_counter()
+    profiles: Json = {}
+    skipped: list[str] = []
+    with (
+        threadpool_limits(limits=1, user_api="blas"),
+        open_simulator(found.calibration.problem(), job.engine, job.options.workers) as simulator,
+    ):
+        for k, name in enumerate(names):
+            if profiles and (time.perf_counter() - began) * (k + 1) / k > TIME_LIMIT:
+                skipped = names[k:]
+                break
+            progress("profiles", k / len(names), name)
+            try:
+                curve = profile(
+                    found, name, simulator, points=POINTS,
+                    settings=LocalSettings(max_iterations=ITERATIONS, tolerance=1e-3),
+                )  # fmt: skip
+            except CannotFinishError:
+                skipped.append(name)
+                continue
+            alone = ParameterSet((found.calibration.parameters[name],))
+            prior = alone.log_prior(alone.to_search(curve.values[:, None]))
+            profiles[name] = {
+                "unit": curve.unit,
+                "values": curve.values.tolist(),
+                "drop": [d if np.isfinite(d) else None for d in curve.drop.tolist()],
+                "prior_drop": (prior.max() - prior).tolist(),
+                "interval": list(curve.interval),
+                "bounded": curve.bounded,
+            }
+    return {"identifiability": {"profiles": profiles, "profile_drop_90": DROP_90, "not_profiled": skipped}}
