@@ -81,7 +81,9 @@ test: $(VENV)/.tested ## set up and run the tests
 lint: $(VENV)/.tested ## ruff and mypy
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
-bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json
+bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and bench.svg
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
+	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
 	$(BIN)/python benchmarks/bench.py --out reports
 
 trial: setup ## the blind trial -> reports/trial.json (resumable)

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import Route, Row, measure, update
+from bench_growth import memory, states
+from harness import Route, Row, measure, ratio, update
 
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
@@ -31,7 +32,7 @@ from aero_bayes.simulation import (
 
 OUTPUTS = ("i_m", "omega_m", "theta")
 PARAMETERS = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", "L_a")
-GROUPS = ("one run", "cores", "sensitivities", "noise", "growth")
+GROUPS = ("one run", "cores", "sensitivities", "noise", "growth", "states")
 TOLERANCE = 1e-6
 
 
@@ -232,7 +233,9 @@ def run(out: Path, rounds: int = 15, fmu: Path | None = None) -> None:
         table, error = one_run(model, folder, rounds)
         for group in (cores, sensitivities, noise, growth):
             table |= group(model, rounds)
-    ratio = {
+        table |= states(folder, rounds)
+        grown = memory(folder)
+    ratios = {
         "engine_over_fmpy_me": ("FMPy, Model Exchange, CVode", "engine, batch of 100, one core"),
         "two_cores_over_one": (
             "log-likelihood, batch of 1000, one core",
@@ -240,14 +243,18 @@ def run(out: Path, rounds: int = 15, fmu: Path | None = None) -> None:
         ),
         "sensitivities_over_plain": ("trajectories and 8 sensitivities", "trajectories"),
         "gauss_newton_over_likelihood": ("Gauss-Newton, 8", "log-likelihood"),
+        "ten_times_the_samples": ("200,001 samples", "20,001 samples"),
+        "sixteen_recordings": ("16 recordings", "1 recordings"),
         "correlated_over_white": ("30,001 samples, white + Ornstein-Uhlenbeck", "30,001 samples, white"),
     }
     keys: dict[str, float | None] = {
-        key: table[a].seconds / table[b].seconds if a in table and b in table else None for key, (a, b) in ratio.items()
+        key: ratio(table[a].seconds, table[b].seconds) if a in table and b in table else None
+        for key, (a, b) in ratios.items()
     }
+    keys["time_over_linear_in_samples"] = keys.pop("ten_times_the_samples") / 10.0
+    keys["time_over_linear_in_recordings"] = keys.pop("sixteen_recordings") / 16.0
+    keys["memory_growth_mib"] = grown
     keys["max_relative_error"] = error
-    for key, value in keys.items():
-        print(f"{key:<32} {value:.3g}" if value is not None else f"{key:<32} not measured")
     update(out / "bench.json", keys, list(table.values()), GROUPS)
 
 

@@ -7,7 +7,8 @@ the same posterior, started from the same Laplace approximation:
 - the mix of moves that the program uses,
 - emcee's plain stretch move through the same engine,
 - emcee's plain stretch move through FMPy, which would need hours: its time is that of its evaluations, timed over a
-  few, at the same effective samples an evaluation as through the engine.
+  few, at the same effective samples an evaluation as through the engine,
+- PINTS, through the engine and through FMPy likewise (``bench_pints``).
 
 Effective samples are those of the worst parameter (rank-normalised bulk ESS over independent ensembles), burn-in
 included in the time of each.
@@ -18,11 +19,12 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
+import bench_pints
 import numpy as np
-from harness import Row, update
+from bench_density import density
+from harness import Row, ratio, update
 
 from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
 from aero_bayes.export import export_fmu
@@ -30,14 +32,13 @@ from aero_bayes.inference import CalibrationSettings, Fit, FitSettings, NoiseMod
 from aero_bayes.inference.mcmc import Chain
 from aero_bayes.inference.mcmc import run as run_chain
 from aero_bayes.inference.moves import HeavyTail
-from aero_bayes.inference.noise import noise_array
 from aero_bayes.inference.target import Target
 from aero_bayes.simulation import Model, open_simulator
 
-GROUPS = ("sampling",)
+GROUPS = ("sampling", *bench_pints.GROUPS)
 OURS = SampleSettings(max_steps=400, ess=1e9, time_limit=600.0)
 STRETCH = SampleSettings(
-    burn_in=(600,), extra_rounds=0, independence=0.0, differential=0.0, stretch=1.0, max_steps=4000, ess=1e9,
+    burn_in=(600,), extra_rounds=0, independence=0.0, differential=0.0, stretch=1.0, max_steps=2500, ess=1e9,
     lengths=100.0, time_limit=900.0,
 )  # fmt: skip
 
@@ -50,20 +51,6 @@ def problem(folder: Path) -> Fit:
     recording = simulate_recording(truth, paper_step(), white(1.0), rng, duration=40.0, rate_hz=50.0)
     settings = FitSettings(method="local", calibration=CalibrationSettings(start="reading"), noise=NoiseModel("white"))
     return fit(recording, model, settings=settings)
-
-
-def density(fit: Fit, target: Target) -> Callable[[np.ndarray], np.ndarray]:
-    """Log-posterior of the eight parameters with the noise held."""
-    noise = noise_array(fit.outputs, fit.noise)
-
-    def value(points: np.ndarray) -> np.ndarray:
-        total = np.full(len(points), -np.inf)
-        inside = np.isfinite(target.parameters.log_prior(points))
-        if inside.any():
-            total[inside] = -target.cost(points[inside], noise)
-        return total
-
-    return value
 
 
 def sampled(fit: Fit, settings: SampleSettings) -> tuple[Chain, float]:
@@ -111,19 +98,25 @@ def run(out: Path, rounds: int = 15) -> None:
         ours, ours_seconds = sampled(found, OURS)
         plain, plain_seconds = sampled(found, STRETCH)
         single = fmpy_seconds(found, max(10, rounds))
+        others = bench_pints.rows(found, Path(folder), max(10, rounds))
     slow = float(np.median(single)) * plain.evaluations
     rows = [
         row("mix of moves, engine", ours, ours_seconds),
         row("emcee stretch, engine", plain, plain_seconds),
         row("emcee stretch, FMPy", plain, slow, f"projected from {len(single)} evaluations"),
     ]
+    rows += others
     for line in rows:
         print(line.line(), flush=True)
+    by_name = {line.name: line.seconds for line in rows}
     keys = {
+        "ess_per_s_over_pints_on_fmpy": ratio(by_name[bench_pints.SAMPLER_SLOW], rows[0].seconds),
+        "swarm_evaluations_per_s_over_pints_on_fmpy": ratio(
+            by_name[bench_pints.SWARM_SLOW], by_name[bench_pints.SWARM]
+        ),
         "ess_per_s_over_stretch": rows[1].seconds / rows[0].seconds,
         "ess_per_s_over_fmpy": rows[2].seconds / rows[0].seconds,
     }
-    print(keys)
     update(out / "bench.json", keys, rows, GROUPS)
 
 

@@ -19,19 +19,50 @@ class Row:
 
     group: str
     name: str
-    seconds: float
-    low: float
-    high: float
+    seconds: float | None
+    low: float | None
+    high: float | None
     error: float | None = None
     note: str = ""
 
     def line(self) -> str:
         """For the terminal."""
+        if self.seconds is None:
+            return f"{self.group:<14} {self.name:<44} {self.note}"
         error = "" if self.error is None else f"  max error/range {self.error:8.1e}"
         return (
             f"{self.group:<14} {self.name:<44} {1e3 * self.seconds:10.4f} ms  "
             f"[{1e3 * self.low:.4f}, {1e3 * self.high:.4f}]{error}  {self.note}"
         )
+
+
+def missing(group: str, name: str, package: str) -> Row:
+    """The line of what could not be run for want of an optional package."""
+    return Row(group, name, None, None, None, None, f"{package} is not installed")
+
+
+def ratio(slow: float | None, fast: float | None) -> float | None:
+    """How many times faster; None where either was not measured."""
+    return slow / fast if slow is not None and fast is not None else None
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A figure of the report that has to reach a number."""
+
+    key: str
+    text: str
+    goal: float
+    at_most: bool = False
+
+    def line(self, report: Mapping[str, Any]) -> str:
+        """For the terminal: figure, goal, met or not."""
+        value = report.get(self.key)
+        goal = f"{'<=' if self.at_most else '>='} {self.goal:g}"
+        if value is None:
+            return f"{self.text:<66} {goal:>10} {'':>12}  not measured"
+        met = value <= self.goal if self.at_most else value >= self.goal
+        return f"{self.text:<66} {goal:>10} {value:>12.4g}  {'met' if met else 'NOT MET'}"
 
 
 @dataclass(frozen=True)
