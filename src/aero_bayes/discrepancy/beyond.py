@@ -35,6 +35,10 @@ SHARE = 0.1
 SMOOTH = 0.3
 #: Knots of an unknown signal over time, a recording.
 SIGNAL_KNOTS = 100
+#: Knots of a disturbance whose course is fitted, and how far it may reach beyond where it was found: as a share of its
+#: length, and at least (s).
+COURSE_KNOTS = 25
+MARGIN, LEAST_MARGIN = 0.6, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,9 +260,9 @@ def _for_one(item: Parameter) -> Parameter:
 
 @dataclass(frozen=True, eq=False)
 class MomentFit:
-    """A disturbance of a moment with its size refitted beside all parameters, and the evidence, its place paid for.
+    """A disturbance of a moment, its course refitted beside all parameters, and the evidence, its place paid for.
 
-    ``parameters`` are those of ``refit``, the disturbance's size last; ``recording`` is where it happened.
+    ``parameters`` are those of ``refit``; ``signal`` is the disturbance as an input of recording ``recording``.
     """
 
     moment: Moment
@@ -266,12 +270,7 @@ class MomentFit:
     log_evidence: float
     parameters: ParameterSet
     recording: int
-
-    @property
-    def signal(self) -> InputSignal:
-        """The disturbance as an input."""
-        times = np.array([self.moment.start - 1.0, self.moment.start, self.moment.stop])
-        return InputSignal(f"u_{self.moment.port}", times, np.array([0.0, self.moment.size, 0.0]))
+    signal: InputSignal
 
 
 def fit_moment(
@@ -284,38 +283,68 @@ def fit_moment(
     open_study: OpenStudy,
     settings: RefitSettings,
 ) -> MomentFit | None:
-    """Refit the base with the most promising disturbance of a moment."""
+    """Refit the base with the most promising disturbance of a moment: constant, then of any course if that pays."""
     if not probing.moments:
         return None
     moment = probing.moments[0]
-    name = f"u_{moment.port}"
+    size = SHARE * visited.sizes[moment.port]
+    ends = (moment.start, moment.stop)
+    constant = InputSignal(f"u_{moment.port}", np.array([ends[0] - 1.0, *ends]), np.array([0.0, moment.size, 0.0]))
+    best = _pushed(model, prepared, parameters, base, probing, moment, constant, (1,), size, open_study, settings)
+    margin = max(MARGIN * (ends[1] - ends[0]), LEAST_MARGIN)
+    times = np.linspace(ends[0] - margin, ends[1] + margin, COURSE_KNOTS)
+    inside = (times > ends[0]) & (times < ends[1])
+    course = InputSignal(f"u_{moment.port}", times, np.where(inside, moment.size, 0.0), "linear")
+    free = tuple(range(1, COURSE_KNOTS - 1))
+    other = _pushed(model, prepared, parameters, base, probing, moment, course, free, size, open_study, settings)
+    if best is None or (other is not None and other.log_evidence > best.log_evidence):
+        return other
+    return best
+
+
+def _pushed(
+    model: Model,
+    prepared: Prepared,
+    parameters: ParameterSet,
+    base: Refit,
+    probing: Probing,
+    moment: Moment,
+    signal: InputSignal,
+    free: Sequence[int],
+    size: float,
+    open_study: OpenStudy,
+    settings: RefitSettings,
+) -> MomentFit | None:
+    """Refit with the values ``free`` of a signal beside the parameters of the base."""
     experiments = list(prepared.experiments)
     experiment = experiments[probing.recording]
-    times = np.array([experiment.time[0] - 1.0, moment.start, moment.stop])
-    experiments[probing.recording] = replace(
-        experiment, inputs=(*experiment.inputs, InputSignal(name, times, np.zeros(3)))
-    )
-    size = SHARE * visited.sizes[moment.port]
-    push = Parameter(
-        "push", UNITS[moment.port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size), "linear",
-        "Disturbance of a moment", InputTarget(name, 1), probing.recording,
+    silent = replace(signal, values=np.zeros(signal.values.size))
+    experiments[probing.recording] = replace(experiment, inputs=(*experiment.inputs, silent))
+    pushes = tuple(
+        Parameter(
+            f"push_{k}", UNITS[moment.port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size), "linear",
+            f"Disturbance at {signal.time[k]:.4g} s", InputTarget(signal.name, k), probing.recording,
+        )
+        for k in free
     )  # fmt: skip
-    everything = parameters.extended((push,))
+    everything = parameters.extended(pushes)
+    columns = range(len(parameters), len(everything))
+    start = np.clip(signal.values[list(free)], -100.0 * size, 100.0 * size)
     study = open_study(model, everything, replace(prepared, experiments=tuple(experiments)), {})
     try:
-        values = np.append(parameters.from_search(base.coordinates), np.clip(moment.size, push.lower, push.upper))
-        column = len(parameters)
-        found = refit(study, everything.to_search(values), (*base.free, column), noise=base.noise, settings=settings)
+        at = everything.to_search(np.concatenate((parameters.from_search(base.coordinates), start)))
+        found = refit(study, at, (*base.free, *columns), noise=base.noise, settings=settings)
     except CannotFinishError:
         return None
     finally:
         study.close()
-    places = SIGNAL_KNOTS * 8 * max(len(probing.signals), 1)
-    fitted = float(everything.from_search(found.coordinates)[column])
+    fitted = everything.from_search(found.coordinates)[len(parameters) :]
+    values = np.zeros(signal.values.size)
+    values[list(free)] = fitted
+    evidence = found.log_evidence - float(np.log(SIGNAL_KNOTS * 8 * max(len(probing.signals), 1)))
+    strongest = float(fitted[np.argmax(np.abs(fitted))])
+    gained = evidence - base.log_evidence
     return MomentFit(
-        replace(moment, size=fitted, gain=found.log_evidence - base.log_evidence - float(np.log(places))),
-        found,
-        found.log_evidence - float(np.log(places)),
-        everything,
-        probing.recording,
-    )
+        replace(moment, size=strongest, gain=gained), found, evidence, everything, probing.recording,
+        replace(signal, values=values),
+    )  # fmt: skip
