@@ -52,13 +52,16 @@ def _growth(axes: Axes, curves: Sequence[tuple[str, list[float], list[float], st
         if x:
             axes.plot(x, y[-1] * np.array(x) / x[-1], color=GUIDE, linestyle=":", linewidth=1.0)
     axes.plot([], [], color=GUIDE, linestyle=":", label="linear")
+    axes.set_title(title, loc="left", fontsize=10)
+    ticks = sorted({v for _, x, _, _ in curves for v in x})
+    if not ticks:
+        axes.set_xlabel("not measured")
+        return
     axes.set_xscale("log")
     axes.set_yscale("log")
-    ticks = sorted({v for _, x, _, _ in curves for v in x})
     axes.set_xticks(ticks, [f"{v:,.0f}" for v in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title(title, loc="left", fontsize=10)
     axes.set_xlabel(what)
     axes.set_ylabel("time a run (ms)")
     axes.legend(frameon=False, fontsize=8)
@@ -90,8 +93,9 @@ def draw(report: Path, out: Path) -> None:
     axes = grid[2, 1]
     axes.plot(*parameters, marker="o", color=OURS, label="run with sensitivities, by parameters")
     axes.plot(*batch, marker="s", color=THEIRS, label="log-likelihood, by batch size")
-    axes.set_xscale("log")
-    axes.set_ylim(bottom=0.0)
+    if parameters[0] or batch[0]:
+        axes.set_xscale("log")
+        axes.set_ylim(bottom=0.0)
     axes.set_title("Parameters and batch", loc="left", fontsize=10)
     axes.set_xlabel("parameters, or runs a batch")
     axes.set_ylabel("time a run (ms)")
