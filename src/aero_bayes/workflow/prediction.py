@@ -21,7 +21,7 @@ Json = dict[str, Any]
 #: predicted, as a share of all.
 DRAWS, STRETCH_DRAWS, KNOWN = 10, 100, 0.5
 #: Rows of all recordings up to which posteriors of the past are computed anew without being asked.
-SHORT = 20_000
+SHORT = 10_000
 
 
 def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
