@@ -108,6 +108,7 @@ def test_a_fit_is_freed_of_its_ripple(model):
         np.random.default_rng(4), duration=8.0, rate_hz=250.0,
     )  # fmt: skip
     fitted = fit(recording, model, settings=FitSettings(method="local"), workers=0)
+    assert fitted.sensors["i_m"]["ripple_subtracted"] is False
     (cleaned,), report = without_ripple(fitted)
     ripple = report[recording.name]["i_m"]
     assert [o.order for o in ripple.orders][-1] == 2
@@ -115,6 +116,14 @@ def test_a_fit_is_freed_of_its_ripple(model):
     assert ripple.noise_with.sd > 1.4 * ripple.noise.sd
     assert "omega_m" not in report[recording.name]
     assert np.array_equal(cleaned.outputs["i_m"], recording.outputs["i_m"] - ripple.values)
+    again = fit(recording, model, settings=FitSettings(method="local", ripple="subtract"), workers=0)
+    assert again.sensors["i_m"]["ripple_subtracted"] is True
+    assert set(again.sensors) == {"i_m"}
+    assert again.to_dict()["sensors"]["i_m"]["ripple"][recording.name]["orders"].keys() == {"1", "2"} & {
+        str(o.order) for o in ripple.orders
+    }
+    assert again.noise["i_m"].sd == pytest.approx(0.005, rel=0.15)
+    assert again.calibration.parameters == fitted.calibration.parameters
 
 
 def test_interval_density_is_the_probability_of_a_count():

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -27,9 +27,11 @@ from aero_bayes.inference.local import LocalSettings, Stop, search
 from aero_bayes.inference.noise import NoiseEstimate, NoiseKind, NoiseModel, estimate_noise
 from aero_bayes.inference.parameters import ParameterSet, parameters_from_model
 from aero_bayes.inference.result import Fit, StageReport, structure_warnings
+from aero_bayes.inference.ripple import without_ripple
+from aero_bayes.inference.sensors import describe_sensors
 from aero_bayes.inference.staged import Stage, causal_stages
 from aero_bayes.inference.target import NoiseLayout, Target
-from aero_bayes.simulation.interface import DelayTarget, Outcome, Problem, Simulator
+from aero_bayes.simulation.interface import DelayTarget, Experiment, Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +71,9 @@ class FitSettings:
         Most alternations between parameters and noise.
     calibration : CalibrationSettings
     noise : NoiseModel
+    ripple : {"describe", "subtract", "ignore"}
+        Look for ripple locked to the rotor in the residuals. ``describe`` says in the result how large it is and what
+        the noise would be without it; ``subtract`` takes it out of the readings and fits again.
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
@@ -82,6 +87,7 @@ class FitSettings:
     rounds: int = 12
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     noise: NoiseModel = field(default_factory=NoiseModel)
+    ripple: Literal["describe", "subtract", "ignore"] = "describe"
 
 
 def fit(
@@ -137,7 +143,54 @@ def fit(
     def opened(problem: Problem) -> Simulator:
         return open_simulator(problem, engine=engine, workers=workers)
 
-    return fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress, engine=engine)
+    found = fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress, engine=engine)
+    return _with_sensors(found, opened, settings, progress, engine) if settings.cost == "posterior" else found
+
+
+def _with_sensors(
+    first: Fit,
+    opened: OpenSimulator,
+    settings: FitSettings,
+    progress: Progress | None,
+    engine: Literal["native", "fmpy"],
+) -> Fit:
+    """The fit with its sensors described; where ripple is to be subtracted, again from where it ended."""
+    began = time.perf_counter()
+    cleaned, ripple = without_ripple(first) if settings.ripple != "ignore" else (first.calibration.recordings, {})
+    found, subtract = first, settings.ripple == "subtract"
+    if ripple and subtract:
+        start = replace(
+            first.calibration,
+            experiments=tuple(_cleaned(e, r, first.outputs) for e, r in zip(
+                first.calibration.experiments, cleaned, strict=True
+            )),
+            recordings=cleaned,
+            parameters=ParameterSet(tuple(
+                replace(p, start=float(v)) for p, v in zip(first.calibration.parameters, first.values, strict=True)
+            )),
+        )  # fmt: skip
+        again = fit_calibration(
+            start, opened, replace(settings, method="local", staged=False), None, progress, engine=engine
+        )
+        outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
+        found = replace(
+            again,
+            calibration=replace(again.calibration, parameters=first.calibration.parameters),
+            stages=first.stages + again.stages,
+            swarm=first.swarm,
+            iterations=first.iterations + again.iterations,
+            outcomes=outcomes,
+        )
+    sensors = describe_sensors(found, ripple, subtracted=subtract)
+    return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
+
+
+def _cleaned(experiment: Experiment, recording: Recording, outputs: Sequence[str]) -> Experiment:
+    measured = np.array(experiment.measured)
+    for column, name in enumerate(outputs):
+        if name in recording.outputs:
+            measured[:, column] = recording.outputs[name]
+    return replace(experiment, measured=measured)
 
 
 def fit_calibration(

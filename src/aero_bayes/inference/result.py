@@ -94,7 +94,7 @@ class Fit:
         What a reader must know before trusting an interval.
     seconds : float
     sensors : mapping of str to dict
-        Ripple (already taken out of the readings) and encoder counts, by output.
+        Ripple and encoder counts, by output, as result.json takes them.
     """
 
     calibration: Calibration
