@@ -51,7 +51,7 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
 
 
 def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
-    truth = effect("cable_hysteresis", tau_h=9e-4, stiffness=0.15)
+    truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
     train, test = recordings(15, white(1.0), 0.0, truth)
     settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
     found = close_loop([train], [test], settings=settings, workers=0, cache=fmus, out_dir=tmp_path)

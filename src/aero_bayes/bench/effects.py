@@ -1,4 +1,4 @@
-"""The 18 effects of the catalogue as the bench has them: exact and, where the physics is, not smooth.
+"""The 19 effects of the catalogue as the bench has them: exact and, where the physics is, not smooth.
 
 Each kind knows its port, its parameters and how it changes a rig. All vanish when the first parameter is zero.
 """
@@ -119,6 +119,17 @@ def _gravity_offset(plan: Plan, p: Mapping[str, float]) -> None:
     plan.body.append(lambda t, i, w, th, q, z: torque * cos(th))
 
 
+def _pivot_presliding_friction(plan: Plan, p: Mapping[str, float]) -> None:
+    """A spring in series with a dry slider (Dahl's model), as a bearing that yields or a cable that creeps."""
+    torque = p["tau_p"]
+    if torque <= 0.0:
+        return
+    stiffness = torque / p["theta_p"]
+    index = len(plan.extra)
+    plan.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: stiffness * (q - abs(q) * z[index] / torque)))
+    plan.body.append(lambda t, i, w, th, q, z: -z[index])
+
+
 def _cubic_stiffness(plan: Plan, p: Mapping[str, float]) -> None:
     stiffness = p["k_3"]
     plan.body.append(lambda t, i, w, th, q, z: -stiffness * th**3)
@@ -158,6 +169,12 @@ KINDS: dict[str, EffectKind] = {
         EffectKind("thrust_lag", "thrust", {"T_f": (6e-4, 0.1)}, _thrust_lag),
         EffectKind("thrust_asymmetry", "thrust", {"a_f": (5e-4, 0.1)}, _thrust_asymmetry, signed=True),
         EffectKind("pivot_coulomb_friction", "body", {"tau_c": (4e-6, 1.5e-3)}, _pivot_coulomb_friction),
+        EffectKind(
+            "pivot_presliding_friction",
+            "body",
+            {"tau_p": (1e-4, 5e-3), "theta_p": (3e-3, 0.1)},
+            _pivot_presliding_friction,
+        ),
         EffectKind("body_quadratic_drag", "body", {"c_b": (3e-5, 2e-2)}, _body_quadratic_drag),
         EffectKind("gravity_offset", "body", {"tau_g": (5e-6, 2e-3)}, _gravity_offset, signed=True),
         EffectKind("cubic_stiffness", "body", {"k_3": (4e-5, 3e-2)}, _cubic_stiffness),

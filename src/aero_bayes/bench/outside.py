@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import copysign, exp, pi, sin, tanh
 
 from aero_bayes.bench.effects import EffectKind
-from aero_bayes.bench.plan import ExtraState, Plan
+from aero_bayes.bench.plan import Plan
 
 
 def _battery_sag(plan: Plan, p: Mapping[str, float]) -> None:
@@ -71,16 +71,6 @@ def _spring_asymmetry(plan: Plan, p: Mapping[str, float]) -> None:
     plan.body.append(lambda t, i, w, th, q, z: -stiffness * th * abs(th) * (0.5 + copysign(0.5, th)))
 
 
-def _cable_hysteresis(plan: Plan, p: Mapping[str, float]) -> None:
-    """A cable that creeps: a spring in series with a dry slider (Dahl's model)."""
-    torque, stiffness = p["tau_h"], p["stiffness"]
-    if torque <= 0.0:
-        return
-    index = len(plan.extra)
-    plan.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: stiffness * (q - abs(q) * z[index] / torque)))
-    plan.body.append(lambda t, i, w, th, q, z: -z[index])
-
-
 def _gust(plan: Plan, p: Mapping[str, float]) -> None:
     """A breath of wind on the body at a moment."""
     torque, moment, width = p["tau"], p["time"], p["width"]
@@ -115,7 +105,6 @@ KINDS: dict[str, EffectKind] = {
         ),
         EffectKind("spring_backlash", "body", {"gap": (0.01, 0.1)}, _spring_backlash),
         EffectKind("spring_asymmetry", "body", {"k_2": (3e-3, 5e-2)}, _spring_asymmetry, signed=True),
-        EffectKind("cable_hysteresis", "body", {"tau_h": (5e-4, 5e-3), "stiffness": (0.02, 0.1)}, _cable_hysteresis),
         EffectKind(
             "gust", "moment", {"tau": (2e-3, 2e-2), "time": (15.0, 45.0), "width": (0.3, 2.0)}, _gust, signed=True
         ),

@@ -1,7 +1,8 @@
 """A finer law for an effect that was found: it takes the simple one's place where the data ask for its parameters.
 
 The finer law has the simple one as a limit, so that it always fits at least as well; searched for beside the simple
-one it would win or lose by chance. It is tried only after the search, and has to gain as much as a discovery.
+one it would win or lose by chance. It is tried only after the search, and has to gain as much as a discovery; where it
+gains less than that, the two are equivalent.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ def refine(
             continue
         gain = found.log_evidence - selection.refit.log_evidence
         if gain < bar:
+            if gain > 0.0:
+                selection = replace(selection, equivalent=_with(selection.equivalent, coarse.id, finer.id))
             continue
         scored = Scored(finer, found, gain, gain)
         why = f"{finer.id} in place of {coarse.id} gains {gain:.1f} in log-evidence (needed {bar:.1f})"
@@ -58,6 +61,13 @@ def refine(
         )
         selection = _dropped(study, selection, finer, bar, fit)
     return selection
+
+
+def _with(classes: tuple[tuple[str, ...], ...], member: str, other: str) -> tuple[tuple[str, ...], ...]:
+    """Classes of equivalent effects with ``other`` beside ``member``."""
+    if any(member in ids for ids in classes):
+        return tuple((*ids, other) if member in ids else ids for ids in classes)
+    return (*classes, (member, other))
 
 
 def _dropped(study: Study, selection: Selection, kept: Candidate, bar: float, settings: RefitSettings) -> Selection:

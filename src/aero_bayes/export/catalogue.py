@@ -194,7 +194,7 @@ _ENTRIES = (
         "pivot_presliding_friction", "body", "BodyEffect", "PivotPreslidingFriction",
         (
             _positive("tau_p", "N.m", "Dry friction torque at the pivot once it slides", 0.05, 1e-3, (3e-4, 1.5e-3)),
-            _shape("theta_p", "rad", "Angle by which the pivot yields before it slides", 1e-4, 0.02, (1e-3, 5e-3)),
+            _shape("theta_p", "rad", "Angle by which the pivot yields before it slides", 1e-4, 0.3, (1e-3, 5e-3, 0.05)),
             _shape("w_p", "rad/s", "Rate of the vibration under which the pivot creeps", 1e-5, 0.05, (1e-4, 5e-3)),
         ),
         "dry friction at the pivot that yields before it slides and creeps under vibration",
