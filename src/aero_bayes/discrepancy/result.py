@@ -169,8 +169,8 @@ class LoopResult:
         }
 
     def residual_dict(self) -> dict[str, object]:
-        """The ``residual`` entry of result.json: the model as it stood."""
-        return _reports(self.residual_before)
+        """The ``residual`` entry of result.json: what the model that came out leaves, as all other entries are of it."""
+        return _reports(self.residual_after)
 
     def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).
