@@ -38,7 +38,6 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     ``refused`` says where the named effects are far off on data that was not fitted; empty where they are not, or
     where none is named.
     """
-    bench.tally.count(found.base.study)
     base, selection, moment = found.base, found.selection, found.rival.moment
     after = found.before
     if moment is not None:

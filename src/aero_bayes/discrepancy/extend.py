@@ -97,7 +97,6 @@ def _final_fit(
     smooth: SmoothPrior | None = None,
 ) -> tuple[ParameterSet, Study, Refit]:
     """Refit on the exported model itself, from where the search ended."""
-    bench.tally.count(found.base.study)
     prepared = found.base.prepared
     parameters = ParameterSet((*found.base.shared, *nuisance_parameters(prepared, model), *new))
     at = parameters.to_search(np.array([start[name] for name in parameters.names]))

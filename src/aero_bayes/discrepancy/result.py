@@ -169,7 +169,7 @@ class LoopResult:
         }
 
     def residual_dict(self) -> dict[str, object]:
-        """The ``residual`` entry of result.json: what the model that came out leaves, as all other entries are of it."""
+        """The ``residual`` entry of result.json: what the model that came out leaves."""
         return _reports(self.residual_after)
 
     def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

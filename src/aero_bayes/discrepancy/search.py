@@ -39,5 +39,6 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     left = inspect(base.study, selection.refit, base.floors_by_index, bench.recordings.names)
     rival = find_rival(bench, base, selection, left)
     bench.tally.lap("beyond the catalogue")
+    bench.tally.count(base.study)
     before = bench.predict(base.model, base.everything, base.refit)
     return Found(base, selection, left, rival, before)
