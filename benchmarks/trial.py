@@ -33,7 +33,6 @@ from trial_distance import distances, scaled_to
 from trial_table import summarise
 
 from aero_bayes.bench import draw_trial
-from aero_bayes.bench.sensors import clean
 from aero_bayes.data import read_recording
 from aero_bayes.discrepancy import close_loop
 from aero_bayes.discrepancy.family import KNOTS, ModelFamily
@@ -80,12 +79,12 @@ def run(task: Task) -> dict[str, Any]:
         spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
     with tempfile.TemporaryDirectory(prefix="trial-") as folder:
         made = spec.record()
-        paths = spec.write(Path(folder) / "seen", Path(folder) / "truth" / "truth.json")
+        paths = spec.write(made, Path(folder) / "seen", Path(folder) / "truth" / "truth.json")
         train, test = (read_recording(path) for path in paths)
         loop_began, cpu = time.perf_counter(), time.process_time()
         result = close_loop([train], [test], model=BASE, workers=0, cache=task.cache, out_dir=Path(folder) / "out")
         seconds, cpu = time.perf_counter() - loop_began, time.process_time() - cpu
-    silent = type(spec)(**{**spec.__dict__, "sensors": clean()}).record()
+    silent = spec.silent().record()
     over = {}
     for output, values in made.test[0].outputs.items():
         noise = values - silent.test[0].outputs[output]

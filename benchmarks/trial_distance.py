@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.bench.sensors import clean
 from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
@@ -60,7 +59,7 @@ def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
-        silent = replace(spec, sensors=clean()).record().train[0]
+        silent = spec.silent().recording("train")
         d = _distance(spec, silent, family, [])
         if d < 0.5:
             # A twin of a base parameter: no size makes it visible.

@@ -62,7 +62,7 @@ def test_unknown_kind_is_refused() -> None:
 
 def test_truth_stays_apart_from_the_recordings(tmp_path: Path) -> None:
     spec = draw_trial(np.random.default_rng(3), "single", "real")
-    train, test = spec.write(tmp_path / "seen", tmp_path / "hidden" / "truth.json")
+    train, test = spec.write(spec.record(), tmp_path / "seen", tmp_path / "hidden" / "truth.json")
     assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["test.csv", "train.csv"]
     assert train.read_text().splitlines()[0] == "time,V_m,i_m,omega_m,theta"
     assert not np.array_equal(read_recording(train).inputs["V_m"], read_recording(test).inputs["V_m"])

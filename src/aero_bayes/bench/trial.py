@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log
 from pathlib import Path
 from typing import Literal
@@ -15,9 +15,9 @@ from aero_bayes.bench.defaults import SimulatedSet, write_truth
 from aero_bayes.bench.effects import EffectKind
 from aero_bayes.bench.inputs import InputDesign, random_levels
 from aero_bayes.bench.rig import simulate_recording
-from aero_bayes.bench.sensors import Sensors, real, white
+from aero_bayes.bench.sensors import Sensors, clean, real, white
 from aero_bayes.bench.truth import EffectTruth, Parameters, Truth
-from aero_bayes.data import write_csv
+from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
 
 Kind = Literal["single", "none", "pair", "outside"]
@@ -45,18 +45,23 @@ class TrialSpec:
 
     def record(self) -> SimulatedSet:
         """Make the recordings. The same trial always gives the same numbers."""
-        streams = np.random.default_rng(self.entropy).spawn(2)
-        made = [
-            simulate_recording(
-                self.truth, design, self.sensors, stream, duration=self.duration, rate_hz=self.rate_hz, name=name
-            )
-            for name, design, stream in zip(("train", "test"), (self.train, self.test), streams, strict=True)
-        ]
-        return SimulatedSet((made[0],), (made[1],), self.truth, self.sensors)
+        return SimulatedSet((self.recording("train"),), (self.recording("test"),), self.truth, self.sensors)
 
-    def write(self, recordings: Path | str, truth: Path | str) -> tuple[Path, Path]:
-        """Write ``train.csv`` and ``test.csv`` to one folder and the truth to a file elsewhere."""
-        made = self.record()
+    def recording(self, name: Literal["train", "test"]) -> Recording:
+        """One of the two recordings alone."""
+        index = ("train", "test").index(name)
+        stream = np.random.default_rng(self.entropy).spawn(2)[index]
+        design = (self.train, self.test)[index]
+        return simulate_recording(
+            self.truth, design, self.sensors, stream, duration=self.duration, rate_hz=self.rate_hz, name=name
+        )
+
+    def silent(self) -> TrialSpec:
+        """The same trial with sensors that add nothing."""
+        return replace(self, sensors=clean())
+
+    def write(self, made: SimulatedSet, recordings: Path | str, truth: Path | str) -> tuple[Path, Path]:
+        """Write what :meth:`record` made, ``train.csv`` and ``test.csv``, to one folder and the truth elsewhere."""
         train = write_csv(made.train[0], Path(recordings) / "train.csv")
         test = write_csv(made.test[0], Path(recordings) / "test.csv")
         Path(truth).parent.mkdir(parents=True, exist_ok=True)
