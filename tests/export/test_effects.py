@@ -22,6 +22,9 @@ ON = {
     "T_d": 0.03, "b_th": -0.015, "tau_p": 9e-4,
 }  # fmt: skip
 
+#: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
+DEFAULTS = {p.name: p.default for effect in CATALOGUE.values() for p in effect.parameters}
+
 EXTRA = (
     "thruster_1.electricalEffect.winding_heating.h", "thruster_1.thrustEffect.thrust_lag.f", "speedSensor.q",
     "pitchSensor.pitch_delay.q", "pitchSensor.pitch_delay.dq", "thruster_2.electricalEffect.winding_heating.h",
@@ -41,7 +44,7 @@ def draw(rng: np.random.Generator, names: list[str]) -> dict[str, float]:
 
 def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
-    e = dict.fromkeys(ON, 0.0) | {"T_h": 10.0, "theta_p": 0.02, "w_p": 0.05} | on
+    e = DEFAULTS | on
     p = NOMINAL
     rate, theta = x["body.omega"], x["body.theta"]
     rates: dict[str, float] = {}
