@@ -43,11 +43,10 @@ from aero_bayes.inference import (
     FitSettings,
     ParameterSet,
     aero_overrides,
-    calibrate,
+    fit,
     parameters_from_model,
 )
 from aero_bayes.inference.evidence import importance_posterior, joint_target
-from aero_bayes.inference.fit import fit_calibration
 from aero_bayes.inference.identifiability import Status
 from aero_bayes.inference.importance import Weighted
 from aero_bayes.inference.mcmc import SampleSettings, run
@@ -86,13 +85,13 @@ class Cell:
 
 
 CELLS = (
-    Cell("white noise, one recording", "white", 1, "model", 110),
-    Cell("white noise, two recordings", "white", 2, "model", 55),
-    Cell("correlated noise, one recording", "correlated", 1, "model", 110),
-    Cell("correlated noise, two recordings", "correlated", 2, "model", 55),
+    Cell("white noise, one recording", "white", 1, "model", 130),
+    Cell("white noise, two recordings", "white", 2, "model", 60),
+    Cell("correlated noise, one recording", "correlated", 1, "model", 150),
+    Cell("correlated noise, two recordings", "correlated", 2, "model", 65),
     Cell("slow noise, one recording", "slow", 1, "model", 30, counted=False),
-    Cell("bench, white noise", "white", 1, "bench", 30),
-    Cell("bench, a real rig's sensors", "real", 1, "bench", 30, counted=False),
+    Cell("bench, white noise", "white", 1, "bench", 40),
+    Cell("bench, a real rig's sensors", "real", 1, "bench", 40, counted=False),
 )
 
 
@@ -175,13 +174,12 @@ def study(plan: Plan, fmu: Path, cell: Cell, index: int) -> dict[str, object]:
             recordings = [simulate_with_model(rng, model, truth, cell, plan, name) for name in names]
         else:
             recordings = [simulate_with_bench(rng, truth, cell, plan, name) for name in names]
-        calibration = calibrate(
-            recordings, model, parameters, settings=CalibrationSettings(delay="free", delay_limit=DELAY_LIMIT)
+        settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", delay_limit=DELAY_LIMIT))
+        found = fit(
+            recordings, model, parameters=parameters, settings=settings, seed=int(rng.integers(2**31)), workers=0
         )
-        swarm = FitSettings(method="local")
-        fit = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), swarm, rng)
-        with open_simulator(calibration.problem(), workers=0) as simulator:
-            row |= judge(fit, simulator, truth, plan, rng, check=cell.recordings == 1 and index % CHECK_EVERY == 3)
+        with open_simulator(found.calibration.problem(), workers=0) as simulator:
+            row |= judge(found, simulator, truth, plan, rng, check=cell.recordings == 1 and index % CHECK_EVERY == 3)
     except (ArithmeticError, ValueError, RuntimeError) as error:
         row["failed"] = str(error)
     row["seconds"] = time.perf_counter() - began

@@ -24,6 +24,7 @@ from aero_bayes.inference.quantisation import (
 )
 from aero_bayes.inference.ripple import find_ripple, without_ripple
 from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.workflow.curves import ripple_series
 
 STEP_RECORDING = Path(__file__).resolve().parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 
@@ -107,7 +108,7 @@ def test_a_fit_is_freed_of_its_ripple(model):
         bench.Truth("one_dof", bench.Parameters(), (), 0.006), levels, sensors,
         np.random.default_rng(4), duration=8.0, rate_hz=250.0,
     )  # fmt: skip
-    fitted = fit(recording, model, settings=FitSettings(method="local"), workers=0)
+    fitted = fit(recording, model, settings=FitSettings(method="local", ripple="describe"), workers=0)
     assert fitted.sensors["i_m"]["ripple_subtracted"] is False
     (cleaned,), report = without_ripple(fitted)
     ripple = report[recording.name]["i_m"]
@@ -116,7 +117,7 @@ def test_a_fit_is_freed_of_its_ripple(model):
     assert ripple.noise_with.sd > 1.4 * ripple.noise.sd
     assert "omega_m" not in report[recording.name]
     assert np.array_equal(cleaned.outputs["i_m"], recording.outputs["i_m"] - ripple.values)
-    again = fit(recording, model, settings=FitSettings(method="local", ripple="subtract"), workers=0)
+    again = fit(recording, model, settings=FitSettings(method="local"), workers=0)
     assert again.sensors["i_m"]["ripple_subtracted"] is True
     assert set(again.sensors) == {"i_m"}
     assert again.to_dict()["sensors"]["i_m"]["ripple"][recording.name]["orders"].keys() == {"1", "2"} & {
@@ -124,6 +125,12 @@ def test_a_fit_is_freed_of_its_ripple(model):
     }
     assert again.noise["i_m"].sd == pytest.approx(0.005, rel=0.15)
     assert again.calibration.parameters == fitted.calibration.parameters
+    # The page draws the readings as they were; with the series of the ripple it comes to the fit's own residual.
+    assert ripple_series((recording,), fitted) == {}
+    drawn = ripple_series((recording,), again)
+    assert set(drawn) == {f"ripple/{recording.name}/i_m"}
+    left = recording.outputs["i_m"] - drawn[f"ripple/{recording.name}/i_m"] - again.fitted[0][:, 0]
+    np.testing.assert_allclose(left, again.residuals[0][:, 0], atol=1e-12)
 
 
 def test_interval_density_is_the_probability_of_a_count():

@@ -154,6 +154,19 @@ def _result(kind: str, outputs: tuple[str, ...], rows: int) -> dict[str, Any]:
         "units": UNITS,
         "parameters": parameters,
         "residual": {},
+        "sensors": {
+            "i_m": {
+                "ripple": {
+                    "step_16v5": {
+                        "orders": {"2": {"amplitude": 0.009, "law": "with speed", "log_evidence": 15998.4}},
+                        "noise_sd": 0.00503,
+                        "noise_sd_with_ripple": 0.00809,
+                    }
+                },
+                "ripple_subtracted": True,
+            },
+            "theta": {"encoder": {"step": 0.003068, "share": 0.0073}},
+        },
         "noise": {
             out: {
                 "sd": FLOOR[out],

@@ -192,6 +192,13 @@ def test_candidates_are_ranked_by_evidence_and_the_chosen_is_marked(pages: dict[
     assert "cannot be told apart" in rows[ranked[1]]
 
 
+def test_ripple_and_encoder_are_shown_with_their_evidence(pages: dict[str, str]) -> None:
+    rows = Page(pages["fit"]).rows
+    assert any("ripple twice a turn" in r and "0.00809 with it, 0.00503 without" in r for r in rows)
+    assert any("encoder" in r and "0.00307" in r and "0.73 %" in r for r in rows)
+    assert not any("left in" in r for r in rows)
+
+
 def test_paper_stands_beside_the_replay(pages: dict[str, str]) -> None:
     assert any(row.startswith("local search") and row.endswith("0.228") for row in Page(pages["posterior"]).rows)
 

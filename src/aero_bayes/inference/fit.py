@@ -71,9 +71,10 @@ class FitSettings:
         Most alternations between parameters and noise.
     calibration : CalibrationSettings
     noise : NoiseModel
-    ripple : {"describe", "subtract", "ignore"}
-        Look for ripple locked to the rotor in the residuals. ``describe`` says in the result how large it is and what
-        the noise would be without it; ``subtract`` takes it out of the readings and fits again.
+    ripple : {"subtract", "describe", "ignore"}
+        Look for ripple locked to the rotor in the residuals. ``subtract`` takes what is found out of the readings and
+        fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
+        the noise would be without it.
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
@@ -87,7 +88,7 @@ class FitSettings:
     rounds: int = 12
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     noise: NoiseModel = field(default_factory=NoiseModel)
-    ripple: Literal["describe", "subtract", "ignore"] = "describe"
+    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
 
 
 def fit(

@@ -25,6 +25,7 @@ from aero_bayes.report import (
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.effect_names import named_effect
 from aero_bayes.report.run_directory import RunDirectory, mapping, table, texts
+from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table
 from aero_bayes.report.text import role_words, sentence, symbol
 
@@ -103,6 +104,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "identifiability": _identifiability(run),
         "recordings": [_recording(run, name) for name in run.recordings()],
         "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
+        "sensors": sensor_table(run),
         "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run), "pso": _pso(run),
         "prediction": _prediction(run), "posterior": _posterior(run),
         "loop": _loop(run) if mapping(result, "loop") else None,

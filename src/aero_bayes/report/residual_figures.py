@@ -13,10 +13,16 @@ from aero_bayes.report.text import scaled_unit, signal_title, significant
 
 
 def residuals(run: RunDirectory, recording: str, model: str = "fitted") -> dict[str, FloatArray]:
-    """Measured minus modelled, by output, each of shape (n,); ``model`` is fitted, before or after."""
+    """Measured minus modelled, by output, each of shape (n,); ``model`` is fitted, before or after.
+
+    Ripple that the fit took out of the readings is no part of what the fit left.
+    """
     modelled = run.signals(model, recording)
     measured = run.signals("measured", recording)
-    return {name: values - modelled[name] for name, values in measured.items() if name in modelled}
+    ripple = run.signals("ripple", recording) if model == "fitted" else {}
+    return {
+        name: values - ripple.get(name, 0.0) - modelled[name] for name, values in measured.items() if name in modelled
+    }
 
 
 def noise_floor(run: RunDirectory, recording: str, output: str) -> float | None:

@@ -18,7 +18,14 @@ from aero_bayes.inference.posterior import Posterior, sample
 from aero_bayes.inference.result import Fit
 from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
-from aero_bayes.workflow.curves import Series, band_series, fitted_series, measured_series, only_measured
+from aero_bayes.workflow.curves import (
+    Series,
+    band_series,
+    fitted_series,
+    measured_series,
+    only_measured,
+    ripple_series,
+)
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
 from aero_bayes.workflow.job import Job, RunOptions, columns_of, layout_of, open_job
 from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, run_loop
@@ -195,7 +202,7 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    return result, measured_series(job.recordings) | fitted_series(found)
+    return result, measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
 
 
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:

@@ -34,6 +34,18 @@ def fitted_series(fit: Fit) -> Series:
     return series
 
 
+def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
+    """``ripple/<rec>/<output>``: what the fit took out of the readings, where it took anything out."""
+    series: Series = {}
+    fitted = {recording.name: recording.outputs for recording in fit.calibration.recordings}
+    for recording in recordings:
+        for output, readings in recording.outputs.items():
+            ripple = readings - fitted.get(recording.name, {}).get(output, readings)
+            if np.nanmax(np.abs(ripple), initial=0.0) > 0.0:
+                series[f"ripple/{recording.name}/{output}"] = ripple
+    return series
+
+
 def band_series(
     names: Sequence[str], outputs: Sequence[str], lower: Sequence[FloatArray], upper: Sequence[FloatArray]
 ) -> Series:

@@ -25,6 +25,7 @@ def fit_settings(job: Job) -> FitSettings:
         ),
         local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
+        ripple=section.ripple,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
             delay="auto" if delay > 0.0 else "none",
