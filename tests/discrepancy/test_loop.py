@@ -90,5 +90,7 @@ def test_bad_requests_are_refused(fmus):
     with pytest.raises(InputError, match="at least one"):
         close_loop([], cache=fmus)
     train, _ = recordings(14, white(1.0), 0.0, duration=6.0)
+    with pytest.raises(InputError, match="held_out is 0; expected"):
+        close_loop([train], settings=LoopSettings(held_out=0.0), cache=fmus)
     with pytest.raises(InputError, match="unknown effect 'magic'"):
         close_loop([train], settings=LoopSettings(effects=("magic",)), cache=fmus)

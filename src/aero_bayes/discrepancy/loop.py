@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from aero_bayes.data import Recording
 from aero_bayes.discrepancy.base_fit import fit_as_it_stands
 from aero_bayes.discrepancy.decide import decide
@@ -58,7 +60,7 @@ def close_loop(
     Raises
     ------
     InputError
-        If the recordings and the model do not belong together.
+        If the recordings and the model do not belong together, or a setting makes no sense.
     CannotFinishError
         If the model cannot be simulated.
     """
@@ -68,9 +70,12 @@ def close_loop(
     unknown = [id_ for id_ in settings.effects or () if id_ not in CATALOGUE]
     if unknown:
         raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
+    if not test and not 0.0 < settings.held_out < 1.0:
+        raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     recordings = Recordings.of(train, test, settings.held_out)
     progress = progress or (lambda what, share: None)
-    with ScratchFolder() as scratch, WorkerPool(workers) as pool:
+    # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
+    with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = out_dir or scratch
         family = ModelFamily(model, cache or folder / "fmu", compiler)
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally())

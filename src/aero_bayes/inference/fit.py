@@ -144,8 +144,10 @@ def fit(
     def opened(problem: Problem) -> Simulator:
         return open_simulator(problem, engine=engine, workers=workers)
 
-    found = fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress, engine=engine)
-    return _with_sensors(found, opened, settings, progress, engine) if settings.cost == "posterior" else found
+    # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress, engine=engine)
+        return _with_sensors(found, opened, settings, progress, engine) if settings.cost == "posterior" else found
 
 
 def _with_sensors(

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
 from aero_bayes.discrepancy.catalogue import effect_parameter
@@ -43,17 +42,15 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
         free=tuple(p.name for p in job.parameters if not p.auto),
     )
-    # Simulations occupy the cores; BLAS threads for small matrices would only fight them.
-    with threadpool_limits(limits=1, user_api="blas"):
-        return close_loop(
-            job.recordings,
-            job.tests,
-            model=job.name,
-            settings=settings,
-            workers=job.options.workers,
-            out_dir=job.options.out,
-            progress=lambda what, share: progress(f"loop: {what}", share),
-        )
+    return close_loop(
+        job.recordings,
+        job.tests,
+        model=job.name,
+        settings=settings,
+        workers=job.options.workers,
+        out_dir=job.options.out,
+        progress=lambda what, share: progress(f"loop: {what}", share),
+    )
 
 
 def extended_job(job: Job, loop: LoopResult) -> Job:
