@@ -8,14 +8,16 @@ from typing import Any
 
 from scipy.stats import binom
 
+from aero_bayes.report.text import symbol
+
 STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --bar: #3b6ea8; --band: #c9d6e4; --bad: #b3261e; --line: #d5d9de }
+:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --bar: #3b6ea8; --bad: #b3261e; --line: #d5d9de }
 @media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e8eb; --paper: #15181c; --bar: #7aa7dd; --band: #34404d; --bad: #ff8a80; --line: #3a4048 } }
+  :root { --ink: #e6e8eb; --paper: #15181c; --bar: #7aa7dd; --bad: #ff8a80; --line: #3a4048 } }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 62rem; margin: auto; padding: 1rem }
-table { border-collapse: collapse; display: block; overflow-x: auto } td, th { padding: .2rem .7rem; border-bottom: 1px solid var(--line); text-align: right }
+table { border-collapse: collapse; display: block; overflow-x: auto } td { white-space: nowrap } td, th { padding: .2rem .6rem; border-bottom: 1px solid var(--line); text-align: right }
 td:first-child, th:first-child { text-align: left } .bad { color: var(--bad); font-weight: 600 }
-.grid { display: flex; flex-wrap: wrap; gap: 1rem } figure { margin: 0 } figcaption { font-size: .85rem }
+.grid { display: flex; flex-wrap: wrap; gap: 1rem; margin: 1rem 0 } figure { margin: 0 } figcaption { font-size: .85rem }
 """  # noqa: E501
 
 
@@ -29,9 +31,9 @@ def write_page(path: Path, result: dict[str, Any]) -> None:
 def page(result: dict[str, Any]) -> str:
     missed = result["outside_two_standard_errors"]
     tests, p_min = result["rank_uniformity_tests"], result["rank_uniformity_p_min"]
-    head = "".join(f"<th>{t}</th>" for t in ("noise", "50 % interval holds", "90 % interval holds"))
+    head = "".join(f"<th>{t}</th>" for t in ("noise", "recordings", "50 % interval holds", "90 % interval holds"))
     pooled = "".join(
-        f"<tr><td>{kind}</td><td>{percent(result[kind]['50'])}</td><td>{percent(result[kind]['90'])}</td></tr>"
+        f"<tr><td>{kind}</td><td>{result['recordings_by_noise'][kind]}</td><td>{percent(result[kind]['50'])}</td><td>{percent(result[kind]['90'])}</td></tr>"
         for kind in ("white", "correlated")
     )
     by_noise = "".join(
@@ -58,6 +60,9 @@ smallest when all is well).</p>
 <p>The posterior is importance sampling from the Laplace approximation; the sampler took over in
 {result["sampled_instead"]} studies where its diagnostic said no, and was run beside it in {gap["studies"]}: the largest
 difference in rank was {gap["largest_rank_gap"]:.3f}. Seed {result["seed"]}.</p>
+<p>Histograms: where the truth ranks in the posterior, by tenths. Solid line: the same number in every tenth; between
+the dotted lines 98 % of the bars lie if the intervals are right. Bars that pile up at both ends say that intervals are
+too narrow, in the middle that they are too wide, at one end that the estimate is biased.</p>
 {by_noise}
 <h2>Cell by cell</h2>
 <p>Smaller numbers, wider errors; further from nominal than two of them:</p><ul>{by_cell or "<li>none</li>"}</ul>
@@ -70,7 +75,7 @@ def section(name: str, rows: list[dict[str, Any]]) -> str:
         return ""
     head = "".join(f"<th>{t}</th>" for t in ("parameter", "studies", "50 %", "90 %", "p, ranks uniform"))
     lines = "".join(
-        f"<tr><td>{escape(r['parameter'])}</td><td>{r['studies']}</td>{held(r, 0.5)}{held(r, 0.9)}"
+        f"<tr><td>{symbol(r['parameter'])}</td><td>{r['studies']}</td>{held(r, 0.5)}{held(r, 0.9)}"
         f"<td>{r['rank_uniformity_p']:.3g}</td></tr>"
         for r in rows
     )
@@ -96,22 +101,23 @@ def percent(share: float) -> str:
 
 
 def histogram(row: dict[str, Any]) -> str:
-    """Ranks in tenths, over the band that holds 98 % of the bars when ranks are uniform."""
+    """Ranks in tenths, with lines between which 98 % of the bars lie when ranks are uniform."""
     counts, total, width, height = row["ranks"], row["studies"], 200, 90
     low, high = (float(v) for v in binom.interval(0.98, total, 1.0 / len(counts)))
-    scale = height / max(*counts, high, 1)
+    scale = height / (1.1 * max(*counts, high, 1))
     step = width / len(counts)
     bars = "".join(
         f'<rect x="{k * step + 1:.1f}" y="{height - c * scale:.1f}" width="{step - 2:.1f}" height="{c * scale:.1f}" '
         'fill="var(--bar)"/>'
         for k, c in enumerate(counts)
     )
-    band = (
-        f'<rect x="0" y="{height - high * scale:.1f}" width="{width}" height="{(high - low) * scale:.1f}" '
-        'fill="var(--band)"/>'
+    limits = "".join(
+        f'<path d="M0 {height - v * scale:.1f}H{width}" stroke="var(--ink)" stroke-dasharray="{dash}"/>'
+        for v, dash in ((low, "2 3"), (high, "2 3"), (total / len(counts), "none"))
     )
     text = f"Ranks of the true {row['parameter']} in its posterior, by tenths: {', '.join(map(str, counts))}"
     return (
         f'<figure><svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" '
-        f'aria-label="{escape(text)}">{band}{bars}</svg><figcaption>{escape(row["parameter"])}</figcaption></figure>'
+        f'aria-label="{escape(text)}">{bars}{limits}</svg>'
+        f"<figcaption>rank of {symbol(row['parameter'])}, 0 to 1</figcaption></figure>"
     )

@@ -14,7 +14,7 @@ from aero_bayes.report.posterior_figures import most_correlated
 from aero_bayes.report.residual_figures import autocorrelation
 from aero_bayes.report.series_figures import input_jumps
 from aero_bayes.report.svg import Canvas
-from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, significant, symbol, tidy
+from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, signed, significant, symbol, tidy
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 
@@ -145,6 +145,13 @@ def test_tidy_numbers_and_times() -> None:
 )  # fmt: skip
 def test_units_are_set_as_a_person_writes_them(given: str | None, shown: str) -> None:
     assert pretty_unit(given) == shown
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"), [((0.04, 1), "0.0"), ((-0.04, 1), "0.0"), ((-0.06, 1), "−0.1"), ((92.6, 0), "+93")]
+)
+def test_a_change_carries_its_sign_unless_it_is_none(given: tuple, shown: str) -> None:
+    assert signed(*given) == shown
 
 
 def test_symbols_and_code() -> None:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
 from aero_bayes.report.series_figures import unit_of
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
-from aero_bayes.report.text import NOTHING, count, duration, minus, pretty_unit, role_words, significant, symbol, tidy
+from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
 
 
 def residual_table(run: RunDirectory) -> Markup | None:
@@ -182,7 +182,7 @@ def left_out_table(run: RunDirectory) -> Markup | None:
             floor = _floor_of(run, recording, output)
             rows.append((
                 recording, symbol(output), significant(error), significant(fitted), significant(floor),
-                pretty_unit(unit_of(run, output)), NOTHING if more is None else minus(f"{more:+.1f} %"),
+                pretty_unit(unit_of(run, output)), NOTHING if more is None else f"{signed(more, 1)} %",
                 ratio_glyph(fitted / floor if fitted and floor else None, error / floor if floor else None),
             ))  # fmt: skip
     columns = (

@@ -19,7 +19,7 @@ from aero_bayes.report.tables import (
     parameter_quantity,
     ratio_glyph,
 )
-from aero_bayes.report.text import NOTHING, count, minus, pretty_unit, role_words, significant, symbol, tidy
+from aero_bayes.report.text import NOTHING, count, minus, pretty_unit, role_words, signed, significant, symbol, tidy
 
 _SHOWN_CANDIDATES = 8
 _OUTCOMES = {
@@ -99,7 +99,7 @@ def error_table(run: RunDirectory) -> Markup | None:
             rows.append((
                 role_words(split), symbol(output), significant(old),
                 significant(new), significant(floor), pretty_unit(unit_of(run, output)),
-                NOTHING if change is None else minus(f"{change:+.0f} %"), ratio_glyph(*ratios),
+                NOTHING if change is None else f"{signed(change, 0)} %", ratio_glyph(*ratios),
             ))  # fmt: skip
     if not rows:
         return None
@@ -125,8 +125,8 @@ def shift_table(run: RunDirectory) -> Markup | None:
         share = None if moved is None or not values[0] else 100 * moved / abs(values[0])
         rows.append((
             symbol(name), _spaced(was.value, was.unit), _spaced(now.value, now.unit),
-            NOTHING if share is None else minus(f"{share:+.1f} %"),
-            NOTHING if moved is None or not sd else minus(f"{moved / sd:+.1f}"),
+            NOTHING if share is None else f"{signed(share, 1)} %",
+            NOTHING if moved is None or not sd else signed(moved / sd, 1),
         ))  # fmt: skip
     if not rows:
         return None

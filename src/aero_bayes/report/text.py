@@ -49,6 +49,12 @@ def minus(text: str) -> str:
     return text.replace("-", "−")
 
 
+def signed(value: float, decimals: int) -> str:
+    """A change with its sign, none where it rounds to zero."""
+    text = f"{value:+.{decimals}f}"
+    return minus(text if float(text) else text[1:])
+
+
 def count(value: float | None) -> str:
     """A whole number in groups of three digits, set apart by thin spaces."""
     return NOTHING if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
