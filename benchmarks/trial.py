@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
 from aero_bayes.discrepancy import close_loop
 from aero_bayes.discrepancy.family import KNOTS, ModelFamily
-from aero_bayes.export import CURVE_STATES
+from aero_bayes.export import CURVE_STATES, Port
 
 TABLE, DEVELOPMENT = 7001, 1001
 KINDS = ("single", "none", "pair", "outside")
@@ -128,6 +129,20 @@ def outcomes(tasks: Sequence[Task], processes: int) -> Iterator[dict[str, Any]]:
         yield from pool.imap_unordered(attempt, tasks)
 
 
+def build_curves(cache: Path, processes: int) -> None:
+    """Every FMU with a learned curve, so that no trial waits for one."""
+    places = [(port, over) for port, states in CURVE_STATES.items() for over in states]
+    build = partial(build_curve, cache)
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        wanted = [(*place, knots) for place, knots in product(places, KNOTS)]
+        for _ in tqdm(pool.imap_unordered(build, wanted), total=len(wanted), desc="models"):
+            pass
+
+
+def build_curve(cache: Path, place: tuple[Port, str, int]) -> None:
+    ModelFamily(BASE, cache).curve(*place)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--quick", action="store_true", help="a small fixed part, within three minutes")
@@ -144,11 +159,9 @@ def main() -> None:
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
     cache = work / "fmu"
-    family = ModelFamily(BASE, cache)
-    family.screening()
-    for port, states in CURVE_STATES.items():
-        for over, knots in product(states, KNOTS):
-            family.curve(port, over, knots)
+    ModelFamily(BASE, cache).screening()
+    if not arguments.quick:  # A few trials build the few curves that they need; many would all wait for the same ones.
+        build_curves(cache, arguments.processes)
     done: dict[str, dict[str, Any]] = {}
     lines = work / "trials.jsonl"
     if lines.exists():

@@ -111,7 +111,7 @@ class PosteriorSection(Section):
 
     ensembles: Annotated[int, Field(ge=4)] = 4
     walkers: Count | None = None
-    max_steps: Count = 6000
+    max_steps: Count = 8000
     max_minutes: Positive = 15.0
     r_hat: Annotated[float, Field(gt=1.0)] = 1.01
     ess: Count = 1000

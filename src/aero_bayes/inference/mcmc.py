@@ -69,7 +69,7 @@ class SampleSettings:
     burn_in: tuple[int, ...] = (40, 60, 80)
     extra_rounds: int = 8
     settle: int = 20
-    max_steps: int = 6000
+    max_steps: int = 8000
     time_limit: float = 900.0
     r_hat: float = 1.01
     lengths: float = 50.0
