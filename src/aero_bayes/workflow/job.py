@@ -10,10 +10,10 @@ from typing import Literal
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import AERO, ColumnMap, Layout, Recording, read_recording
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import export_fmu
-from aero_bayes.inference.aero import aero_overrides
-from aero_bayes.inference.parameters import Override, ParameterSet, parameters_from_model
-from aero_bayes.inference.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.timescale import check_duration

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
-from aero_bayes.discrepancy.catalogue import effect_parameter
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.aero import FIXED
+from aero_bayes.estimate.identifiability import status_of
+from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.export import CATALOGUE, export_fmu
-from aero_bayes.inference.aero import FIXED
-from aero_bayes.inference.identifiability import status_of
-from aero_bayes.inference.parameters import Override, Parameter, ParameterSet
+from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+from aero_bayes.physics.catalogue import effect_parameter
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job
@@ -80,8 +80,8 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             output: {
                 "sd": noise.sd,
                 "rho": noise.rho(interval),
-                "sd_white": noise.white,
-                "sd_ou": noise.drift,
+                "sd_white": noise.sd_white,
+                "sd_ou": noise.sd_ou,
                 "tau_s": noise.tau,
             }
             for output, noise in loop.noise.items()

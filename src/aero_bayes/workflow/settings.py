@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from aero_bayes.inference.calibration import CalibrationSettings
-from aero_bayes.inference.fit import FitSettings
-from aero_bayes.inference.local import LocalSettings
-from aero_bayes.inference.mcmc import SampleSettings
-from aero_bayes.inference.pso import SwarmSettings
-from aero_bayes.inference.staged import Stage
+from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.sample.mcmc import SampleSettings
 from aero_bayes.workflow.job import Job
 
 
@@ -26,6 +26,7 @@ def fit_settings(job: Job) -> FitSettings:
         local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         ripple=section.ripple,
+        engine=job.engine,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
             delay="auto" if delay > 0.0 else "none",
