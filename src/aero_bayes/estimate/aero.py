@@ -21,6 +21,9 @@ _K_T_QUADRATIC = 4.5e-4 / 371.0
 _K_D_QUADRATIC = 3.0e-8
 _LINEAR_ABOVE = 2.0e-5
 
+#: The body may start at any pitch, at rest.
+RESTING = ("theta",)
+
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", "L_a")
 
 FIXED: Mapping[str, str] = MappingProxyType(
@@ -39,6 +42,8 @@ def aero_overrides(model: Model) -> dict[str, Override]:
     of order 1e-4 N s/rad for the linear one.
     """
     nominal = {v.name: (v.start if v.start is not None else v.nominal) for v in model.parameters}
+    if not {"J_p", "D_t", "K_sp", "k_t", "c_m"} <= nominal.keys():
+        return {}
     k_t, k_d = nominal.get("k_t") or _K_T_QUADRATIC, nominal.get("k_d") or _K_D_QUADRATIC
     linear = k_t > _LINEAR_ABOVE
     drag = abs(k_d) if linear else k_d

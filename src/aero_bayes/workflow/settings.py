@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from aero_bayes.estimate.aero import RESTING, aero_overrides
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.search import LocalSettings
@@ -14,7 +15,9 @@ from aero_bayes.workflow.job import Job
 def fit_settings(job: Job) -> FitSettings:
     """How the job wants its fits done."""
     section = job.config.fit
-    delay = section.max_input_delay
+    aero = bool(aero_overrides(job.model))
+    # A model of the user's own gets a delay where it is asked for; that of a rig that is known, where it has one.
+    delay = section.max_input_delay if section.max_input_delay is not None else CalibrationSettings.delay_limit * aero
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
         cost=section.cost,
@@ -32,6 +35,7 @@ def fit_settings(job: Job) -> FitSettings:
             delay="auto" if delay > 0.0 else "none",
             delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
             start=section.initial_states,
+            resting=RESTING if aero else None,
             solver=job.solver,
         ),
     )
