@@ -15,37 +15,51 @@ Driver = Callable[[Term], bool]
 
 @dataclass(frozen=True)
 class Entry:
-    """A sum of terms in a source, and the sign (1 or -1) with which an opposing term is appended to it.
+    """A sum of terms on one side of an equation, and the sign (1 or -1) with which an opposing term is appended to it.
 
-    ``wrap`` says that the sum needs parentheses first. ``like`` are the terms that the new one stands beside.
+    ``factors`` are what multiplies the sum on its side, with their operators; ``side`` is 1 on the left, -1 on the
+    right. ``like`` are the terms that the new one stands beside.
     """
 
-    start: int
-    end: int
+    group: Term
     sign: int
-    wrap: bool
+    side: int
     like: tuple[Term, ...]
+    factors: tuple[tuple[str, Term], ...] = ()
 
     def insert(self, text: str, sign: int = 1) -> list[Edit]:
         """Append ``text`` so that it opposes, or with ``sign`` -1 so that it drives."""
+        start, end, wrap = self.group.start, self.group.end, self.group.kind == "opaque"
         operator = "+" if self.sign * sign > 0 else "-"
-        opening = [Edit(self.start, self.start, "(")] if self.wrap else []
-        return [*opening, Edit(self.end, self.end, f"{')' if self.wrap else ''} {operator} {text}")]
+        opening = [Edit(start, start, "(")] if wrap else []
+        return [*opening, Edit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
     def dimension(self, of: Callable[[str], Dimension | None]) -> Dimension | None:
-        """Unit of its terms, from the first one whose names all have one."""
-        return next((d for t in self.like if (d := dimension(t, of)) is not None), None)
+        """Unit of its terms, from the first one whose names all have one; a plain name before a product."""
+        ordered = sorted(self.like, key=lambda t: t.kind != "name")
+        return next((d for t in ordered if (d := dimension(t, of)) is not None), None)
+
+
+def sides_of(tokens: Sequence[Token]) -> tuple[Term, Term] | None:
+    """Both sides of an equation without description, annotation and semicolon; None where it is none."""
+    at = find_outside(tokens, frozenset({"="}))
+    if at in (0, len(tokens)) or at + 1 >= len(tokens):
+        return None
+    try:
+        return parse_term(tokens[:at]), parse_term(tokens[at + 1 :])
+    except InputError:
+        return None
 
 
 def entry_of(
-    tokens: Sequence[Token], driver: Driver, *, constants: frozenset[str] = frozenset(), values: Mapping[str, float]
+    sides: tuple[Term, Term], driver: Driver, *, constants: frozenset[str], values: Mapping[str, float]
 ) -> Entry | None:
-    """Find where an opposing term enters an equation ``left = right``.
+    """Find where an opposing term enters an equation.
 
     Parameters
     ----------
-    tokens : sequence of Token
-        The equation without description, annotation and semicolon.
+    sides : tuple of Term
+        Left and right.
     driver : callable
         Whether a part is what the balance drives, such as ``der(v)``.
     constants : frozenset of str
@@ -58,30 +72,24 @@ def entry_of(
     Entry or None
         None where the equation does not contain the driver, or not linearly.
     """
-    at = find_outside(tokens, frozenset({"="}))
-    if at in (0, len(tokens)) or at + 1 >= len(tokens):
-        return None
-    try:
-        sides = parse_term(tokens[:at]), parse_term(tokens[at + 1 :])
-    except InputError:
-        return None
     signs = [_sign_of(side, driver, values) for side in sides]
     if (signs[0] is None) == (signs[1] is None):
         return None
-    own, other = (sides[0], sides[1]) if signs[0] is not None else (sides[1], sides[0])
+    side = 1 if signs[0] is not None else -1
+    own, other = sides if side > 0 else sides[::-1]
     sign = signs[0] if signs[0] is not None else signs[1]
     assert sign is not None
     if own.kind == "sum" and len(own.parts) > 1:
-        return Entry(own.start, own.end, sign, False, tuple(p for _, p in own.parts))
-    bare = driver(_stripped(own))
-    inner = _numerator(other, constants, values) if bare else None
+        return Entry(own, sign, side, _parts(own))
+    inner = _numerator(other, constants) if driver(_stripped(own)) else None
     if inner is not None:
-        group, scale = inner
-        return Entry(group.start, group.end, -sign * scale, group.kind == "opaque", _parts(group))
-    if other.kind == "group" and other.parts[0][1].kind == "sum":
+        group, factors = inner
+        scale = _product_sign([t for _, t in factors], values)
+        return Entry(group, -sign * scale, -side, _parts(group), factors)
+    if other.kind == "group":
         group = other.parts[0][1]
-        return Entry(group.start, group.end, -sign, False, _parts(group))
-    return Entry(other.start, other.end, -sign, other.kind == "opaque", (*_parts(other), own))
+        return Entry(group, -sign, -side, _parts(group))
+    return Entry(other, -sign, -side, (*_parts(other), own))
 
 
 def _parts(term: Term) -> tuple[Term, ...]:
@@ -129,23 +137,24 @@ def _value_sign(term: Term, values: Mapping[str, float]) -> int:
         return 1
 
 
-def _numerator(term: Term, constants: frozenset[str], values: Mapping[str, float]) -> tuple[Term, int] | None:
-    """The one sum in parentheses of a product whose other factors are constant, and the sign of those."""
-    negative = 1
-    while term.kind == "sum" and len(term.parts) == 1:
-        negative *= -1 if term.parts[0][0] == "-" else 1
-        term = term.parts[0][1]
-    if term.kind != "product":
-        return None
-    groups = [
-        (k, p.parts[0][1])
-        for k, (operator, p) in enumerate(term.parts)
-        if operator == "*" and p.kind == "group" and not _constant(p, constants)
-    ]
-    others = [p for k, (_, p) in enumerate(term.parts) if not groups or k != groups[0][0]]
-    if len(groups) != 1 or not all(_constant(p, constants) for p in others):
-        return None
-    return groups[0][1], negative * _product_sign(others, values)
+def _numerator(term: Term, constants: frozenset[str]) -> tuple[Term, tuple[tuple[str, Term], ...]] | None:
+    """The one group in parentheses of a product whose other factors are constant, and those with their operators."""
+    factors: list[tuple[str, Term]] = []
+    while True:
+        if term.kind == "sum" and len(term.parts) == 1:
+            if term.parts[0][0] == "-":
+                factors.append(("*", Term("number", term.start, term.start, "-1")))
+            term = term.parts[0][1]
+            continue
+        if term.kind == "group" and factors:
+            return term.parts[0][1], tuple(factors)
+        if term.kind != "product":
+            return None
+        changing = [k for k, (_, p) in enumerate(term.parts) if not _constant(p, constants)]
+        if len(changing) != 1 or term.parts[changing[0]][0] == "/":
+            return None
+        factors += [part for k, part in enumerate(term.parts) if k != changing[0]]
+        term = term.parts[changing[0]][1]
 
 
 def _constant(term: Term, constants: frozenset[str]) -> bool:

@@ -218,8 +218,9 @@ def unit_text(factors: Dimension | None) -> str:
     if factors is None or any(abs(v - round(v)) > 1e-9 for v in factors.values()):
         return ""
     for name in _NAMED:
-        if dimension_of_unit(name) == factors:
-            return name
+        for suffix in ("", "/s", "/s2") if "/" not in name else ("",):
+            if dimension_of_unit(name + suffix) == factors:
+                return name + suffix
     above = [f"{b}{round(v) if v != 1 else ''}" for b, v in factors.items() if v > 0]
     below = [f"{b}{round(-v) if v != -1 else ''}" for b, v in factors.items() if v < 0]
     if not below:
