@@ -116,11 +116,8 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
         if size in known:
             flat = set_parameter(flat, f"{at}.{size}", value)
     for p in use.parameters():
-        limits = {k: p.value(a, use.all_sizes) for k, a in _LIMITS}
-        flat = add_parameter(
-            flat, use.names[p.name], use.value(p), use.unit(p), description=_description(use, p.description),
-            **{k: v for k, v in limits.items() if abs(v) != float("inf")},
-        )  # fmt: skip
+        about = f"{p.description} at {port.id}"
+        flat = add_parameter(flat, use.names[p.name], use.value(p), use.unit(p), description=about, **use.limits(p))
         flat = set_parameter(flat, f"{at}.{p.name}", Name(use.names[p.name]))
     if port.entrance is not None:
         flat = _enter(flat, port, acts, 1.0)
@@ -128,13 +125,6 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
         out = acts if use.law.kind == "exchange" else Name(f"{at}.q_2")
         flat = _enter(flat, use.neighbour, out, -1.0)
     return flat
-
-
-_LIMITS = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
-
-
-def _description(use: Use, text: str) -> str:
-    return f"{text} at {use.port.id}"
 
 
 def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:

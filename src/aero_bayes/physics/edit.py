@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
@@ -18,6 +18,9 @@ class Edit:
     start: int
     end: int
     text: str
+
+    def moved(self, by: int) -> Edit:
+        return Edit(self.start + by, self.end + by, self.text)
 
 
 def apply(text: str, edits: Iterable[Edit]) -> str:
@@ -134,11 +137,6 @@ def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None]) -> 
         if text is not None:
             edits.append(Edit(token.start, token.end, text))
     return edits
-
-
-def rename_references(tokens: Sequence[Token], names: Mapping[str, str]) -> list[Edit]:
-    """:func:`replace_names` by a table."""
-    return replace_names(tokens, names.get)
 
 
 def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:

@@ -38,7 +38,9 @@ def class_text(
     """
     used = _used(law, without)
     lines = [f'model {name} "{law.description}"', *(f"  {d}" for d in declarations)]
-    public, hidden, laws = [], [], []
+    public: list[str] = []
+    hidden: list[str] = []
+    laws: list[str] = []
     for cls, text in ((law.base, law.base_text), (law.cls, law.text)):
         offset = law.cls.start if cls is law.cls else 0
         for statement, components in _declared(cls):

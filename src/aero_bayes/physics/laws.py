@@ -15,6 +15,7 @@ from aero_bayes.physics.terms import Term, dimension, evaluate, parse_term, unit
 from aero_bayes.physics.tokens import Token
 
 Kind = Literal["input", "output", "motion", "storage", "overflow", "exchange", "electrical"]
+Attribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class LawParameter:
     maximum: Term | None
     nominal: Term
 
-    def value(self, of: Literal["default", "minimum", "maximum", "nominal"], sizes: Mapping[str, float]) -> float:
+    def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
         """One of its attributes in numbers; a bound that is not given is infinite."""
         term = getattr(self, of)
         if term is None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable, Place
 from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.structure import Structure, structure_of
@@ -191,13 +192,7 @@ def _equation(
         names = names_in(e.left) | names_in(e.right)
         if e.component or e.origin not in ("component", "binding") or names & flow:
             continue
-
-        def drives(t: Term, driver: str = driver) -> bool:
-            if driver.startswith("der("):
-                return t.kind == "call" and t.word == "der" and t.parts[0][1].word == driver[4:-1]
-            return t.kind == "name" and t.word == driver
-
-        entrance = entrance_of(s.flat, index, drives, values, units)
+        entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
         if entrance is None:
             continue
         own = _own_name(s, state)
@@ -211,12 +206,27 @@ def _equation(
     return None
 
 
+def driver_names(s: Structure, state: str) -> list[str]:
+    """What a balance drives: the derivative of a state, or a variable that equals it."""
+    rate = s.rates.get(s.of(state))
+    names = [f"der({n})" for n in s.members(s.of(state))]
+    return names + (s.members(rate) if rate is not None and rate not in s.states else [])
+
+
+def is_driver(name: str) -> Driver:
+    """Whether a term is a driver of that name."""
+
+    def found(t: Term) -> bool:
+        if name.startswith("der("):
+            return t.kind == "call" and t.word == "der" and t.parts[0][1].word == name[4:-1]
+        return t.kind == "name" and t.word == name
+
+    return found
+
+
 def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
     """Equations that may be the balance of a state, with what they drive: its derivative, or a name for that."""
-    members = set(s.members(state))
-    wanted = {f"der({n})" for n in members}
-    rate = s.rates.get(state)
-    wanted |= set(s.members(rate)) if rate is not None and rate not in s.states else set()
+    wanted = driver_names(s, state)
     late: list[tuple[int, str]] = []
     for i, e in enumerate(s.flat.equations):
         for driver in wanted:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from aero_bayes.physics.laws import Law, LawParameter
+from aero_bayes.physics.laws import Attribute, Law, LawParameter
 from aero_bayes.physics.ports import Port
+
+_LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,11 @@ class Use:
 
     def value(self, p: LawParameter) -> float:
         return float(self.values.get(p.name, p.value("default", self.all_sizes)))
+
+    def limits(self, p: LawParameter) -> dict[str, float]:
+        """``min``, ``max`` and ``nominal``, those that are given."""
+        found = {attribute: p.value(of, self.all_sizes) for attribute, of in _LIMITS}
+        return {k: v for k, v in found.items() if math.isfinite(v)}
 
     def unit(self, p: LawParameter) -> str:
         """Unit of a parameter, from those of the port."""
