@@ -22,7 +22,7 @@ from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port
+from aero_bayes.physics.ports import Candidate, Port
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
@@ -155,19 +155,16 @@ def compose_laws(flat: FlatModel, uses: Sequence[Use], models: Models) -> FlatMo
 
 
 def screening(
-    flat: FlatModel,
-    pairs: Sequence[tuple[Port, Law]],
-    sizes: Mapping[str, Mapping[str, float]],
-    models: Models,
+    flat: FlatModel, found: Sequence[Candidate], sizes: Mapping[str, Mapping[str, float]], models: Models
 ) -> tuple[FlatModel, tuple[Use, ...]]:
-    """One model that has many laws, all switched off; ``sizes`` by the port's id. The uses are in the order of pairs.
+    """One model that has many laws, all switched off; ``sizes`` by the port's id. The uses are in the order given.
 
     Laws that need the rate of a reading are the innermost ones there.
     """
     uses: list[Use] = []
     taken = {v.name for v in flat.variables}
-    for port, law in pairs:
-        use = use_of(law, port, taken, sizes=sizes.get(port.id, {}))
+    for c in found:
+        use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
         taken |= {use.instance, *use.names.values()}
         uses.append(use)
     inner_first = sorted(uses, key=lambda u: not u.law.takes_rate)

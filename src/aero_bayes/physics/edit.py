@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 from aero_bayes.physics.classes import ClassText, Statement
-from aero_bayes.physics.tokens import Token, find_outside, split_outside, tokenize
+from aero_bayes.physics.tokens import Token, split_outside, tokenize
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,7 @@ def insert_in_connect(text: str, connect: Statement, near: str, far: str) -> lis
     InputError
         For a statement that is no connection of two.
     """
-    tokens = connect.tokens
-    inside = split_outside(tokens[2 : _closing(tokens)]) if connect.first == "connect" else []
+    inside = split_outside(connect.core[2:-1]) if connect.first == "connect" else []
     if len(inside) != 2:
         raise InputError(f"{text[connect.start : connect.end]!r} is not a connection of two connectors")
     second = inside[1]
@@ -141,10 +140,6 @@ def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None]) -> 
 
 def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
     return any(t.word == "(" for t in tokens[:at])
-
-
-def _closing(tokens: Sequence[Token]) -> int:
-    return 2 + find_outside(tokens[2:], frozenset({")"})) if len(tokens) > 2 else 0
 
 
 def _section_of(cls: ClassText, at: int) -> str:

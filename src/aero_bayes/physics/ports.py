@@ -101,6 +101,41 @@ def fits(law: Law, port: Port) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A law that may act at a port; ``neighbour`` is where what is lost may go."""
+
+    law: Law
+    port: Port
+    neighbour: Port | None = None
+
+    @property
+    def id(self) -> str:
+        """``law@port``."""
+        return f"{self.law.id}@{self.port.id}"
+
+
+def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
+    """Every law at every port that it fits, port by port.
+
+    An exchange between two storages counts once; it and what overflows go to the first neighbour.
+    """
+    by_id = {p.id: p for p in ports}
+    found: list[Candidate] = []
+    joined: set[frozenset[str]] = set()
+    for port in ports:
+        first = by_id.get(port.neighbours[0]) if port.neighbours else None
+        for law in (law for law in laws if fits(law, port)):
+            neighbour = first if law.kind in ("overflow", "exchange") else None
+            if law.kind == "exchange":
+                pair = frozenset((port.id, *port.neighbours[:1]))
+                if pair in joined:
+                    continue
+                joined.add(pair)
+            found.append(Candidate(law, port, neighbour))
+    return tuple(found)
+
+
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:
     """The ports as rows for a table or JSON: id, kind, unit, file, line, states, laws."""
     return [

@@ -14,6 +14,7 @@ from aero_bayes.physics.edit import (
     add_declarations,
     add_equations,
     apply,
+    indentation,
     insert_in_connect,
     rename_class,
     replace_names,
@@ -68,8 +69,7 @@ class Writer:
         """The user's class as a file of its own, to compare with."""
         if self.file.classes == (self.cls,):
             return self.file.text
-        begin = self.file.text.rfind("\n", 0, self.cls.start) + 1
-        return "within ;\n" + self.file.text[begin : self.cls.end] + "\n"
+        return self._alone(self.file.text, ())
 
     # what every law brings
 
@@ -183,7 +183,7 @@ class Writer:
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
         self._component(use, {}, {"i": f"p.{port.flow}"}, [f"{connector} p;", f"{connector} n;"], equations)
         for s in self.cls.equations:
-            ends = ["".join(t.word for t in e) for e in split_outside(s.tokens[2:-1])] if s.first == "connect" else []
+            ends = ["".join(t.word for t in e) for e in split_outside(s.core[2:-1])] if s.first == "connect" else []
             if sorted(ends) == sorted((left, right)) and not s.inside:
                 near, far = ("p", "n") if ends[0] == left else ("n", "p")
                 self.edits += insert_in_connect(self.file.text, s, f"{use.instance}.{near}", f"{use.instance}.{far}")
@@ -275,10 +275,14 @@ class Writer:
             ]
         edits += add_declarations(text, cls, self._declarations())
         edits += add_equations(text, cls, self.equations)
-        if self.file.classes == (cls,):
-            return apply(text, edits)
-        begin = text.rfind("\n", 0, cls.start) + 1
-        return "within ;\n" + apply(text[begin : cls.end], [e.moved(-begin) for e in edits]) + "\n"
+        return apply(text, edits) if self.file.classes == (cls,) else self._alone(text, edits)
+
+    def _alone(self, text: str, edits: Sequence[Edit]) -> str:
+        """The class out of its package, moved to the margin."""
+        begin = text.rfind("\n", 0, self.cls.start) + 1
+        margin = indentation(text, self.cls.start)
+        body = apply(text[begin : self.cls.end], [e.moved(-begin) for e in edits])
+        return "within ;\n" + re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n"
 
     def _new_name(self, name: str) -> str | None:
         return self.read.get(name) or self.meanings.get(name)
