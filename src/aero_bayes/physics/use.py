@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from aero_bayes.errors import InputError
 from aero_bayes.physics.laws import Attribute, Law, LawParameter
 from aero_bayes.physics.ports import Port
 
@@ -83,7 +84,17 @@ def use_of(
     ----------
     taken : collection of str
         Names that the model has already; paths count by their first part.
+    neighbour : Port, optional
+        For an exchange and for what overflows; other laws have none.
+
+    Raises
+    ------
+    InputError
+        For an exchange without a neighbour.
     """
+    if law.kind == "exchange" and neighbour is None:
+        raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
+    neighbour = neighbour if law.kind in ("exchange", "overflow") else None
     used = {n.partition(".")[0] for n in taken}
     suffix = plain_name(port.id)
 
