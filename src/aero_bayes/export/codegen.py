@@ -18,7 +18,7 @@ from aero_bayes.export.translate import Variable
 _FUNCTIONS = {
     "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
     "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
-    "pow": "pow", "atan2": "atan2",
+    "pow": "pow", "atan2": "atan2", "floor": "floor",
 }  # fmt: skip
 _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",

@@ -56,7 +56,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     for i, v in enumerate(layout.states):
         start = model.starts[i]
         exact = start.op == "const"
-        causality = "output" if "output" in v.prefixes and "." not in v.name else "local"
+        causality = "output" if v.shown else "local"
         states.append(
             writer.add(
                 v,
@@ -75,7 +75,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     top = {v.name: v for v in model.system.variables}
     for name, vr in layout.aliases.items():
         v = top[name]
-        is_output = "output" in v.prefixes and "." not in name
+        is_output = v.shown
         index = writer.add(
             v, vr, causality="output" if is_output else "local", variability="continuous", initial="calculated"
         )
@@ -188,7 +188,7 @@ class _Variables:
 
 
 def _add_rate(writer: _Variables, v: Variable, reference: int, state: int) -> int:
-    rate = Variable(f"der({v.name})", frozenset(), "Real", "", _rate_unit(v.unit), {}, False, None)
+    rate = Variable(f"der({v.name})", "Real", "continuous", "local", "", _rate_unit(v.unit), {}, False, None)
     index = writer.add(rate, reference, causality="local", variability="continuous", initial="calculated")
     writer.group[index - 1][0].set("derivative", str(state))
     return index

@@ -27,6 +27,7 @@ UNARY: dict[str, Callable[[float], float]] = {
     "sign": lambda x: float((x > 0) - (x < 0)),
     "neg": lambda x: -x,
     "not": lambda x: float(not x),
+    "floor": lambda x: float(math.floor(x)),
 }
 
 BINARY: dict[str, Callable[[float, float], float]] = {
@@ -48,7 +49,8 @@ BINARY: dict[str, Callable[[float, float], float]] = {
     "or": lambda a, b: float(bool(a) or bool(b)),
 }
 
-BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
+RELATIONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
+BOOLEAN = RELATIONS | {"and", "or", "not"}
 
 
 class Node:
@@ -98,6 +100,8 @@ class Builder:
         """``op(a)`` with ``op`` in :data:`UNARY`. Raises ValueError or OverflowError for a constant out of range."""
         if a.op == "const":
             return self.const(UNARY[op](a.value))
+        if op == "not" and a.op == "not":
+            return a.args[0]
         if op == "neg":
             if a.op == "neg":
                 return a.args[0]
@@ -180,6 +184,18 @@ class Builder:
                 return self.mul(square, a) if b.value % 2 else square
         return None
 
+    def _and(self, a: Node, b: Node) -> Node | None:
+        for x, y in ((a, b), (b, a)):
+            if x.op == "const":
+                return y if x.value else x
+        return a if a is b else None
+
+    def _or(self, a: Node, b: Node) -> Node | None:
+        for x, y in ((a, b), (b, a)):
+            if x.op == "const":
+                return self.one if x.value else y
+        return a if a is b else None
+
     def add(self, a: Node, b: Node) -> Node:
         return self.binary("add", a, b)
 
@@ -235,7 +251,7 @@ class Builder:
         return memo[node]
 
     def _chain(self, n: Node, d: tuple[Node, ...]) -> Node:
-        if n.op in BOOLEAN or n.op == "sign":
+        if n.op in BOOLEAN or n.op in ("sign", "floor"):
             return self.zero
         if n.op == "select":
             return self.select(n.args[0], d[1], d[2])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Node
@@ -45,7 +45,7 @@ def lay_out(model: ExplicitModel) -> Layout:
     """
     b = model.system.builder
     by_name = {v.name: v for v in model.system.variables}
-    top = [v for v in model.system.variables if "output" in v.prefixes and "." not in v.name]
+    top = [v for v in model.system.variables if v.shown]
     symbols = {b.symbol(path): i for i, path in enumerate(model.states)}
     position = {o.name: symbols[e] for o in top if (e := model.solved.get(o.name, b.symbol(o.name))) in symbols}
     aliases: dict[str, int] = {}
@@ -56,17 +56,20 @@ def lay_out(model: ExplicitModel) -> Layout:
         if mine:
             first = next((o for o in mine if o.name == path), mine[0])
             aliases.update({v.name: i for v in (inner, *mine) if v.name != first.name})
-            inner = Variable(
-                first.name, first.prefixes, "Real", first.description or inner.description, first.unit or inner.unit,
-                {**inner.attributes, **{k: v for k, v in first.attributes.items() if k != "start"}}, inner.fixed, None,
-            )  # fmt: skip
+            inner = replace(
+                first,
+                description=first.description or inner.description,
+                unit=first.unit or inner.unit,
+                attributes={**inner.attributes, **{k: v for k, v in first.attributes.items() if k != "start"}},
+                fixed=inner.fixed,
+            )
         states.append(inner)
     used = frozenset[Node]().union(
         *(b.symbols(e) for e in (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts))
     )
     free, dependent = [], []
     for p in model.system.parameters:
-        if p.type != "Real" or "constant" in p.prefixes or p.binding is None:
+        if p.type != "Real" or p.variability == "constant" or p.binding is None:
             continue
         if p.binding.op == "const":
             if "." not in p.name or b.symbol(p.name) in used:

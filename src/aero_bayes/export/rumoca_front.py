@@ -1,4 +1,4 @@
-"""Modelica source -> flat Modelica text, by rumoca in a process of its own (it has been seen to crash)."""
+"""Modelica source -> flat model, by rumoca in a process of its own (it has been seen to crash)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,31 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.source_check import find_event, locate, refuse_dropped
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.library import check_model_name, stage
+from aero_bayes.export.source_check import locate, refuse_dropped
+from aero_bayes.export.structured import read_structured
+from aero_bayes.scratch import ScratchFolder
 
 TIME_LIMIT = 300.0
 
 _WORK = """
-import json, sys
+import json, os, re, sys
 import rumoca
-root, file, model, *own = sys.argv[1:]
+roots, file, model, *own = sys.argv[1:]
+roots = roots.split(os.pathsep)
 try:
-    text = rumoca.Session(roots=[root]).load(file, model=model).render("dae-modelica")
-    print(json.dumps({"text": str(text)}))
+    loaded = rumoca.Session(roots=roots).load(file, model=model)
+    flat = loaded.to_json("flat")
+    used = set(map(int, re.findall(r'"source": ?(\\d+)', flat)))
+    files = {}
+    for key, path, text in json.loads(loaded.to_json("dae"))["source_map"]["files"]:
+        if key in used:
+            files[key] = [os.path.relpath(path, roots[0]) if path.startswith(roots[0] + os.sep) else path, text]
+    print('{"flat": ' + flat + ', "files": ' + json.dumps(files) + "}")
 except Exception as error:
     answer = {"error": str(error), "where": ""}
     for name in own:
@@ -32,32 +44,53 @@ except Exception as error:
 """
 
 
-def flatten(model: str, root: Path, files: Sequence[Path]) -> str:
-    """Flatten ``model``; ``files`` lie below ``root`` and nothing else does.
+def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:
+    """Flatten a Modelica model.
+
+    Parameters
+    ----------
+    model : str
+        Full name. The shipped package ``Aero`` is always there.
+    sources : sequence of Path
+        Further ``.mo`` files or package folders.
+    libraries : sequence of Path
+        Folders that hold packages, such as the Modelica Standard Library.
 
     Raises
     ------
     InputError
         One line that says what rumoca found wrong, or which construct cannot be exported.
     """
+    check_model_name(model)
     if importlib.util.find_spec("rumoca") is None:
         raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
-    added = [p for f in files[1:] for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
-    refuse_dropped(root, added)
+    with ScratchFolder() as root:
+        files = stage(root, sources)
+        added = [p for f in files[1:] for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
+        refuse_dropped(root, added)
+        answer = _run(model, root, files, libraries)
+        try:
+            return read_structured(model, answer["flat"], answer["files"])
+        except InputError as error:
+            raise InputError(locate(str(error), model, root)) from None
+
+
+def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
+    roots = ":".join(map(str, (root, *libraries)))
     own = [str(f.relative_to(root)) for f in files[1:]]
-    command = [sys.executable, "-c", _WORK, str(root), str(_file_of(model, files)), model, *own]
+    command = [sys.executable, "-c", _WORK, roots, str(_file_of(model, files)), model, *own]
     try:
         done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=TIME_LIMIT)
     except subprocess.TimeoutExpired:
         raise InputError(f"{model}: rumoca did not finish within {TIME_LIMIT:g} s") from None
     try:
-        answer = json.loads(done.stdout)
+        answer: dict[str, Any] = json.loads(done.stdout)
     except ValueError:
         raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
     if "error" in answer:
         line = _one_line(str(answer["error"]), model, root)
         raise InputError(_with_place(line, str(answer["where"]), model, root))
-    return str(answer["text"])
+    return answer
 
 
 def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
@@ -84,9 +117,6 @@ def _one_line(text: str, model: str, root: Path) -> str:
     lines = [line.strip(" -") for line in text.replace(str(root) + "/", "").splitlines() if line.strip()]
     line = lines[0] if lines else "rumoca failed without a message"
     unsupported = re.search(r"unsupported-feature:(?:dae-modelica-scalar:)?(\w+)", line)
-    if unsupported and "event" in unsupported[1]:
-        where = find_event(model, root)
-        return f"{where}, which the embedded exporter does not support; use noEvent() or smooth(), or OpenModelica"
     if unsupported:
         return f"the embedded exporter does not support {unsupported[1].replace('_', ' ')}"
     located = next((other for other in lines[1:] if ".mo [" in other), "")

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.expression import BINARY, UNARY, Builder, Node
+from aero_bayes.export import arrays
+from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
+from aero_bayes.export.events import Events
+from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
+from aero_bayes.export.flat import FlatEquation, Function, Place
 from aero_bayes.export.syntax import (
+    All,
     Array,
+    AssertStatement,
     Assign,
     Call,
     Comprehension,
-    Equal,
-    Equation,
     Expression,
+    Field,
     ForStatement,
-    Function,
     If,
     IfStatement,
     Index,
@@ -24,9 +29,8 @@ from aero_bayes.export.syntax import (
     Range,
     Statement,
     Text,
+    show,
 )
-
-Value = Node | list["Value"]
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
@@ -34,29 +38,46 @@ _OPERATORS = {
     "<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne",
     "and": "and", "or": "or", "min": "min", "max": "max", "atan2": "atan2",
 }  # fmt: skip
-_TRANSPARENT = frozenset({"noEvent", "homotopy"})
+_ARRAY_FUNCTIONS = frozenset(
+    {"sum", "product", "min", "max", "size", "ndims", "fill", "zeros", "ones", "scalar", "vector", "matrix",
+     "transpose", "identity", "diagonal", "linspace", "cross", "[,]", "[;]", "cat"}
+)  # fmt: skip
 MAX_UNROLLED = 10_000
 
 
 class Scope:
-    """Evaluates syntax trees where names mean ``values``."""
+    """Evaluates syntax trees where names mean ``values``.
+
+    ``events`` collects what makes events; where it is None relations are taken as they are at any instant.
+    """
 
     def __init__(
-        self, builder: Builder, functions: Mapping[str, Function], values: dict[str, Value], where: str
+        self,
+        builder: Builder,
+        functions: Mapping[str, Function],
+        values: dict[str, Value],
+        where: str,
+        *,
+        events: Events | None = None,
+        records: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
         self.builder = builder
         self.functions = functions
         self.values = values
         self.where = where
+        self.events = events
+        self.records = records or {}
         self.derivatives: dict[str, Node] = {}
+        self.place: Place | None = None
         self.depth = 0
+        self._families: dict[str, list[str]] | None = None
 
     def fail(self, what: str) -> InputError:
-        return InputError(f"{self.where}: the embedded exporter cannot translate {what}")
+        return InputError(f"{self.place or self.where}: the embedded exporter cannot translate {what}")
 
     def scalar(self, tree: Expression) -> Node:
         value = self.value(tree)
-        if isinstance(value, list):
+        if not isinstance(value, Node):
             raise self.fail(f"an array where a number is needed ({show(tree)})")
         return value
 
@@ -67,42 +88,102 @@ class Scope:
         return int(node.value)
 
     def value(self, tree: Expression) -> Value:
+        try:
+            return self._value(tree)
+        except InputError:
+            raise
+        except ShapeError as error:
+            raise self.fail(f"{error} ({show(tree)})") from None
+        except (ArithmeticError, ValueError, TypeError) as error:
+            raise self.fail(f"the constant {show(tree)}: {error}") from None
+
+    def _value(self, tree: Expression) -> Value:
         match tree:
             case Number(value):
                 return self.builder.const(value)
             case Name(name, subscripts):
-                return self._reference(name, subscripts)
+                return self._element(self._named(name), subscripts, name)
             case If(condition, then, otherwise):
                 chosen = self.scalar(condition)
                 if chosen.op == "const":
                     return self.value(then if chosen.value else otherwise)
-                return self._select(chosen, self.value(then), self.value(otherwise))
+                return arrays.select(self.builder, chosen, self.value(then), self.value(otherwise))
             case Array(items):
                 return [self.value(i) for i in items]
             case Comprehension(item, variable, values):
-                return self._comprehension(item, variable, values)
+                return [self.value(item) for _ in self._each(variable, values)]
             case Range():
                 return [self.builder.const(v) for v in self._range(tree)]
             case Call(function, args):
                 return self._call(function, args)
             case Index(of, subscripts):
                 return self._element(self.value(of), subscripts, show(of))
+            case Field(of, name):
+                return self._field(of, name)
             case Text(value):
-                raise self.fail(f"the string {value!r} in an expression")
+                return value
         raise self.fail(show(tree))
 
-    def _reference(self, name: str, subscripts: tuple[Expression, ...]) -> Value:
-        if name not in self.values:
-            raise self.fail(f"the name {name!r}, which is not declared as a number")
-        return self._element(self.values[name], subscripts, name)
+    # names
 
-    def _element(self, value: Value, subscripts: tuple[Expression, ...], name: str) -> Value:
-        for s in subscripts:
-            index = self.integer(s)
-            if not isinstance(value, list) or not 1 <= index <= len(value):
-                raise self.fail(f"the subscript {index} of {name!r}")
-            value = value[index - 1]
-        return value
+    def _named(self, name: str) -> Value:
+        if name in self.values:
+            return self.values[name]
+        if name in self.records:
+            return Record(self.records[name], [self._named(f"{name}.{f}") for f in self.records[name]])
+        owner, dot, last = name.rpartition(".")
+        if dot and isinstance(whole := self.values.get(owner), Record) and last in whole.names:
+            return whole.field(last)
+        members = self._family(name)
+        if members:
+            return [self._named(m) for m in members]
+        raise self.fail(f"the name {name!r}, which is not declared as a number")
+
+    def _family(self, name: str) -> list[str]:
+        """Names such as ``r[1].v``, ``r[2].v`` that ``r.v`` stands for, in order."""
+        if self._families is None:
+            self._families = {}
+            for n in self.values:
+                plain = re.sub(r"\[\d+\]", "", n, count=1)
+                if plain != n:
+                    self._families.setdefault(plain, []).append(n)
+        return self._families.get(name, [])
+
+    def _field(self, of: Expression, name: str) -> Value:
+        if isinstance(of, Name) and not of.subscripts:
+            return self._named(f"{of.name}.{name}")
+        value = self.value(of)
+        if isinstance(value, Record) and name in value.names:
+            return value.field(name)
+        raise self.fail(f"the field {name!r} of {show(of)}")
+
+    def _element(self, value: Value, subscripts: Sequence[Expression], name: str) -> Value:
+        if not subscripts:
+            return value
+        if not isinstance(value, list):
+            raise self.fail(f"a subscript of {name!r}, which is a number")
+        first, rest = subscripts[0], subscripts[1:]
+        if isinstance(first, All):
+            return [self._element(v, rest, name) for v in value]
+        index = self.value(first)
+        if isinstance(index, list):
+            return [self._element(self._at(value, i, name), rest, name) for i in numbers(index)]
+        if not isinstance(index, Node):
+            raise self.fail(f"a subscript of {name!r}")
+        return self._element(self._at(value, index, name), rest, name)
+
+    def _at(self, value: list[Value], index: Node, name: str) -> Value:
+        if index.op != "const":
+            chosen = value[-1]
+            for k in range(len(value) - 1, 0, -1):
+                here = self.builder.binary("eq", index, self.builder.const(float(k)))
+                chosen = arrays.select(self.builder, here, value[k - 1], chosen)
+            return chosen
+        if not index.value.is_integer() or not 1 <= index.value <= len(value):
+            raise self.fail(f"the subscript {index.value:g} of {name!r}")
+        return value[int(index.value) - 1]
+
+    # loops
 
     def _range(self, tree: Range) -> list[float]:
         first, last = self.integer(tree.first), self.integer(tree.last)
@@ -114,205 +195,298 @@ class Scope:
             raise self.fail(f"a loop of {len(values)} turns (at most {MAX_UNROLLED} are unrolled)")
         return [float(v) for v in values]
 
-    def _comprehension(self, item: Expression, variable: str, values: Expression) -> list[Value]:
+    def _each(self, variable: str, values: Expression) -> Iterable[None]:
+        """Gives the loop variable its values, one a turn."""
         over = self.value(values)
         if not isinstance(over, list):
             raise self.fail("a loop over something that is not an array")
         saved = self.values.get(variable)
-        result = []
         for v in over:
             self.values[variable] = v
-            result.append(self.value(item))
-        self._restore(variable, saved)
-        return result
-
-    def _restore(self, variable: str, saved: Value | None) -> None:
+            yield
         if saved is None:
             self.values.pop(variable, None)
         else:
             self.values[variable] = saved
 
-    def _select(self, condition: Node, a: Value, b: Value) -> Value:
-        if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-            return [self._select(condition, x, y) for x, y in zip(a, b, strict=True)]
-        if isinstance(a, list) or isinstance(b, list):
-            raise self.fail("an if-expression with branches of different size")
-        return self.builder.select(condition, a, b)
-
-    def _elementwise(self, op: str, a: Value, b: Value) -> Value:
-        if isinstance(a, list) and isinstance(b, list):
-            if len(a) != len(b):
-                raise self.fail(f"arrays of different size under {op!r}")
-            return [self._elementwise(op, x, y) for x, y in zip(a, b, strict=True)]
-        if isinstance(a, list):
-            return [self._elementwise(op, x, b) for x in a]
-        if isinstance(b, list):
-            return [self._elementwise(op, a, y) for y in b]
-        try:
-            return self.builder.binary(op, a, b)
-        except (ArithmeticError, ValueError, TypeError) as error:
-            raise self.fail(f"the constant {a!r} {op} {b!r}: {error}") from None
+    # calls
 
     def _call(self, function: str, args: tuple[Expression, ...]) -> Value:
-        if function == "der":
-            return self._der(args)
-        if function in _TRANSPARENT and args:
-            return self.value(args[0])
-        if function == "smooth" and len(args) == 2:
-            return self.value(args[1])
+        special = self._special(function, args)
+        if special is not None:
+            return special
         if function in self.functions:
             return self._user(self.functions[function], args)
-        if function in ("sum", "product", "min", "max", "size", "fill", "zeros", "ones", "scalar", "vector"):
-            special = self._array_function(function, args)
-            if special is not None:
-                return special
+        if function in _ARRAY_FUNCTIONS:
+            found = self._array_function(function, [self.value(a) for a in args])
+            if found is not None:
+                return found
         values = [self.value(a) for a in args]
-        op = "neg" if function == "neg" else function
-        if len(values) == 1 and op in UNARY:
-            return self._unary(op, values[0])
+        if len(values) == 1 and function in UNARY:
+            return arrays.mapped(lambda n: self.builder.unary(function, n), values[0])
         op = _OPERATORS.get(function, "")
         if len(values) == 2 and op in BINARY:
             left, right = values
+            if op in RELATIONS:
+                return self._relation(op, left, right)
             if isinstance(left, list) and isinstance(right, list) and function in ("*", "/", "^"):
                 if function != "*":
                     raise self.fail(f"the matrix operation {function!r}")
-                return self._product(left, right)
-            return self._elementwise(op, left, right)
+                return arrays.product(self.builder, left, right)
+            return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
         raise self.fail(f"{function!r} with {len(args)} arguments")
 
-    def _product(self, left: list[Value], right: list[Value]) -> Value:
-        """Vector or matrix product."""
-        if left and isinstance(left[0], list):
-            return [self._product(row, right) for row in left if isinstance(row, list)]
-        if right and isinstance(right[0], list):
-            columns = [[row[j] for row in right if isinstance(row, list)] for j in range(len(right[0]))]
-            return [self._product(left, column) for column in columns]
-        return self._sum(self._elementwise("mul", left, right))
+    def _relation(self, op: str, left: Value, right: Value) -> Value:
+        if isinstance(left, str) and isinstance(right, str) and op in ("eq", "ne"):
+            return self.builder.const(float((left == right) is (op == "eq")))
+        if self.events is None:
+            return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
+        events = self.events
+        return arrays.elementwise(lambda a, b: events.relation(op, a, b), left, right)
 
-    def _unary(self, op: str, value: Value) -> Value:
-        if isinstance(value, list):
-            return [self._unary(op, v) for v in value]
+    def _special(self, function: str, args: tuple[Expression, ...]) -> Value | None:
+        """Operators that are no functions of their arguments' values."""
+        b = self.builder
+        match function, args:
+            case "der", (tree,):
+                return self._der(tree)
+            case "noEvent", (tree,):
+                return self._quietly(tree)
+            case "smooth", (_, tree):
+                return self._quietly(tree)
+            case ("pre" | "edge" | "change") as op, (tree,):
+                value = self.value(tree)
+                if self.events is None:
+                    raise self.fail(f"{op}() outside of equations")
+                before = arrays.mapped(self._pre, value)
+                if op == "pre":
+                    return before
+                if op == "change":
+                    return arrays.elementwise(lambda x, y: b.binary("ne", x, y), value, before)
+                return arrays.elementwise(lambda x, y: b.binary("and", x, b.unary("not", y)), value, before)
+            case "initial", ():
+                return self.events.initial if self.events is not None else b.zero
+            case "terminal", ():
+                return b.zero
+            case "sample", (start, interval):
+                if self.events is None:
+                    raise self.fail("sample() outside of equations")
+                return self.events.sample(self.scalar(start), self.scalar(interval))
+            case ("floor" | "ceil" | "integer") as op, (tree,):
+                return arrays.mapped(lambda n: self._round(op, n), self.value(tree))
+            case ("div" | "mod" | "rem") as op, (x, y):
+                return arrays.elementwise(lambda n, m: self._divide(op, n, m), self.value(x), self.value(y))
+            case "homotopy", (tree, *_):
+                return self.value(tree)
+            case "cat", (dimension, *items):
+                return arrays.joined([self.value(i) for i in items], self.integer(dimension) - 1)
+            case "semiLinear", (x, up, down):
+                flow = self.scalar(x)
+                slopes = self._relation("ge", flow, b.zero)
+                return arrays.elementwise(
+                    b.mul, arrays.select(b, numbers(slopes)[0], self.value(up), self.value(down)), flow
+                )
+            case (("Integer" | "Real" | "Boolean" | "String"), (tree, *_)):
+                return self.value(tree)
+        return None
+
+    def _pre(self, node: Node) -> Node:
+        if node.op == "symbol" and self.events is not None:
+            return self.events.pre(node)
+        if node.op == "const":
+            return node
+        raise self.fail("pre() of something that is not a variable")
+
+    def _quietly(self, tree: Expression) -> Value:
+        saved, self.events = self.events, None
         try:
-            return self.builder.unary(op, value)
-        except (ArithmeticError, ValueError) as error:
-            raise self.fail(f"the constant {op}({value!r}): {error}") from None
+            return self.value(tree)
+        finally:
+            self.events = saved
 
-    def _der(self, args: tuple[Expression, ...]) -> Value:
-        tree = args[0]
-        if len(args) != 1 or not isinstance(tree, Name):
-            raise self.fail("der() of something that is not a variable")
-        return self._rate(self.value(tree), show(tree))
+    def _floor(self, x: Node) -> Node:
+        return self.builder.unary("floor", x) if self.events is None else self.events.floor(x)
 
-    def _rate(self, value: Value, name: str) -> Value:
-        if isinstance(value, list):
-            return [self._rate(v, name) for v in value]
-        if value.op != "symbol":
-            raise self.fail(f"der({name}), the derivative of a parameter or constant")
-        derivative = self.builder.symbol(f"der({value.name})")
-        self.derivatives[value.name] = derivative
-        return derivative
+    def _round(self, op: str, x: Node) -> Node:
+        if op == "ceil":
+            return self.builder.neg(self._floor(self.builder.neg(x)))
+        return self._floor(x)
 
-    def residuals(self, equations: Sequence[Equation]) -> list[Node]:
-        """Right minus left side, number by number. A loop around a whole-array equation counts once."""
-        found: list[Node] = []
+    def _divide(self, op: str, x: Node, y: Node) -> Node:
+        b = self.builder
+        ratio = b.div(x, y)
+        if op == "mod":
+            return b.sub(x, b.mul(self._floor(ratio), y))
+        sign = self._relation("ge", ratio, b.zero)
+        down, up = self._floor(ratio), b.neg(self._floor(b.neg(ratio)))
+        whole = b.select(sign, down, up) if isinstance(sign, Node) else down
+        return whole if op == "div" else b.sub(x, b.mul(whole, y))
+
+    def _der(self, tree: Expression) -> Value:
+        b = self.builder
+
+        def rate(node: Node) -> Node:
+            if node.op == "symbol" and node.name != "time" and not self._held(node):
+                derivative = b.symbol(f"der({node.name})")
+                self.derivatives[node.name] = derivative
+                return derivative
+            result = b.zero
+            for symbol in sorted(b.symbols(node), key=lambda s: s.index):
+                slope = b.derivative(node, symbol)
+                if symbol.name == "time":
+                    result = b.add(result, slope)
+                elif slope is not b.zero and not self._held(symbol):
+                    result = b.add(result, b.mul(slope, rate(symbol)))
+            return result
+
+        return arrays.mapped(rate, self.value(tree))
+
+    def _held(self, symbol: Node) -> bool:
+        return self.events is not None and symbol in self.events.held
+
+    def sides(self, equations: Sequence[FlatEquation]) -> list[tuple[Node, Node]]:
+        """Left and right side of each equation, number by number."""
+        found: list[tuple[Node, Node]] = []
         for equation in equations:
-            if isinstance(equation, Equal):
-                found += numbers(self._elementwise("sub", self.value(equation.right), self.value(equation.left)))
-                continue
-            if equation.variable.startswith("__array_"):
-                found += self.residuals(equation.body)
-                continue
-            over = self.value(equation.values)
-            if not isinstance(over, list):
-                raise self.fail("a loop over something that is not an array")
-            saved = self.values.get(equation.variable)
-            for v in over:
-                self.values[equation.variable] = v
-                found += self.residuals(equation.body)
-            self._restore(equation.variable, saved)
+            self.place = equation.place
+            left, right = self.value(equation.left), self.value(equation.right)
+            try:
+                found += arrays.pairs(left, right)
+            except ShapeError as error:
+                raise self.fail(f"{error} in one equation") from None
+        self.place = None
         return found
 
-    def _array_function(self, function: str, args: tuple[Expression, ...]) -> Value | None:
-        if function == "size":
-            value = self.value(args[0])
-            for _ in range(self.integer(args[1]) - 1 if len(args) > 1 else 0):
-                value = value[0] if isinstance(value, list) else value
-            if not isinstance(value, list):
-                raise self.fail(f"size() of a number ({show(args[0])})")
-            return self.builder.const(float(len(value)))
-        if function in ("fill", "zeros", "ones"):
-            item = self.value(args[0]) if function == "fill" else self.builder.const(float(function == "ones"))
-            for s in reversed(args[1:] if function == "fill" else args):
-                item = [item] * self.integer(s)
-            return item
-        if len(args) != 1:
-            return None
-        value = self.value(args[0])
-        if not isinstance(value, list):
-            return value if function in ("sum", "product", "scalar") else None
-        flat = numbers(value)
-        if function == "sum":
-            return self._sum(value)
-        if function == "vector":
-            return list(flat)
-        if function == "scalar" and len(flat) == 1:
-            return flat[0]
-        if function == "scalar" or not flat:
-            raise self.fail(f"{function}() of {len(flat)} numbers")
-        result = flat[0]
-        for n in flat[1:]:
-            result = self.builder.binary("mul" if function == "product" else function, result, n)
-        return result
+    def _array_function(self, function: str, args: list[Value]) -> Value | None:
+        b = self.builder
 
-    def _sum(self, value: Value) -> Node:
-        result = self.builder.zero
-        for n in numbers(value):
-            result = self.builder.add(result, n)
-        return result
+        def whole(value: Value) -> int:
+            if not isinstance(value, Node) or value.op != "const" or not value.value.is_integer():
+                raise self.fail("a size that is not a constant whole number")
+            return int(value.value)
+
+        match function, args:
+            case "size", (value,):
+                return [b.const(float(n)) for n in arrays.shape(value)]
+            case "size", (value, dimension):
+                sizes = arrays.shape(value)
+                if not 1 <= whole(dimension) <= len(sizes):
+                    raise self.fail("size() of a dimension that is not there")
+                return b.const(float(sizes[whole(dimension) - 1]))
+            case "ndims", (value,):
+                return b.const(float(len(arrays.shape(value))))
+            case "fill", (item, *sizes):
+                return arrays.filled(item, [whole(s) for s in sizes])
+            case (("zeros" | "ones"), _):
+                return arrays.filled(b.const(float(function == "ones")), [whole(s) for s in args])
+            case "identity", (size,):
+                n = whole(size)
+                return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
+            case "diagonal", (value,):
+                items = numbers(value)
+                return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
+            case "linspace", (first, last, count):
+                n = whole(count)
+                width = arrays.elementwise(b.sub, last, first)
+                steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
+                return [arrays.elementwise(b.add, first, step) for step in steps]
+            case "cross", (x, y):
+                u, v = numbers(x), numbers(y)
+                return [b.sub(b.mul(u[i], v[j]), b.mul(u[j], v[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
+            case "transpose", (value,):
+                return arrays.transposed(value)
+            case "[,]", _:
+                return arrays.joined(args, 1)
+            case "[;]", _:
+                return arrays.joined(args, 0)
+            case "sum", (value,):
+                return arrays.total(b, value)
+            case "vector", (value,):
+                return list(numbers(value))
+            case "matrix", (value,):
+                return arrays.joined([value], 1)
+            case "scalar", (value,):
+                if len(numbers(value)) == 1:
+                    return numbers(value)[0]
+            case (("product" | "min" | "max"), (value,)):
+                items = numbers(value)
+                if items:
+                    result = items[0]
+                    for item in items[1:]:
+                        result = b.binary("mul" if function == "product" else function, result, item)
+                    return result
+        return None
+
+    # functions
 
     def _user(self, function: Function, args: tuple[Expression, ...]) -> Value:
         if self.depth > 50:
             raise self.fail(f"the recursive function {function.name!r}")
-        inputs = [d for d in function.declarations if "input" in d.prefixes]
-        outputs = [d for d in function.declarations if "output" in d.prefixes]
-        if len(outputs) != 1:
-            raise self.fail(f"function {function.name!r} with {len(outputs)} results")
-        if len(args) > len(inputs):
+        if len(args) > len(function.inputs):
             raise self.fail(f"function {function.name!r} called with {len(args)} arguments")
-        inner = Scope(self.builder, self.functions, {}, f"function {function.name}")
+        inner = Scope(self.builder, self.functions, {}, f"function {function.name}", records=self.records)
         inner.depth = self.depth + 1
-        for d, a in zip(inputs, args, strict=False):
-            inner.values[d.name] = self.value(a)
-        for d in function.declarations:
-            if d.name not in inner.values and d.binding is not None:
-                inner.values[d.name] = inner.value(d.binding)
+        for a, tree in zip(function.inputs, args, strict=False):
+            inner.values[a.name] = self.value(tree)
+        for a in function.inputs[len(args) :]:
+            if a.default is None:
+                raise self.fail(f"function {function.name!r} called without {a.name!r}")
+            inner.values[a.name] = inner.value(a.default)
+        if function.constructor:
+            return Record([a.name for a in function.inputs], [inner.values[a.name] for a in function.inputs])
+        if function.external:
+            raise self.fail(f"the external function {function.name!r}")
+        for a in (*function.outputs, *function.locals):
+            if a.default is not None:
+                inner.values[a.name] = inner.value(a.default)
+            elif a.sizes and not any(isinstance(s, All) for s in a.sizes):
+                inner.values[a.name] = arrays.filled(self.builder.zero, [inner.integer(s) for s in a.sizes])
+            elif a.type in self.records:
+                inner.values[a.name] = Record(self.records[a.type], [self.builder.zero] * len(self.records[a.type]))
         inner.run(function.body)
-        if outputs[0].name not in inner.values:
-            raise self.fail(f"function {function.name!r}, which does not assign its result")
-        return inner.values[outputs[0].name]
+        results = []
+        for a in function.outputs:
+            if a.name not in inner.values:
+                raise self.fail(f"function {function.name!r}, which does not assign its result {a.name!r}")
+            results.append(inner.values[a.name])
+        return results[0] if len(results) == 1 else results
 
     def run(self, body: Sequence[Statement]) -> None:
         for statement in body:
             match statement:
-                case Assign(target, value):
-                    self._assign(target, self.value(value))
+                case Assign(targets, value):
+                    result = self.value(value)
+                    if len(targets) == 1:
+                        self._assign(targets[0], result)
+                        continue
+                    if not isinstance(result, list):
+                        result = [result]
+                    for target, item in zip(targets, result, strict=False):
+                        self._assign(target, item)
                 case ForStatement(variable, values, inner):
-                    over = self.value(values)
-                    if not isinstance(over, list):
-                        raise self.fail("a loop over something that is not an array")
-                    saved = self.values.get(variable)
-                    for v in over:
-                        self.values[variable] = v
+                    for _ in self._each(variable, values):
                         self.run(inner)
-                    self._restore(variable, saved)
                 case IfStatement(branches, otherwise):
                     self._branch(branches, otherwise)
+                case AssertStatement():
+                    pass  # a check of the arguments, not a part of the result
+                case _:
+                    raise self.fail(f"{type(statement).__name__.removesuffix('Statement').lower()!r} in an algorithm")
 
-    def _assign(self, target: Name, value: Value) -> None:
-        if not target.subscripts:
-            self.values[target.name] = value
+    def _assign(self, target: Name | None, value: Value) -> None:
+        if target is None:
             return
-        raise self.fail(f"the assignment to an element of {target.name!r}")
+        owner, dot, last = target.name.rpartition(".")
+        if dot and isinstance(whole := self.values.get(owner), Record) and not target.subscripts:
+            at = whole.names.index(last)
+            self.values[owner] = Record(whole.names, [value if i == at else v for i, v in enumerate(whole)])
+            return
+        if target.subscripts:
+            if target.name not in self.values:
+                raise self.fail(f"the assignment to an element of {target.name!r}")
+            indices = [self.integer(s) for s in target.subscripts]
+            value = arrays.replaced(self.values[target.name], indices, value)
+        self.values[target.name] = value
 
     def _branch(
         self, branches: Sequence[tuple[Expression, tuple[Statement, ...]]], otherwise: Sequence[Statement]
@@ -321,6 +495,12 @@ class Scope:
             self.run(otherwise)
             return
         condition = self.scalar(branches[0][0])
+        if condition.op == "const":
+            if condition.value:
+                self.run(branches[0][1])
+            else:
+                self._branch(branches[1:], otherwise)
+            return
         before = dict(self.values)
         self.run(branches[0][1])
         then = self.values
@@ -329,25 +509,8 @@ class Scope:
         merged = dict(self.values)
         for name in then.keys() | merged.keys():
             if name in then and name in merged:
-                a, b = then[name], merged[name]
-                merged[name] = a if a is b else self._select(condition, a, b)
+                x, y = then[name], merged[name]
+                merged[name] = x if x is y else arrays.select(self.builder, condition, x, y)
             else:
                 merged.pop(name, None)
         self.values = merged
-
-
-def numbers(value: Value) -> list[Node]:
-    if isinstance(value, list):
-        return [n for v in value for n in numbers(v)]
-    return [value]
-
-
-def show(tree: Expression) -> str:
-    match tree:
-        case Name(name, subscripts):
-            return name + (f"[{','.join(map(show, subscripts))}]" if subscripts else "")
-        case Number(value):
-            return f"{value:g}"
-        case Call(function, args):
-            return f"{function}({', '.join(map(show, args))})"
-    return type(tree).__name__.lower()

@@ -1,4 +1,4 @@
-"""Looks at Modelica source text for what rumoca drops without a word, and for what makes events."""
+"""Looks at Modelica source text for what rumoca drops without a word."""
 
 from __future__ import annotations
 
@@ -19,17 +19,7 @@ _DROPPED = (
         re.compile(r"\bconstrainedby\s+([\w.]+)\s*\(\s*[^)\s]"),
         "modifiers of the constraining class {0!r} would be dropped; give them at the declaration",
     ),
-    (
-        re.compile(r"\boutput\s+[\w.]+\s+(\w+)\b(?=(?:(?!\bend\s+\w+\s*;).)*?\bder\s*\(\s*\1\s*\))", re.DOTALL),
-        "{0!r} is a state and would be dropped from the outputs; declare a state of its own and the output equal to it",
-    ),
 )
-_EVENT = re.compile(
-    r"\b(when|reinit|sample|pre|edge|change|delay|assert|terminate|terminal|initial|floor|ceil|integer|mod|rem|div)\b"
-    r"(?!\s+(?:equation|algorithm))"
-)
-_BRANCH = re.compile(r"\bif\b")
-_GUARD = re.compile(r"\b(?:noEvent|smooth)\s*\(")
 
 
 def _plain(path: Path) -> str:
@@ -84,16 +74,3 @@ def locate(message: str, model: str, root: Path) -> str:
             if at is not None:
                 return f"{path.relative_to(root)}:{_line(text, at.start())}: {message}"
     return message
-
-
-def find_event(model: str, root: Path) -> str:
-    """Where the sources make an event, as well as text can tell: ``file:line: 'when'``."""
-    for path in _likely(model, root):
-        text = _plain(path)
-        match = _EVENT.search(text)
-        if match is None:
-            guarded = _blank_calls(text, _GUARD)
-            match = _BRANCH.search(guarded)
-        if match is not None:
-            return f"{path.relative_to(root)}:{_line(text, match.start())}: {match.group()!r} makes an event"
-    return f"{model}: something makes an event"

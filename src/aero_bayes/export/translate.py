@@ -1,21 +1,20 @@
-"""Flat model -> parameters, variables and residuals over the expression graph."""
+"""Flat model -> parameters, variables, residuals and events over the expression graph."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
-from aero_bayes.errors import InputError
+from aero_bayes.export import arrays
+from aero_bayes.export.arrays import Value, numbers
+from aero_bayes.export.discrete import Discrete, EventActions, assigned_in_events, match_discrete
+from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.scope import Scope, Value, numbers
-from aero_bayes.export.syntax import (
-    Declaration,
-    Equal,
-    FlatModel,
-    Name,
-    Text,
-)
+from aero_bayes.export.flat import Causality, FlatModel, FlatVariable, Variability
+from aero_bayes.export.scope import Scope
+from aero_bayes.export.syntax import names_in
 
 
 @dataclass(frozen=True)
@@ -23,18 +22,29 @@ class Variable:
     """A scalar of the model: its name, its attributes as expressions, and where it is declared to act."""
 
     name: str
-    prefixes: frozenset[str]
     type: str
+    variability: Variability
+    causality: Causality
     description: str
     unit: str
     attributes: Mapping[str, Node]
     fixed: bool
     binding: Node | None
+    state_select: str = "default"
+    final: bool = False
+
+    @property
+    def shown(self) -> bool:
+        """An output of the model itself."""
+        return self.causality == "output" and "." not in self.name
 
 
 @dataclass(frozen=True)
 class System:
-    """Residuals ``0 = r`` over symbols. ``der(x)`` is the symbol of that name; dependent parameters are resolved."""
+    """Residuals ``0 = r`` over symbols. ``der(x)`` is the symbol of that name; dependent parameters are resolved.
+
+    ``steps`` are the discrete variables; ``discrete`` is what happens in events. Between them its symbols are constant.
+    """
 
     name: str
     builder: Builder
@@ -44,6 +54,8 @@ class System:
     variables: tuple[Variable, ...]
     residuals: tuple[Node, ...]
     initial_residuals: tuple[Node, ...]
+    steps: tuple[Variable, ...]
+    discrete: Discrete
     derivatives: dict[str, Node] = field(default_factory=dict)
 
 
@@ -53,29 +65,58 @@ def translate(model: FlatModel) -> System:
     Raises
     ------
     InputError
-        For a construct that has no translation; the message names it.
+        For a construct that has no translation; the message names it, with file and line.
     """
     builder = Builder()
     time = builder.symbol("time")
-    scope = Scope(builder, model.functions, {"time": time}, f"model {model.name}")
-    constants = [d for d in model.declarations if d.prefixes & {"parameter", "constant"}]
-    others = [d for d in model.declarations if not d.prefixes & {"parameter", "constant"}]
-    for d in others:
-        if d.type != "Real":
-            raise scope.fail(f"the variable {d.name!r} of type {d.type}")
-        if "discrete" in d.prefixes:
-            raise scope.fail(f"the discrete variable {d.name!r}")
-        sizes = [scope.integer(s) for s in d.sizes]
-        scope.values[d.name] = _symbols(builder, d.name, sizes)
-    parameters = _parameters(scope, constants)
+    events = Events(builder)
+    scope = Scope(builder, model.functions, {"time": time}, f"model {model.name}", records=model.records)
+    others = [v for v in model.variables if not v.constant]
+    for v in others:
+        scope.place = v.place
+        if v.type == "String":
+            raise scope.fail(f"the variable {v.name!r} of type String")
+        scope.values[v.name] = _symbols(builder, v.name, v.sizes)
+    parameters = _parameters(scope, [v for v in model.variables if v.constant])
+    events.held |= {builder.symbol(p.name) for p in parameters}
+    in_events = assigned_in_events(model)
     variables: list[Variable] = []
     inputs: list[Variable] = []
-    for d in others:
-        for variable in _scalars(scope, d, None):
-            (inputs if "input" in d.prefixes and "." not in d.name else variables).append(variable)
-    residuals = scope.residuals(model.equations)
-    residuals += scope.residuals([Equal(Name(d.name), d.binding) for d in others if d.binding is not None])
-    initial = scope.residuals(model.initial_equations)
+    steps: list[Variable] = []
+    for v in others:
+        scope.place = v.place
+        for variable in _scalars(scope, v, None):
+            if v.causality == "input" and "." not in v.name:
+                if v.type != "Real":
+                    raise scope.fail(f"the input {v.name!r} of type {v.type}")
+                inputs.append(variable)
+            elif v.variability == "discrete" or v.name in in_events:
+                steps.append(variable)
+            else:
+                variables.append(variable)
+    symbols = [builder.symbol(v.name) for v in steps]
+    events.held |= set(symbols)
+    scope.place, scope.events = None, events
+    actions = EventActions(scope, events)
+    residuals: list[Node] = []
+    pairs: list[tuple[Node, Node]] = []
+    discrete = set(symbols)
+    for left, right in scope.sides(model.equations):
+        if left in discrete or right in discrete:
+            pairs.append((left, right))
+        else:
+            residuals.append(builder.sub(right, left))
+    for clause in model.whens:
+        actions.clause(clause)
+    for algorithm in model.algorithms:
+        scope.place = algorithm.place
+        residuals += [builder.sub(new, s) for s, new in actions.algorithm(algorithm.statements, algorithm.outputs)]
+    scope.place = None
+    match_discrete(scope, pairs, actions, symbols)
+    initial = [builder.sub(right, left) for left, right in scope.sides(model.initial_equations)]
+    if model.initial_algorithms:
+        scope.place = model.initial_algorithms[0].place
+        raise scope.fail("an initial algorithm")
     return System(
         model.name,
         builder,
@@ -85,6 +126,14 @@ def translate(model: FlatModel) -> System:
         tuple(variables),
         tuple(residuals),
         tuple(initial),
+        tuple(steps),
+        Discrete(
+            actions.updates,
+            tuple(actions.reinits),
+            tuple(events.relations.values()),
+            tuple(events.roundings.values()),
+            tuple(events.samplings.values()),
+        ),
         scope.derivatives,
     )
 
@@ -107,77 +156,97 @@ def _names(name: str, sizes: Sequence[int]) -> list[str]:
     return [f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, s + 1) for s in sizes))]
 
 
-def _parameters(scope: Scope, declarations: Sequence[Declaration]) -> list[Variable]:
+def _parameters(scope: Scope, declared: Sequence[FlatVariable]) -> list[Variable]:
     """Declare parameters and constants in order of dependence; a literal binding makes an independent parameter."""
-    waiting = list(declarations)
+    by_name = {v.name: v for v in declared}
     found: dict[str, list[Variable]] = {}
-    while waiting:
-        stuck: list[Declaration] = []
-        why: InputError | None = None
-        for d in waiting:
-            try:
-                found[d.name] = _parameter(scope, d)
-            except InputError as error:
-                stuck.append(d)
-                why = why or error
-        if len(stuck) == len(waiting) and why is not None:
-            raise why
-        waiting = stuck
-    return [v for d in declarations for v in found[d.name]]
+    open_: set[str] = set()
+
+    def declare(v: FlatVariable) -> None:
+        if v.name in found:
+            return
+        scope.place = v.place
+        if v.name in open_:
+            raise scope.fail(f"the parameter {v.name!r}, which depends on itself")
+        open_.add(v.name)
+        trees = [t for t in (v.binding, *v.attributes.values()) if t is not None]
+        for name in {n for t in trees for n in names_in(t)}:
+            for needed in _declarations(name, by_name):
+                if needed.name != v.name:
+                    declare(needed)
+        scope.place = v.place
+        found[v.name] = _parameter(scope, v)
+
+    for v in declared:
+        declare(v)
+    scope.place = None
+    return [x for v in declared for x in found[v.name]]
 
 
-def _parameter(scope: Scope, d: Declaration) -> list[Variable]:
-    if "fixed" in d.attributes and scope.scalar(d.attributes["fixed"]) is scope.builder.zero:
-        raise scope.fail(f"the parameter {d.name!r} with fixed=false")
-    if d.type == "String":
-        return []
-    binding = d.binding if d.binding is not None else d.attributes.get("start")
+def _declarations(name: str, by_name: Mapping[str, FlatVariable]) -> Iterable[FlatVariable]:
+    """The parameters that a reference may mean: itself, or the fields of a record."""
+    if name in by_name:
+        yield by_name[name]
+        return
+    for other, v in by_name.items():
+        if other.startswith((name + ".", name + "[")) or re.sub(r"\[\d+\]", "", other) == name:
+            yield v
+
+
+def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
+    fixed = v.attributes.get("fixed")
+    if fixed is not None and any(n is scope.builder.zero for n in numbers(scope.value(fixed))):
+        raise scope.fail(f"the parameter {v.name!r} with fixed=false")
+    binding = v.binding if v.binding is not None else v.attributes.get("start")
     if binding is None:
-        raise scope.fail(f"the parameter {d.name!r} without a value")
+        raise scope.fail(f"the parameter {v.name!r} without a value")
     value = scope.value(binding)
-    names = _names(d.name, [scope.integer(s) for s in d.sizes])
+    if isinstance(value, str):
+        scope.values[v.name] = value
+        return []
+    names = _names(v.name, v.sizes)
     nodes = numbers(value)
     if len(nodes) == 1:
         nodes = nodes * len(names)
     if len(nodes) != len(names):
-        raise scope.fail(f"the value of {d.name!r}, which does not have its size")
+        raise scope.fail(f"the value of {v.name!r}, which does not have its size")
     variables = []
     symbols: list[Node] = []
-    for variable, node in zip(_scalars(scope, d, nodes), nodes, strict=True):
-        free = d.type == "Real" and "constant" not in d.prefixes and node.op == "const"
+    for variable, node in zip(_scalars(scope, v, nodes), nodes, strict=True):
+        free = v.type == "Real" and v.variability != "constant" and node.op == "const"
         symbols.append(scope.builder.symbol(variable.name) if free else node)
         variables.append(variable)
-    scope.values[d.name] = _reshape(symbols, value, bool(d.sizes))
+    rest = iter(symbols)
+    scope.values[v.name] = arrays.mapped(lambda _: next(rest), _symbols(scope.builder, v.name, v.sizes))
     return variables
 
 
-def _reshape(nodes: list[Node], like: Value, array: bool) -> Value:
-    if not array:
-        return nodes[0]
-    remaining = iter(nodes)
-
-    def build(value: Value) -> Value:
-        return [build(v) for v in value] if isinstance(value, list) else next(remaining)
-
-    return build(like) if isinstance(like, list) else list(nodes)
-
-
-def _scalars(scope: Scope, d: Declaration, bindings: Sequence[Node] | None) -> list[Variable]:
-    names = _names(d.name, [scope.integer(s) for s in d.sizes])
+def _scalars(scope: Scope, v: FlatVariable, bindings: Sequence[Node] | None) -> list[Variable]:
+    names = _names(v.name, v.sizes)
     attributes: dict[str, list[Node]] = {}
-    unit = ""
-    for key, tree in d.attributes.items():
-        if isinstance(tree, Text):
-            unit = tree.value if key == "unit" else unit
-        elif key in ("start", "stateSelect") and (bindings is not None or key == "stateSelect"):
+    for key, tree in v.attributes.items():
+        if key == "start" and bindings is not None:
             continue
-        else:
-            nodes = numbers(scope.value(tree))
-            attributes[key] = nodes if len(nodes) == len(names) else [nodes[0]] * len(names)
+        nodes = numbers(scope.value(tree))
+        attributes[key] = nodes if len(nodes) == len(names) else nodes[:1] * len(names)
     variables = []
     for i, name in enumerate(names):
-        own = {k: v[i] for k, v in attributes.items()}
+        own = {k: n[i] for k, n in attributes.items() if n}
         fixed = own.pop("fixed", scope.builder.zero) is scope.builder.one
         binding = bindings[i] if bindings is not None else None
-        variables.append(Variable(name, d.prefixes, d.type, d.description, unit, own, fixed, binding))
+        variables.append(
+            Variable(
+                name,
+                v.type,
+                v.variability,
+                v.causality,
+                v.description,
+                v.unit,
+                own,
+                fixed,
+                binding,
+                v.state_select,
+                v.final,
+            )
+        )
     return variables

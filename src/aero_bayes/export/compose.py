@@ -1,0 +1,311 @@
+"""Builds one flat model from others without a compiler: pure functions, milliseconds each.
+
+A candidate extension of a model is made by adding the equations of a law under an instance name and tying it in:
+
+>>> from aero_bayes.export.compose import add_term, equate, instantiate  # doctest: +SKIP
+>>> wider = instantiate(flat, friction, "pivot_friction")  # doctest: +SKIP
+>>> wider = equate(wider, "pivot_friction.v", Name("body.omega"))  # doctest: +SKIP
+>>> wider = add_term(wider, 17, Call("neg", (Name("pivot_friction.f"),)))  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.arrays import Value, mapped, numbers
+from aero_bayes.export.expression import Builder
+from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable, When
+from aero_bayes.export.scope import Scope
+from aero_bayes.export.syntax import (
+    Call,
+    Expression,
+    Index,
+    Name,
+    Number,
+    Statement,
+    names_in,
+    rebuilt,
+    rebuilt_statement,
+)
+
+_DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "fixed": 0.0}
+
+Change = Callable[[Name], Expression]
+
+
+def renamed(flat: FlatModel, name: str) -> FlatModel:
+    """The same model under another name."""
+    return replace(flat, name=name)
+
+
+def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
+    """Add all variables and equations of ``law`` under the prefix ``instance.``.
+
+    The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
+    of the whole.
+
+    Raises
+    ------
+    InputError
+        Where the model has variables of that instance already.
+    """
+    taken = {v.name for v in flat.variables}
+    own = {v.name for v in law.variables} | set(law.records)
+    clash = next((v.name for v in law.variables if f"{instance}.{v.name}" in taken), None)
+    if clash is not None:
+        raise InputError(f"{flat.name}: the instance {instance!r} is there already")
+
+    def moved(n: Name) -> Name:
+        return Name(f"{instance}.{n.name}", n.subscripts) if n.name in own else n
+
+    inside = _changed(law, moved, moved)
+    variables = tuple(
+        replace(
+            v,
+            name=f"{instance}.{v.name}",
+            causality="local",
+            attributes={k: rebuilt(t, moved) for k, t in v.attributes.items()},
+            binding=None if v.binding is None else rebuilt(v.binding, moved),
+        )
+        for v in law.variables
+    )
+    return replace(
+        flat,
+        variables=flat.variables + variables,
+        equations=flat.equations + tuple(_under(e, instance) for e in inside.equations),
+        initial_equations=flat.initial_equations + tuple(_under(e, instance) for e in inside.initial_equations),
+        algorithms=flat.algorithms + inside.algorithms,
+        initial_algorithms=flat.initial_algorithms + inside.initial_algorithms,
+        whens=flat.whens + inside.whens,
+        assertions=flat.assertions + inside.assertions,
+        functions={**law.functions, **flat.functions},
+        records={**flat.records, **{moved(Name(n)).name if n in own else n: f for n, f in law.records.items()}},
+    )
+
+
+def _under(e: FlatEquation, instance: str) -> FlatEquation:
+    return replace(e, component=f"{instance}.{e.component}" if e.component else instance)
+
+
+def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
+    """Add the equation ``name = expression``; the last one of the result."""
+    flat.variable(name)
+    return replace(flat, equations=(*flat.equations, FlatEquation(Name(name), expression, "added")))
+
+
+def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = "", **attributes: float) -> FlatModel:
+    """Add a continuous variable with attributes such as ``start`` and ``fixed``; an equation has to determine it."""
+    v = FlatVariable(name, unit=unit, description=description, attributes=_attributes(attributes))
+    return _with(flat, v)
+
+
+def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "") -> FlatModel:
+    """Add an input of the whole model, zero at the start."""
+    if "." in name:
+        raise InputError(f"the input {name!r}: an input of the whole model has a name without dots")
+    v = FlatVariable(
+        name, causality="input", unit=unit, description=description, attributes=_attributes({"start": 0.0})
+    )
+    return _with(flat, v)
+
+
+def add_output(flat: FlatModel, name: str, expression: Expression, unit: str = "", description: str = "") -> FlatModel:
+    """Add an output of the whole model that is ``expression``."""
+    wider = _with(flat, FlatVariable(name, causality="output", unit=unit, description=description))
+    return equate(wider, name, expression)
+
+
+def add_parameter(
+    flat: FlatModel,
+    name: str,
+    value: float | Expression,
+    unit: str = "",
+    *,
+    description: str = "",
+    **attributes: float | Expression,
+) -> FlatModel:
+    """Add a parameter; ``attributes`` are ``min``, ``max``, ``nominal``, numbers or expressions over parameters."""
+    v = FlatVariable(
+        name,
+        variability="parameter",
+        unit=unit,
+        description=description,
+        attributes=_attributes(attributes),
+        binding=_tree(value),
+    )
+    return _with(flat, v)
+
+
+def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> FlatModel:
+    """Give a parameter another value. Raises InputError for a name that is no parameter."""
+    if not any(v.name == name and v.variability == "parameter" for v in flat.variables):
+        raise InputError(f"{flat.name}: no parameter {name!r}")
+    new = tuple(replace(v, binding=_tree(value)) if v.name == name else v for v in flat.variables)
+    return replace(flat, variables=new)
+
+
+def add_term(flat: FlatModel, equation_index: int, expression: Expression) -> FlatModel:
+    """Add ``expression`` to the residual ``left - right`` of an equation, by its index in ``flat.equations``."""
+    e = flat.equations[equation_index]
+    added = replace(e, left=Call("+", (e.left, expression)))
+    return replace(flat, equations=(*flat.equations[:equation_index], added, *flat.equations[equation_index + 1 :]))
+
+
+def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Collection[int] = ()) -> FlatModel:
+    """Use ``by`` wherever equations, algorithms and events use the variable ``name``, also under ``der``.
+
+    ``keep_equations`` are indices of equations that stay as they are, such as the one that determines ``name``. What
+    an algorithm or a when clause assigns stays too.
+    """
+
+    def change(n: Name) -> Expression:
+        if n.name != name:
+            return n
+        if not n.subscripts:
+            return by
+        return Name(by.name, n.subscripts) if isinstance(by, Name) and not by.subscripts else Index(by, n.subscripts)
+
+    changed = _changed(flat, change, lambda n: n)
+    kept = set(keep_equations)
+    equations = tuple(
+        old if i in kept else new for i, (old, new) in enumerate(zip(flat.equations, changed.equations, strict=True))
+    )
+    return replace(changed, equations=equations)
+
+
+def evaluate(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
+    """A number of a parameter or variable.
+
+    Parameters
+    ----------
+    flat : FlatModel
+    name : str
+        Of a variable, or of an element of an array (``c[2]``).
+    attribute : str
+        ``value`` (of a parameter), ``start``, ``min``, ``max``, ``nominal`` or ``fixed``.
+    values : mapping, optional
+        Values of parameters, in place of those that the model gives them.
+
+    Returns
+    -------
+    float
+        The default of Modelica where the attribute is not given (unbounded, nominal 1, start 0).
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or an attribute that depends on something that is no parameter.
+    """
+    values = values or {}
+    if attribute == "value" and name in values:
+        return float(values[name])
+    known = {v.name: v for v in flat.variables}
+    base, subscripts = _split(name)
+    v = known.get(name) or known.get(base)
+    if v is None:
+        raise InputError(f"{flat.name}: no variable {name!r}")
+    tree = v.binding if attribute == "value" else v.attributes.get(attribute)
+    if attribute == "value" and tree is None:
+        tree = v.attributes.get("start")
+    if tree is None:
+        if attribute not in _DEFAULTS:
+            raise InputError(f"{flat.name}: {name!r} has no {attribute}")
+        return _DEFAULTS[attribute]
+    b = Builder()
+    scope = Scope(b, flat.functions, {}, f"{name}.{attribute}", records=flat.records)
+    open_: set[str] = set()
+
+    def need(expression: Expression) -> None:
+        for n in names_in(expression):
+            if n in scope.values or n not in known:
+                continue
+            inner = known[n]
+            binding = inner.binding if inner.binding is not None else inner.attributes.get("start")
+            if not inner.constant or binding is None or n in open_:
+                raise InputError(
+                    f"{flat.name}: {attribute} of {name!r} depends on {n!r}, which has no value of its own"
+                )
+            open_.add(n)
+            need(binding)
+            scope.values[n] = b.const(values[n]) if n in values else _overridden(scope, n, binding, values)
+
+    need(tree)
+    found: Value = scope.value(tree)
+    for k in subscripts:
+        found = found[k - 1] if isinstance(found, list) else found
+    items = numbers(found)
+    if len(items) != 1 or items[0].op != "const":
+        raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
+    return items[0].value
+
+
+def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[str, float]) -> Value:
+    value = scope.value(binding)
+    if not isinstance(value, list) or not any(n.startswith(f"{name}[") for n in values):
+        return value
+    places = iter(f"{name}[{k + 1}]" for k in range(len(numbers(value))))
+    return mapped(lambda n: scope.builder.const(values.get(next(places), n.value)), value)
+
+
+def _split(name: str) -> tuple[str, list[int]]:
+    match = re.fullmatch(r"(.*)\[([\d,]+)\]", name)
+    return (match[1], [int(k) for k in match[2].split(",")]) if match else (name, [])
+
+
+def _tree(value: float | Expression) -> Expression:
+    return Number(float(value)) if isinstance(value, (int, float)) else value
+
+
+def _attributes(given: Mapping[str, float | Expression]) -> dict[str, Expression]:
+    wrong = next((k for k in given if k not in _DEFAULTS), None)
+    if wrong is not None:
+        raise InputError(f"no attribute {wrong!r}; expected {', '.join(_DEFAULTS)}")
+    return {k: _tree(v) for k, v in given.items()}
+
+
+def _with(flat: FlatModel, v: FlatVariable) -> FlatModel:
+    if any(x.name == v.name for x in flat.variables):
+        raise InputError(f"{flat.name}: there is a variable {v.name!r} already")
+    return replace(flat, variables=(*flat.variables, v))
+
+
+def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) -> FlatModel:
+    """Equations, algorithms and events with every name changed; declarations as they are."""
+
+    def both(e: FlatEquation) -> FlatEquation:
+        left, right = rebuilt(e.left, change), rebuilt(e.right, change)
+        return e if left == e.left and right == e.right else replace(e, left=left, right=right)
+
+    def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
+        return tuple(rebuilt_statement(s, change, target) for s in body)
+
+    def clause(w: When) -> When:
+        branches = []
+        for condition, actions in w.branches:
+            new = tuple(
+                replace(a, target=None if a.target is None else target(a.target), value=rebuilt(a.value, change))
+                for a in actions
+            )
+            branches.append((rebuilt(condition, change), new))
+        return replace(w, branches=tuple(branches))
+
+    def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(target(Name(n)).name for n in names)
+
+    return replace(
+        flat,
+        equations=tuple(map(both, flat.equations)),
+        initial_equations=tuple(map(both, flat.initial_equations)),
+        algorithms=tuple(
+            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.algorithms
+        ),
+        initial_algorithms=tuple(
+            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
+        ),
+        whens=tuple(map(clause, flat.whens)),
+        assertions=tuple(replace(a, condition=rebuilt(a.condition, change)) for a in flat.assertions),
+    )

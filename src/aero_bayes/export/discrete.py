@@ -1,0 +1,215 @@
+"""The discrete part of a model: what when clauses, discrete equations and algorithms assign, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from aero_bayes.export import arrays
+from aero_bayes.export.arrays import Value, numbers
+from aero_bayes.export.events import Events, Relation, Rounding, Sampling
+from aero_bayes.export.expression import Node
+from aero_bayes.export.flat import FlatModel, When
+from aero_bayes.export.scope import Scope
+from aero_bayes.export.syntax import (
+    Assign,
+    Expression,
+    IfStatement,
+    ReinitStatement,
+    Statement,
+    WhenStatement,
+)
+
+
+@dataclass(frozen=True)
+class Reinit:
+    """``state`` becomes ``value`` in an event in which ``active`` holds."""
+
+    state: Node
+    active: Node
+    value: Node
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """What changes in events only.
+
+    Attributes
+    ----------
+    updates : dict
+        For each discrete symbol (also those of when conditions) its value in an event, in terms of ``pre(...)``
+        symbols, relations and whatever else.
+    reinits : tuple of Reinit
+    relations, roundings, samplings : tuple
+        Whose symbols are known between events.
+    """
+
+    updates: dict[Node, Node]
+    reinits: tuple[Reinit, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    roundings: tuple[Rounding, ...] = ()
+    samplings: tuple[Sampling, ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        return not (self.updates or self.reinits or self.relations or self.roundings or self.samplings)
+
+
+def assigned_in_events(model: FlatModel) -> set[str]:
+    """Names that some when clause assigns."""
+    found = {
+        a.target.name
+        for w in model.whens
+        for _, actions in w.branches
+        for a in actions
+        if a.kind == "assign" and a.target
+    }
+
+    def search(body: Iterable[Statement], inside: bool) -> None:
+        for s in body:
+            if isinstance(s, Assign) and inside:
+                found.update(t.name for t in s.targets if t is not None)
+            elif isinstance(s, WhenStatement):
+                for _, inner in s.branches:
+                    search(inner, True)
+            elif isinstance(s, IfStatement):
+                for inner in (*(b for _, b in s.branches), s.otherwise):
+                    search(inner, inside)
+
+    for algorithm in model.algorithms:
+        search(algorithm.statements, False)
+    return found
+
+
+class EventActions:
+    """Translates when clauses and algorithms into updates of discrete symbols and new values of states."""
+
+    def __init__(self, scope: Scope, events: Events) -> None:
+        self.scope = scope
+        self.events = events
+        self.updates: dict[Node, Node] = {}
+        self.reinits: list[Reinit] = []
+        self.conditions = 0
+
+    def assign(self, symbol: Node, value: Node) -> None:
+        if symbol in self.updates:
+            raise self.scope.fail(f"{symbol.name!r}, which is assigned in two places")
+        self.updates[symbol] = value
+
+    def edge(self, condition: Expression) -> Node:
+        """True in the event in which the condition (or one of several) becomes true."""
+        b = self.scope.builder
+        active = b.zero
+        for c in numbers(self.scope.value(condition)):
+            symbol = self.events.new(f"when#{self.conditions}")
+            self.conditions += 1
+            self.updates[symbol] = c
+            active = b.binary("or", active, b.binary("and", symbol, b.unary("not", self.events.pre(symbol))))
+        return active
+
+    def clause(self, when: When) -> None:
+        """A when equation with its elsewhen branches."""
+        b = self.scope.builder
+        self.scope.place = when.place
+        taken = b.zero
+        values: dict[Node, Node] = {}
+        for condition, actions in when.branches:
+            edge = self.edge(condition)
+            active = b.binary("and", edge, b.unary("not", taken))
+            taken = b.binary("or", taken, edge)
+            for a in actions:
+                if a.kind == "terminate":
+                    raise self.scope.fail("terminate()")
+                if a.target is None:
+                    continue
+                value = self.scope.value(a.value)
+                targets = numbers(self.scope.value(a.target))
+                for target, new in zip(targets, _like(value, len(targets)), strict=True):
+                    if a.kind == "reinit":
+                        self.reinits.append(Reinit(target, active, new))
+                    else:
+                        values[target] = b.select(active, new, values.get(target, self.events.pre(target)))
+        for target, value in values.items():
+            self.assign(target, value)
+
+    def algorithm(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
+        """Runs an algorithm; gives the pairs (variable, value) of outputs that are not discrete."""
+        scope = self.scope
+        saved = scope.values
+        symbols = {n: saved[n] for n in outputs}
+        scope.values = dict(saved)
+        for n, value in symbols.items():
+            scope.values[n] = arrays.mapped(
+                lambda s: self.events.pre(s) if s in self.events.held else scope.builder.zero, value
+            )
+        self.statements(statements)
+        found = []
+        for n, value in symbols.items():
+            for s, new in zip(numbers(value), numbers(scope.values[n]), strict=True):
+                if s in self.events.held:
+                    self.assign(s, new)
+                else:
+                    found.append((s, new))
+        scope.values = saved
+        return found
+
+    def statements(self, body: Sequence[Statement]) -> None:
+        scope = self.scope
+        for s in body:
+            if isinstance(s, WhenStatement):
+                self.when_statement(s)
+            elif isinstance(s, ReinitStatement):
+                raise scope.fail("reinit() outside of a when clause")
+            else:
+                scope.run((s,))
+
+    def when_statement(self, s: WhenStatement) -> None:
+        scope, b = self.scope, self.scope.builder
+        taken = b.zero
+        for condition, body in s.branches:
+            edge = self.edge(condition)
+            active = b.binary("and", edge, b.unary("not", taken))
+            taken = b.binary("or", taken, edge)
+            before = dict(scope.values)
+            for inner in body:
+                if isinstance(inner, ReinitStatement):
+                    state = scope.scalar(inner.state)
+                    self.reinits.append(Reinit(state, active, scope.scalar(inner.value)))
+                else:
+                    scope.run((inner,))
+            for n, value in scope.values.items():
+                if n in before and value is not before[n]:
+                    scope.values[n] = arrays.select(b, active, value, before[n])
+
+
+def _like(value: Value, count: int) -> list[Node]:
+    found = numbers(value)
+    return found * count if len(found) == 1 else found
+
+
+def match_discrete(
+    scope: Scope, pairs: Sequence[tuple[Node, Node]], actions: EventActions, symbols: Sequence[Node]
+) -> None:
+    """Give each discrete equation ``left = right`` the variable that it determines (one of its sides)."""
+    free = [s for s in symbols if s not in actions.updates]
+    owner: dict[Node, int] = {}
+
+    def place(k: int, seen: set[Node]) -> bool:
+        for s in pairs[k]:
+            if s in candidates and s not in seen:
+                seen.add(s)
+                if s not in owner or place(owner[s], seen):
+                    owner[s] = k
+                    return True
+        return False
+
+    candidates = set(free)
+    for k, (left, right) in enumerate(pairs):
+        if not place(k, set()):
+            raise scope.fail(f"a discrete equation that determines none of its sides ({left!r} = {right!r})")
+    for s, k in owner.items():
+        left, right = pairs[k]
+        actions.assign(s, right if s is left else left)
+    for s in free:
+        if s not in owner:
+            raise scope.fail(f"the discrete variable {s.name!r}, which no equation determines")

@@ -1,0 +1,87 @@
+"""What makes events: relations, rounding, sampling; each becomes a symbol that is constant between events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from aero_bayes.export.expression import Builder, Node
+
+_STRICT = {"lt": "lt", "ge": "lt", "gt": "gt", "le": "gt"}
+
+
+@dataclass(frozen=True)
+class Relation:
+    """``symbol`` is 1 where ``difference`` is below zero (``below``) or above it."""
+
+    symbol: Node
+    difference: Node
+    below: bool
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """``symbol`` is the floor of ``argument``."""
+
+    symbol: Node
+    argument: Node
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """``symbol`` is 1 in the events at ``start + k interval``, k = 0, 1, ..."""
+
+    symbol: Node
+    start: Node
+    interval: Node
+
+
+@dataclass
+class Events:
+    """Collects events while a model is translated; ``held`` are the symbols that change in events only."""
+
+    builder: Builder
+    held: set[Node] = field(default_factory=set)
+    relations: dict[tuple[Node, bool], Relation] = field(default_factory=dict)
+    roundings: dict[Node, Rounding] = field(default_factory=dict)
+    samplings: dict[tuple[Node, Node], Sampling] = field(default_factory=dict)
+
+    def constant_between(self, node: Node) -> bool:
+        return self.builder.symbols(node) <= self.held
+
+    def new(self, name: str) -> Node:
+        symbol = self.builder.symbol(name)
+        self.held.add(symbol)
+        return symbol
+
+    def relation(self, op: str, left: Node, right: Node) -> Node:
+        """The truth of ``left op right``, which changes in events only."""
+        b = self.builder
+        plain = b.binary(op, left, right)
+        if op in ("eq", "ne") or self.constant_between(plain):
+            return plain
+        strict = _STRICT[op]
+        key = (b.sub(left, right), strict == "lt")
+        if key not in self.relations:
+            self.relations[key] = Relation(self.new(f"relation#{len(self.relations)}"), *key)
+        symbol = self.relations[key].symbol
+        return symbol if op == strict else b.unary("not", symbol)
+
+    def floor(self, argument: Node) -> Node:
+        if self.constant_between(argument):
+            return self.builder.unary("floor", argument)
+        if argument not in self.roundings:
+            self.roundings[argument] = Rounding(self.new(f"floor#{len(self.roundings)}"), argument)
+        return self.roundings[argument].symbol
+
+    def sample(self, start: Node, interval: Node) -> Node:
+        key = (start, interval)
+        if key not in self.samplings:
+            self.samplings[key] = Sampling(self.new(f"sample#{len(self.samplings)}"), start, interval)
+        return self.samplings[key].symbol
+
+    def pre(self, variable: Node) -> Node:
+        return self.new(f"pre({variable.name})")
+
+    @property
+    def initial(self) -> Node:
+        return self.new("initial()")

@@ -1,0 +1,465 @@
+"""Reads rumoca's structured flat model (``Model.to_json("flat")``) into :class:`~aero_bayes.export.flat.FlatModel`.
+
+Every kind of node that occurs is either read or named in an :class:`InputError`; nothing is skipped.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.flat import (
+    Algorithm,
+    Argument,
+    Assertion,
+    Causality,
+    FlatEquation,
+    FlatModel,
+    FlatVariable,
+    Function,
+    Origin,
+    Place,
+    Variability,
+    When,
+    WhenAction,
+)
+from aero_bayes.export.syntax import (
+    All,
+    Array,
+    AssertStatement,
+    Assign,
+    Call,
+    Comprehension,
+    Expression,
+    Field,
+    ForStatement,
+    If,
+    IfStatement,
+    Index,
+    Name,
+    Number,
+    Range,
+    ReinitStatement,
+    Statement,
+    Text,
+    WhenStatement,
+)
+
+Json = dict[str, Any]
+
+_BINARY = {
+    "Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^", "AddElem": ".+", "SubElem": ".-", "MulElem": ".*",
+    "DivElem": "./", "ExpElem": ".^", "Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>",
+    "And": "and", "Or": "or",
+}  # fmt: skip
+_VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
+_CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
+_UNARY = {"Minus": "neg", "DotMinus": "neg", "Not": "not"}
+
+
+def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
+    """The flat model of rumoca's document.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the model.
+    flat : dict
+        The document.
+    files : mapping
+        For each source's number its path and its text.
+
+    Raises
+    ------
+    InputError
+        For a construct that has no counterpart; names it, with file and line where they are known.
+    """
+    return _Reader(name, flat, files).model()
+
+
+class _Reader:
+    def __init__(self, name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> None:
+        self.name = name
+        self.flat = flat
+        self.files = files
+        self.lines: dict[str, list[int]] = {}
+        self.enumerations: Mapping[str, int] = flat["enum_literal_ordinals"]
+        self.binders: dict[str, int] = {}
+        self.here: Place | None = None
+
+    # places and failures
+
+    def place(self, span: Json | None) -> Place | None:
+        key = str(span["source"]) if span else ""
+        if span is None or key not in self.files:
+            return None
+        path, text = self.files[key]
+        if key not in self.lines:
+            self.lines[key] = [m.start() for m in re.finditer(b"\n", text.encode())]
+        start, end = int(span["start"]), int(span["end"])
+        return Place(path, start, end, bisect_right(self.lines[key], start - 1) + 1)
+
+    def fail(self, what: str) -> InputError:
+        return InputError(f"{self.here or self.name}: the embedded exporter cannot translate {what}")
+
+    # the model
+
+    def model(self) -> FlatModel:
+        f = self.flat
+        if f["branches"]:
+            raise self.fail("overconstrained connections")
+        types: Mapping[str, str] = f["variable_type_names"]
+        final = f.get("variable_final_flags") or {}
+        variables = [self.variable(v, types.get(n, "Real"), bool(final.get(n))) for n, v in f["variables"].items()]
+        bindings = []
+        for i, v in enumerate(variables):
+            if not v.constant and v.binding is not None:
+                bindings.append(FlatEquation(Name(v.name), v.binding, "binding", v.name.rpartition(".")[0], v.place))
+                variables[i] = replace(v, binding=None)
+        fields = {key: tuple(str(x["name"]) for x in r["fields"]) for key, r in f["record_types"].items()}
+        records = {
+            n: fields[str(r["type_def_id"])]
+            for n, r in f["record_instances"].items()
+            if str(r["type_def_id"]) in fields
+        }
+        return FlatModel(
+            self.name,
+            tuple(variables),
+            (*self.equations(f["equations"], f["structured_equations"]), *bindings),
+            tuple(self.equations(f["initial_equations"], f["initial_structured_equations"])),
+            tuple(map(self.algorithm, f["algorithms"])),
+            tuple(map(self.algorithm, f["initial_algorithms"])),
+            tuple(map(self.when, f["when_chains"])),
+            tuple(self.assertion(a) for a in (*f["assert_equations"], *f["initial_assert_equations"])),
+            {n: self.function(x) for n, x in f["functions"].items()},
+            records,
+            str(f.get("model_description") or ""),
+        )
+
+    def variable(self, v: Json, type_name: str, final: bool) -> FlatVariable:
+        self.here = self.place(v["source_span"])
+        attributes = {k: self.expression(v[k]) for k in ("start", "min", "max", "nominal") if v[k] is not None}
+        fixed = v["fixed"]
+        if fixed is not None:
+            marks = [self.fixed(x) for x in fixed]
+            attributes["fixed"] = marks[0] if len(marks) == 1 else Array(tuple(marks))
+        variability = _VARIABILITY.get(_word(v["variability"]), "discrete" if v["is_discrete_type"] else "continuous")
+        return FlatVariable(
+            name=v["name"],
+            type=type_name,
+            variability=variability,
+            causality=_CAUSALITY.get(_word(v["causality"]), "local"),
+            sizes=tuple(int(d) for d in v["dims"]),
+            unit=v["unit"] or "",
+            display_unit=v["display_unit"] or "",
+            attributes=attributes,
+            binding=None if v["binding"] is None else self.expression(v["binding"]),
+            flow=bool(v["flow"]),
+            state_select=str(v["state_select"]).lower(),
+            protected=bool(v["is_protected"]),
+            final=final,
+            description=v["description"] or "",
+            place=self.here,
+        )
+
+    def fixed(self, value: Any) -> Expression:
+        return Number(float(value)) if isinstance(value, bool) else self.expression(value)
+
+    def equations(self, plain: Sequence[Json], families: Sequence[Json]) -> Iterator[FlatEquation]:
+        """Equations; families of a loop hold two of their equations and a template for the rest."""
+        templates = {
+            int(s.get("first_equation_index") or 0): s
+            for s in families
+            if s.get("template") is not None and not s.get("interiors_materialized")
+        }
+        at = 0
+        while at < len(plain):
+            family = templates.get(at)
+            if family is None:
+                yield self.equation(plain[at])
+                at += 1
+                continue
+            binders = family["domain"]["binders"]
+            ranges = [range(int(b["lower"]), int(b["upper"]) + 1, int(b["step"])) for b in binders]
+            for point in product(*ranges):
+                self.binders = dict(zip((str(b["display_name"]) for b in binders), point, strict=True))
+                for body in family["template"]["body"]:
+                    yield self.equation({**plain[at], "residual": body})
+                    at += 1
+            self.binders = {}
+
+    def equation(self, e: Json) -> FlatEquation:
+        self.here = self.place(e["span"])
+        kind, detail = next(iter(e["origin"].items()))
+        origin: Origin = "component"
+        if kind == "Connection":
+            origin, component = "connection", _common(detail["lhs"], detail["rhs"])
+        elif kind == "FlowSum":
+            origin, component = (
+                "flow",
+                _common(*re.findall(r"[^\s+=-][^\s+=]*", detail["description"].rpartition("=")[0])),
+            )
+        elif kind == "UnconnectedFlow":
+            origin, component = "flow", str(detail["variable"]).rpartition(".")[0]
+        elif kind == "Binding":
+            origin, component = "binding", str(detail.get("variable", "")).rpartition(".")[0]
+        elif kind == "ComponentEquation":
+            component = str(detail["component"])
+        else:
+            raise self.fail(f"an equation of the kind {kind!r}")
+        residual = e["residual"]
+        difference = residual.get("Binary") if isinstance(residual, dict) else None
+        if difference is not None and difference["op"] == "Sub" and origin != "flow":
+            return FlatEquation(
+                self.expression(difference["lhs"]), self.expression(difference["rhs"]), origin, component, self.here
+            )
+        return FlatEquation(self.expression(residual), Number(0.0), origin, component, self.here)
+
+    def when(self, chain: Json) -> When:
+        first = chain["first"]
+        self.here = self.place(first.get("span") or chain.get("span"))
+        place = self.here
+        branches = []
+        for branch in (first, *chain.get("else_when", ())):
+            actions = [a for e in branch["equations"] for a in self.action(e)]
+            branches.append((self.expression(branch["condition"]), tuple(actions)))
+        return When(tuple(branches), place)
+
+    def action(self, e: Json) -> list[WhenAction]:
+        kind, detail = next(iter(e.items()))
+        self.here = self.place(detail.get("span")) or self.here
+        match kind:
+            case "Assign":
+                return [WhenAction("assign", self.target(detail["target"]), self.expression(detail["value"]))]
+            case "Reinit":
+                return [WhenAction("reinit", self.target(detail["state"]), self.expression(detail["value"]))]
+            case "Assert":
+                return [WhenAction("assert", None, self.expression(detail["condition"]))]
+            case "Terminate":
+                return [WhenAction("terminate", None, Number(1.0))]
+        raise self.fail(f"a {kind!r} in a when equation")
+
+    def target(self, t: Any) -> Name:
+        if isinstance(t, str):
+            return Name(t)
+        if "name" in t:
+            return Name(str(t["name"]))
+        tree = self.expression(t) if "VarRef" in t else self.reference(t)
+        if not isinstance(tree, Name):
+            raise self.fail("the target of an assignment")
+        return tree
+
+    def assertion(self, a: Json) -> Assertion:
+        self.here = self.place(a["span"])
+        message = self.expression(a["message"])
+        level = self.expression(a["level"]) if a.get("level") is not None else Number(2.0)
+        return Assertion(
+            self.expression(a["condition"]),
+            message.value if isinstance(message, Text) else "an assertion of the model",
+            level == Number(1.0),
+            self.here,
+        )
+
+    def algorithm(self, a: Json) -> Algorithm:
+        self.here = self.place(a.get("span"))
+        outputs = [o.name if isinstance(o, Name) else "" for o in map(self.target, a["outputs"])]
+        return Algorithm(self.statements(a["statements"]), tuple(dict.fromkeys(outputs)), self.here)
+
+    def function(self, f: Json) -> Function:
+        self.here = self.place(f.get("span"))
+
+        def arguments(group: str) -> tuple[Argument, ...]:
+            return tuple(
+                Argument(
+                    str(a["name"]),
+                    tuple(self.subscript(s) for s in a.get("shape_expr") or ()),
+                    self.expression(a["default"]) if a.get("default") is not None else None,
+                    str(a["type_name"]),
+                )
+                for a in f.get(group) or ()
+            )
+
+        external = f.get("external")
+        return Function(
+            str(f["name"]),
+            arguments("inputs"),
+            arguments("outputs"),
+            arguments("locals"),
+            self.statements(f.get("body") or ()),
+            bool(f.get("is_constructor")),
+            str(external["function_name"] or f["name"]) if external else "",
+        )
+
+    # statements
+
+    def statements(self, body: Sequence[Json]) -> tuple[Statement, ...]:
+        return tuple(s for item in body for s in self.statement(item))
+
+    def statement(self, s: Json | str) -> tuple[Statement, ...]:
+        if isinstance(s, str):
+            if s == "Empty":
+                return ()
+            raise self.fail(f"the statement {s.lower()!r}")
+        kind, d = next(iter(s.items()))
+        match kind:
+            case "Empty":
+                return ()
+            case "Assignment":
+                return (Assign((self.reference(d["comp"]),), self.expression(d["value"])),)
+            case "FunctionCall":
+                call = Call(self.function_name(d["comp"]), tuple(map(self.expression, d["args"])))
+                targets = tuple(self.optional(o) for o in d["outputs"])
+                return (Assign(targets, call),)
+            case "If":
+                branches = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["cond_blocks"])
+                return (IfStatement(branches, self.statements(d.get("else_block") or ())),)
+            case "For":
+                inner = self.statements(d["equations"])
+                for index in reversed(d["indices"]):
+                    inner = (ForStatement(_ident(index["ident"]), self.expression(index["range"]), inner),)
+                return inner
+            case "When":
+                blocks = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["blocks"])
+                return (WhenStatement(blocks),)
+            case "Reinit":
+                return (ReinitStatement(self.target(d.get("variable") or d["state"]), self.expression(d["value"])),)
+            case "Assert":
+                message = self.expression(d["message"])
+                return (
+                    AssertStatement(
+                        self.expression(d["condition"]), message.value if isinstance(message, Text) else ""
+                    ),
+                )
+        raise self.fail(f"the statement {kind.lower()!r}")
+
+    def optional(self, o: Any) -> Name | None:
+        if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
+            return None
+        return self.target(o)
+
+    def function_name(self, comp: Json) -> str:
+        return ".".join(_ident(p["ident"]) for p in comp["parts"])
+
+    def reference(self, comp: Json) -> Name:
+        parts = comp["parts"]
+        words = []
+        for p in parts[:-1]:
+            inner = [self.subscript(x) for x in p.get("subs") or ()]
+            if any(not isinstance(x, Number) for x in inner):
+                raise self.fail("a component that a loop variable selects in an algorithm")
+            words.append(
+                _ident(p["ident"])
+                + (f"[{','.join(f'{x.value:g}' for x in inner if isinstance(x, Number))}]" if inner else "")
+            )
+        words.append(_ident(parts[-1]["ident"]))
+        return Name(".".join(words), tuple(self.subscript(x) for x in parts[-1].get("subs") or ()))
+
+    # expressions
+
+    def subscript(self, s: Json) -> Expression:
+        kind, d = next(iter(s.items()))
+        match kind:
+            case "Index":
+                return Number(float(d["value"]))
+            case "Expr":
+                return self.expression(d["expr"])
+            case "Colon":
+                return All()
+        raise self.fail(f"a subscript of the kind {kind!r}")
+
+    def expression(self, e: Json) -> Expression:
+        kind, d = next(iter(e.items()))
+        match kind:
+            case "Literal":
+                return self.literal(d["value"])
+            case "VarRef":
+                return self.variable_reference(d)
+            case "Binary":
+                if d["op"] not in _BINARY:
+                    raise self.fail(f"the operator {d['op']!r}")
+                return Call(_BINARY[d["op"]], (self.expression(d["lhs"]), self.expression(d["rhs"])))
+            case "Unary":
+                inner = self.expression(d["rhs"])
+                if d["op"] in ("Plus", "DotPlus"):
+                    return inner
+                return Call(_UNARY[d["op"]], (inner,))
+            case "BuiltinCall":
+                name = d["function"][0].lower() + d["function"][1:]
+                return Call(name, tuple(map(self.expression, d["args"])))
+            case "FunctionCall":
+                self.here = self.place(d.get("span")) or self.here
+                return Call(str(d["name"]["name"]), tuple(map(self.expression, d["args"])))
+            case "If":
+                tree = self.expression(d["else_branch"])
+                for condition, value in reversed(d["branches"]):
+                    tree = If(self.expression(condition), self.expression(value), tree)
+                return tree
+            case "Array":
+                items = tuple(map(self.expression, d["elements"]))
+                joined = {"Horizontal": "[,]", "Vertical": "[;]"}.get(d.get("kind"))
+                return Array(items) if joined is None else Call(joined, items)
+            case "Tuple":
+                return Array(tuple(map(self.expression, d["elements"])))
+            case "Range":
+                step = self.expression(d["step"]) if d.get("step") is not None else None
+                return Range(self.expression(d["start"]), step, self.expression(d["end"]))
+            case "ArrayComprehension":
+                return self.comprehension(d)
+            case "Index":
+                return Index(self.expression(d["base"]), tuple(map(self.subscript, d["subscripts"])))
+            case "FieldAccess":
+                return Field(self.expression(d["base"]), str(d["field"]))
+        raise self.fail(f"an expression of the kind {kind!r}")
+
+    def comprehension(self, d: Json) -> Expression:
+        if d.get("filter") is not None:
+            raise self.fail("a filter in an array comprehension")
+        tree = self.expression(d["expr"])
+        for index in reversed(d["indices"]):
+            tree = Comprehension(tree, str(index["name"]), self.expression(index["range"]))
+        return tree
+
+    def literal(self, value: Json) -> Expression:
+        kind, v = next(iter(value.items()))
+        match kind:
+            case "Real" | "Integer" | "Boolean":
+                return Number(float(v))
+            case "String":
+                return Text(str(v))
+        raise self.fail(f"a literal of the kind {kind!r}")
+
+    def variable_reference(self, d: Json) -> Expression:
+        name = str(d["name"]["name"])
+        subscripts = tuple(map(self.subscript, d["subscripts"]))
+        if self.binders:
+            if name in self.binders and not subscripts:
+                return Number(float(self.binders[name]))
+            for binder, value in self.binders.items():
+                name = re.sub(rf"(?<=[\[,]){re.escape(binder)}(?=[\],])", str(value), name)
+        if name in self.enumerations and name not in self.flat["variables"]:
+            return Number(float(self.enumerations[name]))
+        return Name(name, subscripts)
+
+
+def _word(tagged: Any) -> str:
+    return str(next(iter(tagged))) if isinstance(tagged, dict) else str(tagged)
+
+
+def _ident(ident: Any) -> str:
+    return str(ident["text"]) if isinstance(ident, dict) else str(ident)
+
+
+def _common(*names: str) -> str:
+    """The instance that holds the connectors: the longest path that all names share, without the connector."""
+    paths = [n.lstrip("-").split(".")[:-1] for n in names]
+    shared = []
+    for level in zip(*paths, strict=False):
+        if len(set(level)) > 1:
+            break
+        shared.append(level[0])
+    return ".".join(shared)

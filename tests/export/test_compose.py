@@ -1,0 +1,154 @@
+"""Models put together without a compiler, against the same model written in Modelica, and against formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, tanh
+from pathlib import Path
+
+import numpy as np
+import pytest
+from export_driver import driven
+from hand_written_aero import NOMINAL, STATES, one_dof
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import (
+    add_input,
+    add_output,
+    add_parameter,
+    add_term,
+    add_variable,
+    equate,
+    evaluate,
+    instantiate,
+    renamed,
+    replace_uses,
+    set_parameter,
+)
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export.syntax import Call, Name, Number, names_in
+
+Write = Callable[[str, str], Path]
+
+LAW = """within ;
+model Coulomb
+  input Real v(unit = "rad/s");
+  output Real f(unit = "N.m");
+  parameter Real f_n(unit = "N.m") = 2;
+  parameter Real v_s = 0.5;
+  parameter Real F_c(unit = "N.m", min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 1e-3 "Level";
+  parameter Real table[3] = {1, 2, 4};
+  Real z(start = 0.25, fixed = true);
+equation
+  f = F_c * tanh(v / v_s) + z;
+  der(z) = table[2] * (v - z);
+end Coulomb;
+"""
+
+
+@pytest.fixture(scope="module")
+def base() -> FlatModel:
+    return load_flat("Aero.Systems.OneDof")
+
+
+@pytest.fixture
+def law(modelica: Write) -> FlatModel:
+    return load_flat("Coulomb", [modelica("Coulomb", LAW)])
+
+
+def test_the_flat_model_says_where_everything_comes_from(base: FlatModel) -> None:
+    resistance = base.variable("R_a")
+    assert (resistance.unit, resistance.variability, resistance.place and resistance.place.file) == (
+        "Ohm", "parameter", "Aero/Systems/Bench.mo",
+    )  # fmt: skip
+    assert base.variable("body.flange.tau").flow
+    assert base.variable("V_m").causality == "input"
+    assert not base.variable("body.flange.w").flow
+    place = next(e.place for e in base.equations if {"body.J_p", "body.omega"} <= names_in(e.left) | names_in(e.right))
+    assert place is not None
+    assert place.file == "Aero/Mechanical/PitchingBody.mo"
+    source = Path("modelica", place.file)
+    root = next(p for p in Path(__file__).parents if (p / source).is_file())
+    text = (root / source).read_bytes()
+    assert b"=" in text[place.start : place.end]
+    assert text[: place.start].count(b"\n") + 1 == place.line
+    kinds = {e.origin for e in base.equations}
+    assert kinds == {"component", "connection", "flow", "binding"}
+    shared = next(e for e in base.equations if e.origin == "flow" and "body.flange.tau" in names_in(e.left))
+    assert {"arm_1.flange.tau", "body.flange.tau", "bodyEffect.flange.tau", "arm_2.flange.tau"} == names_in(shared.left)
+
+
+def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatModel, tmp_path: Path) -> None:
+    wider = instantiate(renamed(base, "Wider"), law, "friction")
+    wider = equate(wider, "friction.v", Name("body.omega"))
+    flow = next(
+        k for k, e in enumerate(wider.equations) if e.origin == "flow" and "body.flange.tau" in names_in(e.left)
+    )
+    wider = add_term(wider, flow, Name("friction.f"))
+    wider = set_parameter(wider, "friction.F_c", 0.02)
+    x = np.array([0.2, 310.0, 0.3, 0.7, -0.1, -290.0])
+    with driven(export_flat(wider, tmp_path / "w.fmu", quick=True)) as fmu:
+        assert fmu.starts["friction.z"] == 0.25
+        fmu.begin()
+        fmu.set(V_m=9.0)
+        at = dict(zip(STATES, x, strict=True)) | {"friction.z": 0.4}
+        found = dict(zip(fmu.states, fmu.rhs(np.array([at[s] for s in fmu.states])), strict=True))
+        rates = one_dof(x, 9.0, NOMINAL)
+        torque = 0.02 * tanh(0.7 / 0.5) + 0.4
+        rates["body.omega"] -= torque / NOMINAL["J_p"]
+        rates["friction.z"] = 2 * (0.7 - 0.4)
+        assert set(found) == set(rates)
+        for name, rate in rates.items():
+            assert found[name] == pytest.approx(rate, rel=1e-12), name
+
+
+def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) -> None:
+    flat = add_parameter(renamed(base, "Gained"), "gain", 0.5, "1", min=0.0, max=Call("*", (Number(2.0), Name("R_a"))))
+    flat = add_variable(flat, "V_in", "V")
+    flat = replace_uses(flat, "V_m", Name("V_in"))
+    flat = equate(flat, "V_in", Call("*", (Name("gain"), Name("V_m"))))
+    flat = add_input(flat, "push", "N.m")
+    flow = next(k for k, e in enumerate(flat.equations) if e.origin == "flow" and "body.flange.tau" in names_in(e.left))
+    flat = add_term(flat, flow, Call("neg", (Name("push"),)))
+    flat = add_output(flat, "speed_2", Name("body.omega"), "rad/s")
+    x = np.array([0.2, 310.0, 0.3, 0.7, -0.1, -290.0])
+    with driven(export_flat(flat, tmp_path / "g.fmu", quick=True)) as fmu:
+        fmu.begin()
+        fmu.set(V_m=12.0, gain=0.25, push=0.03)
+        at = dict(zip(STATES, x, strict=True))
+        at["speed_2"] = at["body.omega"]
+        found = dict(zip(fmu.states, fmu.rhs(np.array([at[s] for s in fmu.states])), strict=True))
+        rates = one_dof(x, 3.0, NOMINAL)
+        rates["body.omega"] += 0.03 / NOMINAL["J_p"]
+        names = {"speed_2": "body.omega"}
+        assert fmu.get("speed_2")[0] == 0.7
+        for name, rate in found.items():
+            assert rate == pytest.approx(rates[names.get(name, name)], rel=1e-12), name
+
+
+def test_attributes_are_evaluated_over_parameters(law: FlatModel) -> None:
+    assert evaluate(law, "F_c", "max") == 20.0
+    assert evaluate(law, "F_c", "max", {"f_n": 0.5}) == 5.0
+    assert evaluate(law, "F_c", "nominal", {"f_n": 0.5}) == pytest.approx(0.05)
+    assert evaluate(law, "F_c", "value") == 1e-3
+    assert evaluate(law, "F_c", "value", {"F_c": 3.0}) == 3.0
+    assert evaluate(law, "v_s", "max") == inf
+    assert evaluate(law, "z", "start") == 0.25
+    assert evaluate(law, "table[3]", "value") == 4.0
+
+
+def test_what_does_not_fit_is_refused(base: FlatModel, law: FlatModel) -> None:
+    wider = instantiate(base, law, "friction")
+    with pytest.raises(InputError, match="'friction' is there already"):
+        instantiate(wider, law, "friction")
+    with pytest.raises(InputError, match="no parameter 'theta'"):
+        set_parameter(base, "theta", 1.0)
+    with pytest.raises(InputError, match="no variable 'nothing'"):
+        evaluate(base, "nothing", "max")
+    with pytest.raises(InputError, match="'R_a' already"):
+        add_parameter(base, "R_a", 1.0)
+    with pytest.raises(InputError, match="no attribute 'lower'"):
+        add_parameter(base, "q", 1.0, lower=2.0)
+    assert len(base.variables) < len(wider.variables)
