@@ -134,6 +134,9 @@ class LoopSection(Section):
     max_effects: Count = 3
     held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
     effects: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
 
 
 class SolverSection(Section):

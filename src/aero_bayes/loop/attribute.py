@@ -17,22 +17,9 @@ from numpy.typing import NDArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect that the model may lack: the columns that switch it on, and values (SI units) to start them from.
-
-    One that ``refines`` another is not searched for; it may take that one's place once that one is found.
-    """
-
-    id: str
-    port: str
-    columns: tuple[int, ...]
-    starts: tuple[tuple[float, ...], ...]
-    refines: str = ""
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.export import ExtendedModel
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.workbench import Workbench
+from aero_bayes.physics.kin import Extension
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Conclusion:
 
     outcome: LoopOutcome
     sentence: str
-    written: ExtendedModel | None
+    written: Extension | None
     effects: tuple[FoundEffect, ...]
     calibration: Calibration
     refit: Optimum

@@ -14,40 +14,37 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.export import CATALOGUE, EffectUse, FreeForm
-from aero_bayes.loop.attribute import Candidate, Selection
+from aero_bayes.export import FreeForm
+from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.result import FoundEffect
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.tell import fitted_parameters, gain_text
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import CurveFit
-from aero_bayes.physics.catalogue import effect_parameter
+from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.kin import Candidate, Extension
 
 
 def add_effects(bench: Workbench, found: Found) -> Conclusion:
     """Write the selected effects of the catalogue into the model."""
     selection, everything = found.selection, found.base.everything
     bench.progress("writing the extended model", 0.75)
-    values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates), strict=True))
-    uses = [
-        EffectUse(c.id, {p.name: _significant(values[p.name]) for p in CATALOGUE[c.id].parameters})
-        for c in selection.effects
-    ]
-    written, model = bench.family.with_effects(uses, bench.folder)
+    values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates).tolist(), strict=True))
+    written = bench.family.extend(selection.effects, values, bench.folder)
+    values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
     bench.tally.lap("extension")
     bench.progress("refitting the extended model", 0.85)
-    new = [effect_parameter(p) for c in selection.effects for p in CATALOGUE[c.id].parameters]
-    calibration = found.base.on(model, new)
+    calibration = found.base.on(written.model, written.parameters)
     study, fit = _final_fit(bench, found, calibration, values, selection.refit)
     reports = inspect(calibration, study.series, fit, found.base.floors)
     after = bench.predict(calibration, fit)
     bench.tally.count(study)
     study.simulator.close()
-    effects = tuple(_found_effect(c, selection, calibration.parameters, fit) for c in selection.effects)
+    effects = tuple(_found_effect(bench, c, selection, written, calibration.parameters, fit) for c in selection.effects)
     effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
     structured = [r for r in reports if r.verdict == "structured"]
-    sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + gain_text(found.before, after)
+    sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + gain_text(found.before, after, bench.units)
     if structured:
         sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
     bench.tally.lap("judgement")
@@ -59,7 +56,10 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     bench.progress("writing the learned curve into the model", 0.75)
     values = tuple(_significant(float(v)) for v in curve.values)
     use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
-    written, model = bench.family.with_effects([use], bench.folder)
+    family = bench.family
+    assert isinstance(family, ModelFamily), "curves are learned for these"
+    table, model = family.with_effects([use], bench.folder)
+    written = Extension(table.name, table.path, table.text, family.diff(table), model, (), {}, {})
     bench.tally.lap("extension")
     start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
     new = [curve.parameters.items[j] for j in curve.columns]
@@ -80,7 +80,7 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
     sentence = (
         f"Something acts at the {curve.port} port as a function of {curve.over}; no effect of the catalogue fits "
-        f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after)}"
+        f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after, bench.units)}"
     )
     bench.tally.lap("judgement")
     return Conclusion("extended", sentence, written, (effect,), calibration, fit, reports, after)
@@ -102,14 +102,21 @@ def _final_fit(
     return study, climb(study, at, range(len(parameters)), noise=warm.noise, settings=settings)
 
 
-def _found_effect(candidate: Candidate, selection: Selection, parameters: ParameterSet, fit: Optimum) -> FoundEffect:
-    effect = CATALOGUE[candidate.id]
+def _found_effect(
+    bench: Workbench,
+    candidate: Candidate,
+    selection: Selection,
+    written: Extension,
+    parameters: ParameterSet,
+    fit: Optimum,
+) -> FoundEffect:
     named = fitted_parameters(parameters, fit)
     found = next((r for r in selection.rounds if r.chosen is not None and r.chosen.candidate is candidate), None)
     gain = found.chosen.gain if found is not None and found.chosen is not None else math.nan
     return FoundEffect(
-        effect.id, effect.port, "catalogue", tuple(named[p.name] for p in effect.parameters), gain,
-        found.threshold if found is not None else math.nan, effect.summary, dict(effect.widths),
+        candidate.id, candidate.port, "catalogue", tuple(named[new] for _, new in written.names[candidate.id]), gain,
+        found.threshold if found is not None else math.nan, bench.family.summary(candidate.id),
+        dict(written.widths[candidate.id]),
     )  # fmt: skip
 
 

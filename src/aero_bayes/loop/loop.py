@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE, Compiler
+from aero_bayes.export import CATALOGUE
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -23,6 +23,8 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.kin import Family
+from aero_bayes.physics.rig import Narrowed, RigFamily
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import WorkerPool
 
@@ -34,7 +36,7 @@ def close_loop(
     test: Sequence[Recording] = (),
     *,
     model: str = "Aero.Systems.OneDof",
-    compiler: Compiler = "auto",
+    sources: Sequence[Path] = (),
     settings: LoopSettings | None = None,
     workers: int | None = None,
     out_dir: Path | None = None,
@@ -48,7 +50,9 @@ def close_loop(
     train, test : sequences of Recording
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
-        A base system with slots for effects.
+        A Modelica class; of the package ``Aero`` a system with slots for effects.
+    sources : sequence of Path
+        Files and package folders that the class is loaded from.
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
     out_dir : Path, optional
@@ -68,17 +72,14 @@ def close_loop(
     if not train:
         raise InputError("the closed loop needs at least one training recording")
     settings = settings or LoopSettings()
-    unknown = [id_ for id_ in settings.effects or () if id_ not in CATALOGUE]
-    if unknown:
-        raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     progress = progress or (lambda what, share: None)
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = out_dir or scratch
-        family = ModelFamily(model, cache or folder / "fmu", compiler)
-        known = [v.name for v in family.screening().outputs]
+        family = _family(model, sources, cache or folder / "fmu", settings)
+        known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally())
         base = fit_as_it_stands(bench)
@@ -88,3 +89,14 @@ def close_loop(
         base.study.simulator.close()
         progress("done", 1.0)
         return result
+
+
+def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
+    if not model.startswith("Aero."):
+        narrowed = Narrowed(settings.exclude, settings.ports, settings.laws or settings.effects)
+        return RigFamily(model, tuple(sources), folder, narrowed=narrowed)
+    unknown = [id_ for id_ in (*(settings.effects or ()), *settings.exclude) if id_ not in CATALOGUE]
+    if unknown:
+        raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
+    effects = tuple(id_ for id_ in settings.effects or CATALOGUE if id_ not in settings.exclude)
+    return ModelFamily(model, folder, effects=effects)

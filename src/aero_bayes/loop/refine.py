@@ -16,7 +16,8 @@ import numpy as np
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.loop.attribute import AttributeSettings, Candidate, Round, Scored, Selection, threshold
+from aero_bayes.loop.attribute import AttributeSettings, Round, Scored, Selection, threshold
+from aero_bayes.physics.kin import Candidate
 
 #: Refits of a finer law, from the likeliest of its starts.
 STARTS = 2

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport
+from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.loop.attribute import Round
 from aero_bayes.loop.judge import Prediction, Shift
 from aero_bayes.physics.locate import Moment, PortSignal
@@ -116,6 +117,7 @@ class LoopResult:
     simulations: int
     failures: int
     seconds: Mapping[str, float]
+    added: tuple[Parameter, ...] = ()
     drawn: str = ""
     data_notes: tuple[str, ...] = ()
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.export import CATALOGUE
 from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.workbench import Workbench
@@ -24,6 +23,7 @@ from aero_bayes.physics.beyond import (
     fit_moment,
     probe,
 )
+from aero_bayes.physics.family import ModelFamily
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,9 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
     structured = any(report.verdict == "structured" for report in left)
     if not structured and not (selection.effects and bench.settings.locate):
         return Rival()
+    family = bench.family
+    if not isinstance(family, ModelFamily):
+        return Rival()
     bench.progress("locating the port", 0.65)
     outputs = bench.recordings.outputs
     visited = Visited.of(base.study, base.fit)
@@ -57,11 +60,11 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
         return Rival(probing)
     bench.progress("looking beyond the catalogue", 0.7)
     margin = bench.settings.attribute.margin
-    named = selection.refit.log_evidence - len(selection.effects) * math.log(len(CATALOGUE))
+    named = selection.refit.log_evidence - len(selection.effects) * math.log(len(base.candidates))
     values = base.everything.from_search(base.fit.coordinates)
     start = dict(zip(base.everything.names, values, strict=True))
     search = CurveSearch(
-        bench.family, base.calibration, base.shared, start, base.fit, visited, bench.open_objective, base.settings
+        family, base.calibration, base.shared, start, base.fit, visited, bench.open_objective, base.settings
     )
     curves = fit_curves(search, outputs)
     moment = fit_moment(base.calibration, base.fit, probing, visited, bench.open_objective, base.settings)

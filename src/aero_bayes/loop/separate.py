@@ -18,7 +18,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.loop.attribute import Candidate
+from aero_bayes.physics.kin import Candidate
 from aero_bayes.simulation.interface import Experiment, InputSignal
 
 FloatArray = NDArray[np.float64]

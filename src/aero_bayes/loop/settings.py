@@ -22,6 +22,8 @@ class LoopSettings:
     attribute, climb, ascent, calibration : settings of the search, of each climb, of the first fit, and of the problem
     effects : tuple of str, optional
         Ids of the catalogue to consider; all by default.
+    exclude : tuple of str
+        Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
     held_out : float
         Share of each recording, at its end, that is kept from the fit where no test recording is given.
     fixed : mapping of str to float
@@ -51,6 +53,9 @@ class LoopSettings:
     )
     seed: int = 1
     effects: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
     held_out: float = 0.3
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +10,6 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.export import ExtendedModel
-from aero_bayes.loop.attribute import Candidate
 from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.judge import Prediction, shifts
 from aero_bayes.loop.result import LoopResult, NewParameter
@@ -20,7 +17,6 @@ from aero_bayes.loop.search import Found
 from aero_bayes.loop.separate import propose
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import Probing
-from aero_bayes.physics.catalogue import describe
 from aero_bayes.physics.locate import rank_ports
 
 FloatArray = NDArray[np.float64]
@@ -59,12 +55,13 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         noise=conclusion.refit.noise,
         modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
-        diff=_diff(bench.family.base, written),
+        diff=written.diff if written is not None else "",
         separate=_separating_experiments(bench, found) if named else (),
         story=_story(bench.family.title, found, conclusion, ports, tied),
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
+        added=written.parameters if written is not None else (),
         drawn=names[probing.recording] if probing is not None else names[0],
     )
 
@@ -87,12 +84,12 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
     return found
 
 
-def gain_text(before: Prediction, after: Prediction) -> str:
+def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
     """By how much the error falls, of the output where it falls most."""
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
     worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    unit = {"i_m": "A", "omega_m": "rad/s", "theta": "rad"}.get(worst, "")
+    unit = units.get(worst, "")
     where = "data that was not fitted" if role == "test" else "the fitted data"
     return f"on {where} the error of {worst} falls from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
 
@@ -111,8 +108,8 @@ def _story(
         lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
     lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
     for effect in conclusion.effects:
-        values = {p.name: p.value for p in effect.parameters}
-        lines.append(f"Added at the {effect.port} port: {describe(Candidate(effect.id, effect.port, (), ()), values)}.")
+        values = ", ".join(f"{p.name} = {p.value:.3g} {p.unit}".rstrip() for p in effect.parameters)
+        lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
     return (*lines, conclusion.sentence)
 
 
@@ -149,18 +146,6 @@ def _states_at(study: Objective, fit: Optimum, probing: Probing | None) -> dict[
         at = series.sampling.time
         predicted = fit.evaluation.predicted[k]
         states[series.output] = (time, np.interp(time, at, predicted))
-        if series.output == "theta" and predicted.size > 2:
-            states["theta_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
+        if predicted.size > 2:
+            states[f"{series.output}_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
     return states
-
-
-def _diff(base: str, written: ExtendedModel | None) -> str:
-    """The extended model's file as a diff against one that adds nothing."""
-    if written is None:
-        return ""
-    title = base.rpartition(".")[2]
-    empty = ["within ;", f'model {written.name} "{title}"', f"  extends {base};", f"end {written.name};"]
-    lines = difflib.unified_diff(
-        empty, written.text.splitlines(), fromfile=f"{title}.mo", tofile=written.path.name, lineterm="", n=2
-    )
-    return "\n".join(lines)

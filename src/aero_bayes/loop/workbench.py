@@ -14,7 +14,7 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.judge import Prediction, predict
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.kin import Family
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import InputSignal, Problem, Simulator
 
@@ -48,13 +48,18 @@ class Workbench:
     ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1).
     """
 
-    family: ModelFamily
+    family: Family
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool
     folder: Path
     progress: Progress
     tally: Tally
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the model's outputs."""
+        return {v.name: v.unit for v in self.family.plain().outputs}
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
         """The fitted recordings held against a model; ``fixed`` goes before what the settings hold fixed."""

@@ -5,37 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.data import Recording
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.export import CATALOGUE, Effect, EffectParameter
-from aero_bayes.loop.attribute import Candidate
-from aero_bayes.simulation.interface import ParameterTarget
-
-#: An effect's magnitude is expected within so many of its typical scales (one standard deviation).
-SPREAD = 3.0
+from aero_bayes.physics.kin import Candidate, magnitude
 
 
 def effect_parameter(item: EffectParameter) -> Parameter:
-    """A parameter of an effect, off at its start where zero switches the effect off."""
-    target = ParameterTarget(item.name)
-    if item.minimum > 0.0:
-        return Parameter(
-            item.name, item.unit, item.default, item.minimum, item.maximum, LogUniform(item.minimum, item.maximum),
-            "log", item.description, target,
-        )  # fmt: skip
-    return Parameter(
-        item.name, item.unit, 0.0, item.minimum, item.maximum, Normal(0.0, SPREAD * item.scale), "linear",
-        item.description, target,
-    )  # fmt: skip
+    """A parameter of an effect as a search takes it."""
+    default = item.default if item.minimum > 0.0 else 0.0
+    return magnitude(item.name, item.unit, item.description, (item.minimum, item.maximum), item.scale, default)
 
 
 def candidates_of(
-    ids: Sequence[str], first_column: int, outputs: Sequence[str], recordings: Sequence[Recording]
+    ids: Sequence[str], first_column: int, outputs: Sequence[str], highest: float
 ) -> tuple[tuple[Parameter, ...], tuple[Candidate, ...]]:
     """Parameters and candidates of the effects that the recorded outputs can show.
 
-    Their columns start at ``first_column``.
+    Their columns start at ``first_column``; ``highest`` is the greatest voltage that was asked for.
     """
     parameters: list[Parameter] = []
     candidates = []
@@ -45,7 +31,7 @@ def candidates_of(
             continue
         columns = tuple(range(first_column + len(parameters), first_column + len(parameters) + len(effect.parameters)))
         parameters += [effect_parameter(item) for item in effect.parameters]
-        candidates.append(Candidate(effect.id, effect.port, columns, _starts(effect, recordings), effect.refines))
+        candidates.append(Candidate(effect.id, effect.port, columns, _starts(effect, highest), effect.refines))
     return tuple(parameters), tuple(candidates)
 
 
@@ -56,10 +42,9 @@ def _visible(effect: Effect, outputs: Sequence[str]) -> bool:
     return effect.port not in ("thrust", "body") or "theta" in outputs
 
 
-def _starts(effect: Effect, recordings: Sequence[Recording]) -> tuple[tuple[float, ...], ...]:
+def _starts(effect: Effect, highest: float) -> tuple[tuple[float, ...], ...]:
     if effect.id == "amplifier_saturation":
         # A limit acts only below the greatest voltage that was asked for.
-        highest = max((float(abs(r.inputs["V_m"]).max()) for r in recordings if "V_m" in r.inputs), default=24.0)
         return tuple((1.0 / (share * max(highest, 1e-3)),) for share in (0.96, 0.85, 0.7, 0.55))
     rows: list[tuple[float, ...]] = [()]
     for item in effect.parameters:

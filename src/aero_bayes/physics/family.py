@@ -5,12 +5,19 @@ Each is built once and kept in a folder under the hash of what it was made from,
 
 from __future__ import annotations
 
+import difflib
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.parameters import Override
 from aero_bayes.export import (
     CATALOGUE,
     Compiler,
@@ -22,6 +29,8 @@ from aero_bayes.export import (
     modelica_root,
     write_extension,
 )
+from aero_bayes.physics.catalogue import candidates_of, effect_parameter
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator
 from aero_bayes.simulation import Model
 
 #: Knots that a learned curve may have, coarsest first.
@@ -45,6 +54,7 @@ class ModelFamily:
     base: str
     folder: Path
     compiler: Compiler = "auto"
+    effects: tuple[str, ...] = tuple(CATALOGUE)
 
     @property
     def title(self) -> str:
@@ -62,6 +72,41 @@ class ModelFamily:
     def plain(self) -> Model:
         """The base itself."""
         return self._build(self.base, "", ())
+
+    def overrides(self, model: Model) -> Mapping[str, Override]:
+        """The AERO's priors."""
+        return aero_overrides(model)
+
+    def offer(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Offer:
+        """Every effect of the catalogue that the recorded outputs can show."""
+        levels = [float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs]
+        first = len(calibration.parameters)
+        parameters, found = candidates_of(self.effects, first, calibration.outputs, max(levels, default=24.0))
+        return Offer(self.screening(), parameters, found)
+
+    def extend(self, chosen: Sequence[Candidate], values: Mapping[str, float], folder: Path) -> Extension:
+        """The base with chosen effects."""
+        of = {c.id: CATALOGUE[c.id] for c in chosen}
+        uses = [EffectUse(i, {p.name: _significant(values[p.name]) for p in e.parameters}) for i, e in of.items()]
+        written, model = self.with_effects(uses, folder)
+        return Extension(
+            written.name, written.path, written.text, self.diff(written), model,
+            tuple(effect_parameter(p) for e in of.values() for p in e.parameters),
+            {i: tuple((p.name, p.name) for p in e.parameters) for i, e in of.items()},
+            {i: e.widths for i, e in of.items()},
+        )  # fmt: skip
+
+    def summary(self, id_: str) -> str:
+        """An effect in words."""
+        return CATALOGUE[id_].summary
+
+    def diff(self, written: ExtendedModel) -> str:
+        """The extended model's file as a diff against one that adds nothing."""
+        empty = ["within ;", f'model {written.name} "{self.title}"', f"  extends {self.base};", f"end {written.name};"]
+        lines = difflib.unified_diff(
+            empty, written.text.splitlines(), fromfile=f"{self.title}.mo", tofile=written.path.name, lineterm="", n=2
+        )
+        return "\n".join(lines)
 
     def screening(self) -> Model:
         """The base with every effect of the catalogue switched off, and an input at every port."""
@@ -87,3 +132,7 @@ class ModelFamily:
         if not out.exists():
             export_fmu(name, out, compiler=self.compiler, sources=list(sources))
         return Model.load(out)
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.4g}")

@@ -383,10 +383,15 @@ def _series(s: Structure, state: str) -> Port | None:
     return None
 
 
+def _alike(one: str, other: str) -> bool:
+    """Whether two units may be the same: a unit that nobody gave may be any."""
+    return not one or not other or one == other
+
+
 def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
     if port.kind != "storage":
         return ()
     others = [p for p in ports if p.kind == "storage" and p.id != port.id and p.via == port.via]
-    others = [p for p in others if p.units["h"] == port.units["h"] and p.unit == port.unit]
+    others = [p for p in others if _alike(p.units["h"], port.units["h"]) and _alike(p.unit, port.unit)]
     others.sort(key=lambda p: port.states[-1:] != p.states[-1:] and not set(port.states) & set(p.states))
     return tuple(p.id for p in others)
