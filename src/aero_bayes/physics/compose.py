@@ -17,7 +17,7 @@ from aero_bayes.export.compose import (
     replace_uses,
     set_parameter,
 )
-from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt
 from aero_bayes.physics.law_class import class_text
@@ -98,13 +98,13 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     acts = Name(f"{at}.{use.law.shape.acts}")
     law = models[use.law.kind, use.law.id]
     if port.via == "input":
-        flat = replace_uses(flat, port.id, acts)
+        flat = replace_uses(flat, port.signals["u"], acts)
     elif port.via == "output":
-        flat = replace_uses(flat, port.id, Name(f"{at}.u"))
+        flat = replace_uses(flat, port.signals["u"], Name(f"{at}.u"))
     flat = instantiate(flat, law, at)
     known = {v.name for v in law.variables}
     if port.via == "output":
-        flat = equate(_moved_start(flat, port.id, f"{at}.u"), port.id, acts)
+        flat = equate(_moved_start(flat, port.signals["u"], f"{at}.u"), port.signals["u"], acts)
     else:
         given = dict(port.signals)
         if use.law.kind == "exchange" and use.neighbour is not None:
@@ -112,9 +112,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
         for signal in use.law.shape.given:
             if signal in known:
                 flat = equate(flat, f"{at}.{signal}", Name(given[signal]) if signal in given else Number(0.0))
-    for size, value in use.all_sizes.items():
-        if size in known:
-            flat = set_parameter(flat, f"{at}.{size}", value)
+    flat = _with_sizes(flat, at, use.all_sizes)
     for p in use.parameters():
         about = f"{p.description} at {port.id}"
         flat = add_parameter(flat, use.names[p.name], use.value(p), use.unit(p), description=about, **use.limits(p))
@@ -125,6 +123,20 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
         out = acts if use.law.kind == "exchange" else Name(f"{at}.q_2")
         flat = _enter(flat, use.neighbour, out, -1.0)
     return flat
+
+
+def _with_sizes(flat: FlatModel, instance: str, sizes: Mapping[str, float]) -> FlatModel:
+    """Give sizes their values; they and what is final are constants, nothing to tune."""
+    prefix = instance + "."
+
+    def sized(v: FlatVariable) -> FlatVariable:
+        name = v.name.removeprefix(prefix)
+        if not v.name.startswith(prefix) or not v.constant or not (v.final or name in sizes):
+            return v
+        binding = Number(sizes[name]) if name in sizes else v.binding
+        return replace(v, variability="constant", binding=binding)
+
+    return replace(flat, variables=tuple(map(sized, flat.variables)))
 
 
 def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
@@ -181,13 +193,14 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
         name = f"probe_{plain_name(port.id)}"
         flat = add_input(flat, name, port.unit, f"Unknown signal at {port.id}")
         names[port.id] = name
+        signal = port.signals.get("u", "")
         if port.via == "input":
-            flat = replace_uses(flat, port.id, Call("+", (Name(port.id), Name(name))))
+            flat = replace_uses(flat, signal, Call("+", (Name(signal), Name(name))))
         elif port.via == "output":
-            inner = f"{port.id}_without_{name}"
-            flat = replace_uses(flat, port.id, Name(inner))
-            flat = _moved_start(add_variable(flat, inner, port.unit), port.id, inner)
-            flat = equate(flat, port.id, Call("+", (Name(inner), Name(name))))
+            inner = f"{signal}_without_{name}"
+            flat = replace_uses(flat, signal, Name(inner))
+            flat = _moved_start(add_variable(flat, inner, port.unit), signal, inner)
+            flat = equate(flat, signal, Call("+", (Name(inner), Name(name))))
         else:
             flat = _enter(flat, port, Name(name), -1.0)
     return flat, names

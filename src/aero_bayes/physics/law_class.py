@@ -84,6 +84,11 @@ def _line(
     offset: int,
 ) -> str:
     edits: list[Edit] = []
+    # what the program sets and what follows from that alone is no parameter to tune
+    if any(c.name in sizes or "final" in c.prefixes for c in components):
+        first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
+        last = next(t for t in statement.tokens if t.word == "parameter")
+        edits.append(Edit(first.start - offset, last.end - offset, "constant"))
     for c in components:
         value = signals.get(c.name, repr(float(sizes[c.name])) if c.name in sizes else None)
         if value is None:

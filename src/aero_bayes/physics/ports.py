@@ -28,7 +28,8 @@ class Port:
     Attributes
     ----------
     id : str
-        The input, output or state; at a connection the connector.
+        The input, output or state; at a connection the connector. An output that is a state itself is
+        ``output_<name>``, because the name stands for the balance.
     kind : str
         What acts there: ``input``, ``output``, ``motion``, ``storage`` or ``electrical``.
     via : str
@@ -84,7 +85,10 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
         Those that are looked at for :attr:`Port.laws`.
     """
     s = structure_of(flat)
-    ports = [*_inputs(flat), *_outputs(s), *_balances(s)]
+    balances = list(_balances(s))
+    taken = {p.id for p in balances}
+    outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s)]
+    ports = [*_inputs(flat), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
 

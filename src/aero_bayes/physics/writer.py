@@ -41,6 +41,7 @@ class Writer:
         self.meanings = {
             k: v for k, v in known.meanings(cls).items() if k not in self.components.keys() | set(cls.short)
         }
+        self.whole_file = file.classes == (cls,) and not cls.within
         self.extends = all(u.port.via == "node" for u in uses)
         self.parameters: list[str] = []
         self.classes: list[list[str]] = []
@@ -67,7 +68,7 @@ class Writer:
 
     def original(self) -> str:
         """The user's class as a file of its own, to compare with."""
-        if self.file.classes == (self.cls,):
+        if self.whole_file:
             return self.file.text
         return self._alone(self.file.text, ())
 
@@ -201,9 +202,10 @@ class Writer:
         self.read.setdefault(name, f"{use.instance}.y")
 
     def _declared(self, use: Use) -> str:
-        if use.port.id not in self.components:
-            raise InputError(f"{self.cls.full_name}: {use.port.id!r} is not declared in the class itself")
-        return use.port.id
+        name = use.port.signals["u"]
+        if name not in self.components:
+            raise InputError(f"{self.cls.full_name}: {name!r} is not declared in the class itself")
+        return name
 
     def _at_output(self, use: Use) -> None:
         name = self._declared(use)
@@ -275,7 +277,7 @@ class Writer:
             ]
         edits += add_declarations(text, cls, self._declarations())
         edits += add_equations(text, cls, self.equations)
-        return apply(text, edits) if self.file.classes == (cls,) else self._alone(text, edits)
+        return apply(text, edits) if self.whole_file else self._alone(text, edits)
 
     def _alone(self, text: str, edits: Sequence[Edit]) -> str:
         """The class out of its package, moved to the margin."""
