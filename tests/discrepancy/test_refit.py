@@ -10,7 +10,8 @@ from scipy.stats import multivariate_normal
 from aero_bayes.estimate.objective import Study
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.loop.attribute import AttributeSettings, Candidate, select, threshold
+from aero_bayes.loop.attribute import Candidate, select, threshold
+from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
 

@@ -85,8 +85,8 @@ def close_loop(
         base = fit_as_it_stands(bench)
         found = search(bench, base)
         conclusion = decide(bench, found)
+        base.stands.forget()
         result = result_of(bench, found, conclusion)
-        base.study.simulator.close()
         progress("done", 1.0)
         return result
 

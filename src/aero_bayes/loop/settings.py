@@ -9,8 +9,25 @@ from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
-from aero_bayes.loop.attribute import AttributeSettings
 from aero_bayes.simulation.interface import SolverSettings
+
+
+@dataclass(frozen=True)
+class AttributeSettings:
+    """When an effect has earned its place.
+
+    ``margin`` is the log-evidence asked for beyond the logarithm of the number of candidates; ``equivalence`` is the
+    difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
+    how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
+    log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
+    """
+
+    margin: float = 4.0
+    equivalence: float = 4.6
+    starts: int = 2
+    promise: float = 2.0
+    max_effects: int = 3
+    pairs: int = 5
 
 
 @dataclass(frozen=True)
