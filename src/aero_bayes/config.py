@@ -66,6 +66,7 @@ class DataSection(Section):
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
+    interpolation: Literal["auto", "hold", "linear"] | None = None
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.ascent import Climber
+from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum
+from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
@@ -23,6 +24,8 @@ from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.simulation import Model
 
+#: Error of an output, as a share of its range, that a search on fewer samples may make.
+CLOSE = 0.005
 #: Largest change of an output by a parameter's whole range, over that of the strongest, at which it is not seen at all.
 UNSEEN = 1e-12
 
@@ -35,8 +38,10 @@ class BaseFit:
     ----------
     plain : Calibration
         Of the model as it stands; a rotor's ripple is taken out of the readings.
+    fit : Optimum
+        Of ``plain``.
     held : Held
-        Its fit, on a stand with the first group of candidates.
+        The same on a stand with the first group of candidates, where a long recording is made shorter.
     stands : Stands
     ids : tuple of str
         All candidates.
@@ -49,6 +54,7 @@ class BaseFit:
     """
 
     plain: Calibration
+    fit: Optimum
     held: Held
     stands: Stands
     ids: tuple[str, ...]
@@ -83,15 +89,19 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     recordings, settings = bench.recordings, bench.settings
     plain, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
     bench.tally.lap("base fit")
-    ids = bench.family.prepare(plain, fit, bench.open)
-    stands = Stands(bench, plain, fit.free)
+    with bench.open(plain.problem()) as simulator:
+        quick = leading(plain, simulator, settings.search_samples, CLOSE)
+    ids = bench.family.prepare(quick, fit, bench.open)
+    stands = Stands(bench, quick, fit.free)
     climbing = replace(settings.climb, floors=plain.floors)
     values = dict(zip(plain.parameters.names, plain.parameters.from_search(fit.coordinates).tolist(), strict=True))
     held = stands.of(bench.family.groups()[0]).fit(values, (), fit.noise, climbing)
     bench.tally.lap("models")
     floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
-    base = BaseFit(plain, held, stands, ids, climbing, (), floors)
-    return replace(base, reports=base.report(held))
+    with bench.open(plain.problem()) as simulator:
+        study = Objective(plain, simulator)
+        reports = inspect(plain, study.series, fit, floors)
+    return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
 
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:
@@ -104,19 +114,22 @@ def _shared(bench: Workbench, model: Model) -> ParameterSet:
 
 def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
+    settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = Objective(calibration, simulator)
-        climber = Climber(study, bench.settings.ascent)
-        free = _seen(study)
-        found = climber.to_optimum(free, bench.open, np.random.default_rng(bench.settings.seed)).optimum
+        climber = Climber(study, settings.ascent)
+        found = climber.to_optimum(_seen(study), bench.open, np.random.default_rng(settings.seed)).optimum
+        lines = straighter(climber, found, bench.open) if settings.calibration.interpolation == "auto" else None
         fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
         bench.tally.count(study)
+    if lines is not None:
+        return lines
     cleaned, ripple = without_ripple(calibration, fitted)
     if not ripple:
         return calibration, found
     with bench.open(cleaned.problem()) as simulator:
         study = Objective(cleaned, simulator)
-        found = Climber(study, bench.settings.ascent).again(found.coordinates, found.free, found.noise)
+        found = Climber(study, settings.ascent).again(found.coordinates, found.free, found.noise)
         bench.tally.count(study)
     return cleaned, found
 

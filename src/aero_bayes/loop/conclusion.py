@@ -44,7 +44,7 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
         after = bench.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
     adequate = moment is None and not selection.effects and not _structured(base.reports)
     return Conclusion(
-        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.held.optimum,
+        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
         base.reports, after,
     )  # fmt: skip
 

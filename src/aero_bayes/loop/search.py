@@ -42,5 +42,5 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)
     bench.tally.lap("beyond the catalogue")
-    before = bench.predict(base.held.stand.study.calibration, base.held.optimum)
+    before = bench.predict(base.plain, base.fit)
     return Found(base, selection, left, rival, before)

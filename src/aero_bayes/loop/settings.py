@@ -52,6 +52,8 @@ class LoopSettings:
         Parameters of the base model to fit; by default those of the AERO but for the inductance.
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
+    search_samples : int
+        Samples a recording on which candidates are compared; the model that comes out is fitted to all.
     left_over : float
         What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
         beyond it they are not named.
@@ -78,5 +80,6 @@ class LoopSettings:
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     locate: bool = True
+    search_samples: int = 8000
     left_over: float = 0.3
     astray: float = 3.0

@@ -31,9 +31,9 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
     moment = found.rival.moment.moment if found.rival.moment is not None else None
     named = any(effect.kind == "catalogue" for effect in effects)
     names = bench.recordings.names
-    parameters = base.held.stand.study.parameters
+    parameters = base.plain.parameters
     moved = (
-        shifts(parameters, base.held.optimum, conclusion.calibration.parameters, conclusion.refit) if effects else ()
+        shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     )
     return LoopResult(
         outcome=conclusion.outcome,
