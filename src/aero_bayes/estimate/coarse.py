@@ -14,8 +14,8 @@ FloatArray = NDArray[np.float64]
 
 #: Error of an output at the start, as a share of its range, up to which averaged inputs are good enough.
 CLOSE = 0.05
-#: Samples of a stretch that is taken in full where averaged inputs are not, as a multiple of the samples asked for.
-STRETCH = 3
+#: Changes of the input in a stretch that is taken in full where averages will not do, per sample asked for.
+STRETCH = 2
 #: Steps a sample, and tolerance, of a simulation that only leads the way.
 STEPS, FEWEST, TOLERANCE = 10, 5000, 1e-4
 
@@ -41,7 +41,10 @@ def leading(calibration: Calibration, simulator: Simulator, samples: int, close:
     averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
     if _close(calibration, simulator, averaged, close):
         return averaged
-    return replace(calibration, experiments=tuple(_beginning(e, STRETCH * samples) for e in calibration.experiments))
+    changes = STRETCH * samples
+    return replace(
+        calibration, experiments=tuple(thin(_beginning(e, changes), changes) for e in calibration.experiments)
+    )
 
 
 def hurried(calibration: Calibration) -> Calibration:
@@ -94,13 +97,16 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
     return True
 
 
-def _beginning(experiment: Experiment, samples: int) -> Experiment:
-    if experiment.time.size <= samples:
+def _beginning(experiment: Experiment, changes: int) -> Experiment:
+    """The experiment until its inputs have changed so many times."""
+    ends = [s.time[changes] for s in experiment.inputs if s.time.size > changes]
+    if not ends:
         return experiment
-    stop = experiment.time[samples - 1]
-    inputs = tuple(
-        replace(s, time=s.time[: (n := int(np.searchsorted(s.time, stop, side="right")))], values=s.values[:n])
-        for s in experiment.inputs
-    )
-    measured = experiment.measured[:samples] if experiment.measured is not None else None
-    return thin(replace(experiment, time=experiment.time[:samples], measured=measured, inputs=inputs), samples)
+    rows = max(int(np.searchsorted(experiment.time, min(ends))), 2)
+    last = float(experiment.time[rows - 1])
+    inputs = []
+    for s in experiment.inputs:
+        count = max(int(np.searchsorted(s.time, last, side="right")), 1)
+        inputs.append(replace(s, time=s.time[:count], values=s.values[:count]))
+    measured = experiment.measured[:rows] if experiment.measured is not None else None
+    return replace(experiment, time=experiment.time[:rows], measured=measured, inputs=tuple(inputs))

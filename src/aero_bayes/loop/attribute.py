@@ -177,7 +177,11 @@ class Search:
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
             if own:
-                here = self.moved(base, group)
+                try:
+                    here = self.moved(base, group)
+                except CannotFinishError:
+                    # A law that is off can still be too stiff for this recording: it is not tried.
+                    continue
                 scores += [score(here, here.stand.candidates[id_], self.settings, self.fit) for id_ in own]
         return sorted(scores, key=lambda s: -s.gain)
 

@@ -89,8 +89,10 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     recordings, settings = bench.recordings, bench.settings
     plain, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
     bench.tally.lap("base fit")
-    with bench.open(plain.problem()) as simulator:
-        quick = leading(plain, simulator, settings.search_samples, CLOSE)
+    quick = plain
+    if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) > 2 * settings.search_samples:
+        with bench.open(plain.problem()) as simulator:
+            quick = leading(plain, simulator, settings.search_samples, CLOSE)
     ids = bench.family.prepare(quick, fit, bench.open)
     stands = Stands(bench, quick, fit.free)
     climbing = replace(settings.climb, floors=plain.floors)

@@ -53,7 +53,8 @@ class LoopSettings:
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
     search_samples : int
-        Samples a recording on which candidates are compared; the model that comes out is fitted to all.
+        Samples on which candidates are compared where an input changes more than twice as often; the model that comes
+        out is fitted to all.
     left_over : float
         What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
         beyond it they are not named.
@@ -80,6 +81,6 @@ class LoopSettings:
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     locate: bool = True
-    search_samples: int = 8000
+    search_samples: int = 5000
     left_over: float = 0.3
     astray: float = 3.0

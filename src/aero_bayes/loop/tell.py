@@ -32,9 +32,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
     named = any(effect.kind == "catalogue" for effect in effects)
     names = bench.recordings.names
     parameters = base.plain.parameters
-    moved = (
-        shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
-    )
+    moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     return LoopResult(
         outcome=conclusion.outcome,
         sentence=conclusion.sentence,

@@ -46,7 +46,6 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         attribute=replace(defaults.attribute, max_effects=section.max_effects),
         ascent=replace(defaults.ascent, swarm=swarm, staged=aero),
         calibration=calibration,
-        search_samples=defaults.search_samples if aero else 4000,
         seed=job.options.seed,
         effects=section.effects,
         exclude=section.exclude,
