@@ -15,7 +15,7 @@ SOURCES = Path(__file__).parent / "fmus"
 
 @dataclass(frozen=True)
 class Scalar:
-    """One variable of a test model: ``derivative_of`` names the state."""
+    """One variable of a test model: ``derivative_of`` names the state, ``depends`` what the model structure says."""
 
     name: str
     reference: int
@@ -25,6 +25,7 @@ class Scalar:
     kind: str = "Real"
     nominal: float | None = None
     calculated: bool = False
+    depends: tuple[str, ...] | None = None
 
 
 def state(name: str, reference: int, start: float, output: bool = True, nominal: float | None = None) -> list[Scalar]:
@@ -76,13 +77,30 @@ MODELS: dict[str, list[Scalar]] = {
         Scalar("power", 17, "output"),
     ],
     "Trouble": [*state("x", 0, 1.0), parameter("mode", 2, 0.0)],
+    "Copies": [
+        *state("_D_outputAlias_h", 0, 0.5, output=False),
+        *state("v_inside", 2, 1.0, output=False),
+        Scalar("h", 4, "output", depends=("_D_outputAlias_h",)),
+        Scalar("v", 5, "output", depends=("v_inside",)),
+        parameter("k", 6, 1.0),
+        Scalar("scaled", 7, "output", depends=("v_inside",)),
+        Scalar("clipped", 8, "output", depends=("v_inside",)),
+        parameter("w", 9, 1.0),
+        Scalar("driven", 10, "output", depends=("_D_outputAlias_h", "u")),
+        Scalar("u", 40, "input", 0.0),
+    ],
+    "Loop": [*state("x", 0, 1.0), Scalar("z", 2, "output"), parameter("a", 3, 0.5), parameter("c", 4, 0.2)],
+    "Circle": [*state("x", 0, 0.1), Scalar("y", 2, "output")],
+    "Stepping": [*state("x", 0, 0.0), parameter("b", 2, 0.0), parameter("ceiling", 3, 10.0)],
 }
-INDICATORS = {"BouncingBall": 1}
+INDICATORS = {"BouncingBall": 1, "Loop": 1}
 
 
-def _variable(scalar: Scalar, index: dict[str, int]) -> str:
+def _variable(scalar: Scalar, index: dict[str, int], fixed: bool) -> str:
     constant = scalar.causality == "parameter"
-    variability = "tunable" if constant else "discrete" if scalar.kind != "Real" else "continuous"
+    variability = (
+        ("fixed" if fixed else "tunable") if constant else "discrete" if scalar.kind != "Real" else "continuous"
+    )
     attributes = ""
     if scalar.start is not None and not scalar.calculated:
         attributes += f' start="{scalar.start!r}"'
@@ -97,18 +115,24 @@ def _variable(scalar: Scalar, index: dict[str, int]) -> str:
     )
 
 
-def description(name: str, model: str, directional: bool, extra: str = "") -> str:
+def description(name: str, model: str, directional: bool, extra: str = "", fixed: bool = False) -> str:
     """The modelDescription.xml of a test model."""
     scalars = MODELS[model]
     index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
     derivatives = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.derivative_of is not None)
     derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
-    outputs = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.causality == "output")
+    outputs = "".join(
+        f'<Unknown index="{index[s.name]}"'
+        + ("" if s.depends is None else f' dependencies="{" ".join(str(index[d]) for d in s.depends)}"')
+        + "/>"
+        for s in scalars
+        if s.causality == "output"
+    )
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
         f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '
         f'providesDirectionalDerivative="{str(directional).lower()}"{extra}/>'
-        f"<ModelVariables>{''.join(_variable(s, index) for s in scalars)}</ModelVariables>"
+        f"<ModelVariables>{''.join(_variable(s, index, fixed) for s in scalars)}</ModelVariables>"
         f"<ModelStructure><Outputs>{outputs}</Outputs>{derivatives}</ModelStructure>"
         "</fmiModelDescription>"
     )
@@ -129,9 +153,10 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     flags = ["-O2", "-w", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-D{d}" for d in defines)]
     command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
     subprocess.run(command, check=True, capture_output=True)
+    extra = ' canBeInstantiatedOnlyOncePerProcess="true"' if "ONCE" in defines else ""
     fmu = folder / f"{name}.fmu"
     with zipfile.ZipFile(fmu, "w") as archive:
-        archive.writestr("modelDescription.xml", description(name, model, directional))
+        archive.writestr("modelDescription.xml", description(name, model, directional, extra, "FIXED" in defines))
         archive.write(library, f"binaries/linux64/{name}.so")
         archive.writestr("resources/y.txt", "42.5")
     return fmu

@@ -11,7 +11,7 @@ from fmpy import read_model_description
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import Model
-from aero_bayes.simulation import model as model_module
+from aero_bayes.simulation import archive as archive_module
 
 Edit = Callable[[dict[str, bytes]], None]
 
@@ -100,7 +100,7 @@ def test_truncated_file(test_fmu, tmp_path):
 
 def test_zip_bomb(test_fmu, tmp_path, monkeypatch):
     path = rewrite(test_fmu("Dahlquist").path, tmp_path / "bomb.fmu", with_member("resources/big", bytes(4 << 20)))
-    monkeypatch.setattr(model_module, "MOST_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr(archive_module, "MOST_UNPACKED_BYTES", 1 << 20)
     with pytest.raises(InputError, match="MiB"):
         Model.load(path)
 

@@ -235,8 +235,10 @@ def _experiment(
 
 def _state_of(model: Model, output: str) -> str | None:
     """The state that an output is an alias of, if it is one."""
-    reference = next(v.value_reference for v in model.outputs if v.name == output)
-    return next((s.name for s in model.states if s.value_reference == reference or s.name == output), None)
+    if any(s.name == output for s in model.states):
+        return output
+    index = model.copied_state(output)
+    return None if index is None else model.states[index].name
 
 
 def _first_reading(values: FloatArray, recording: Recording) -> float | None:

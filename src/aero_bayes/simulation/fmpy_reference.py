@@ -110,6 +110,7 @@ class FmpySimulator:
         self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
         self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
         self._fmu.instantiate(callbacks=self._callbacks)
+        self._slopes_pointer = (ctypes.c_double * max(1, len(problem.model.states)))()
         self._fresh = True
         self._closed = False
 
@@ -176,7 +177,16 @@ class FmpySimulator:
                 return float(when) if defined else np.inf
         raise FMICallException("fmi2NewDiscreteStates", 3)
 
+    def _settle(self) -> None:
+        """Ask for the derivatives: some FMUs solve their algebraic loops only then; outputs read first are stale."""
+        self._fmu.getDerivatives(self._slopes_pointer, len(self.problem.model.states))
+
+    def _indicators(self, pointer: Any, size: int) -> None:
+        self._settle()
+        self._fmu.getEventIndicators(pointer, size)
+
     def _read(self, variables: Sequence[Any]) -> list[float]:
+        self._settle()
         get = {"real": self._fmu.getReal, "integer": self._fmu.getInteger, "boolean": self._fmu.getBoolean}
         return [float(get[v.kind]([v.value_reference])[0]) for v in variables]
 
@@ -208,7 +218,7 @@ class FmpySimulator:
                     get_x=fmu.getContinuousStates,
                     set_x=fmu.setContinuousStates,
                     get_dx=fmu.getDerivatives,
-                    get_z=fmu.getEventIndicators,
+                    get_z=self._indicators,
                     get_nominals=self._nominals,
                     set_time=set_time,
                     input=_Inputs(set_time),

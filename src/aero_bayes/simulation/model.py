@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -12,9 +12,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation import archive
 
-MOST_UNPACKED_BYTES = 1 << 30
-MOST_DESCRIPTION_BYTES = 64 << 20
 BINARY_FOLDER = "binaries/linux64"
 
 Kind = Literal["real", "integer", "boolean"]
@@ -47,6 +46,7 @@ class Model:
     ``parameters`` are the Real parameters that may be set before initialisation (fixed or tunable), ``states`` the
     continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
     ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
+    ``said_copies`` pairs outputs that are said to copy a state with that state's position; see :meth:`copied_state`.
     """
 
     path: Path
@@ -64,6 +64,7 @@ class Model:
     derivatives: tuple[int, ...] = ()
     jacobian_pattern: tuple[tuple[int, ...], ...] | None = None
     wants_step_callback: bool = True
+    said_copies: tuple[tuple[str, int], ...] = ()
 
     @classmethod
     def load(cls, path: Path | str) -> Model:
@@ -82,7 +83,7 @@ class Model:
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: no such file (expected an FMU)")
-        names, text = _open_checked(path)
+        names, text = archive.read_description(path)
         root = _parse(path, text)
         model = _describe(path, root)
         binary = f"{BINARY_FOLDER}/{model.identifier}.so"
@@ -111,12 +112,27 @@ class Model:
         for index, variable in enumerate(self.states):
             if variable.name == name:
                 return index
+        copied = self.copied_state(name)
+        if copied is None:
+            raise InputError(f"{self.path.name}: no state {name!r} (states: {_listed(self.states)})")
+        return copied
+
+    def copied_state(self, output: str) -> int | None:
+        """Position of the state that an output is or copies; None if it is none, or there is no such output.
+
+        An output with a value reference of its own is said to copy a state by its name or by the model structure;
+        whether it does is tried on the FMU itself, once a process.
+        """
         for variable in self.outputs:
-            if variable.name == name and variable.kind == "real":
+            if variable.name == output and variable.kind == "real":
                 for index, state in enumerate(self.states):
                     if state.value_reference == variable.value_reference:
                         return index
-        raise InputError(f"{self.path.name}: no state {name!r} (states: {_listed(self.states)})")
+        if any(name == output for name, _ in self.said_copies):
+            from aero_bayes.simulation.copies import true_copies
+
+            return true_copies(self).get(output)
+        return None
 
     def _find(self, what: str, variables: tuple[Variable, ...], name: str) -> Variable:
         for variable in variables:
@@ -126,44 +142,13 @@ class Model:
 
     def unpack(self, folder: Path) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
-        with zipfile.ZipFile(self.path) as archive:
-            _check_members(self.path, archive)
-            archive.extractall(folder)
+        archive.unpack(self.path, folder)
         return folder / BINARY_FOLDER / f"{self.identifier}.so"
 
 
 def _listed(variables: Sequence[Variable]) -> str:
     names = [v.name for v in variables]
     return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "none"
-
-
-def _open_checked(path: Path) -> tuple[set[str], bytes]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = _check_members(path, archive)
-            if "modelDescription.xml" not in names:
-                raise InputError(f"{path}: no modelDescription.xml inside, so this is not an FMU")
-            if archive.getinfo("modelDescription.xml").file_size > MOST_DESCRIPTION_BYTES:
-                raise InputError(f"{path}: modelDescription.xml is larger than {MOST_DESCRIPTION_BYTES >> 20} MiB")
-            return names, archive.read("modelDescription.xml")
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a readable zip archive (expected an FMU): {error}") from error
-
-
-def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
-    total = 0
-    for member in archive.infolist():
-        parts = PurePosixPath(member.filename.replace("\\", "/"))
-        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0:1]:
-            raise InputError(f"{path}: member {member.filename!r} would be unpacked outside its folder")
-        if (member.external_attr >> 16) & 0o170000 == 0o120000:
-            raise InputError(f"{path}: member {member.filename!r} is a symbolic link")
-        total += member.file_size
-    if total > MOST_UNPACKED_BYTES:
-        raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MOST_UNPACKED_BYTES >> 20} MiB are allowed)")
-    return set(archive.namelist())
 
 
 def _parse(path: Path, text: bytes) -> Element:
@@ -278,6 +263,7 @@ def _describe_valid(path: Path, root: Element, exchange: Element) -> Model:
     if states and all(d is not None for d in depends):
         rows = [{position[k] for k in d if k in position} for d in depends if d is not None]
         pattern = tuple(tuple(i for i, row in enumerate(rows) if j in row) for j in range(len(states)))
+    _refuse_selected_states(path, states)
     pick = {"parameter": [], "input": [], "output": []}  # type: dict[str, list[Variable]]
     for scalar, own, variable in variables:
         causality = scalar.get("causality", "local")
@@ -304,7 +290,45 @@ def _describe_valid(path: Path, root: Element, exchange: Element) -> Model:
         derivatives=tuple(derivatives),
         jacobian_pattern=pattern,
         wants_step_callback=not _is_true(exchange, "completedIntegratorStepNotNeeded"),
+        said_copies=_said_copies(root, variables, position, states),
     )
+
+
+# OpenModelica's name of the state behind an output that is a state.
+OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")
+_STATE_SET = re.compile(r"(?:\$|_D_)STATESET")
+
+
+def _refuse_selected_states(path: Path, states: Sequence[Variable]) -> None:
+    for state in states:
+        if _STATE_SET.match(state.name):
+            raise InputError(
+                f"{path}: {state.name!r} is selected while the model runs (dynamic state selection), which is not "
+                "supported: choose the states in the source, with stateSelect = StateSelect.always or .prefer"
+            )
+
+
+def _said_copies(
+    root: Element,
+    variables: Sequence[tuple[Element, Element | None, Variable]],
+    position: Mapping[int, int],
+    states: Sequence[Variable],
+) -> tuple[tuple[str, int], ...]:
+    """Outputs that depend on one state and nothing else, or after which a state is named."""
+    named = {m["output"]: i for i, s in enumerate(states) if (m := OUTPUT_ALIAS.fullmatch(s.name))}
+    references = {state.value_reference for state in states}
+    said = {}
+    for unknown in root.iterfind("ModelStructure/Outputs/Unknown"):
+        variable = variables[int(unknown.get("index", "0")) - 1][2]
+        known = unknown.get("dependencies")
+        depends = None if known is None else [int(i) - 1 for i in known.split()]
+        if variable.kind != "real" or variable.value_reference in references:
+            continue
+        if variable.name in named:
+            said[variable.name] = named[variable.name]
+        elif depends is not None and len(depends) == 1 and depends[0] in position:
+            said[variable.name] = position[depends[0]]
+    return tuple(said.items())
 
 
 def _sha256(path: Path) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.copies import named_copies
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -162,10 +163,13 @@ def _target(model: Model, experiment: Experiment, target: Target | None) -> tupl
 def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[Target | None, ...]) -> None:
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
+    copies = named_copies(model)
     w.reals(experiment.time)
     w.integers([v.value_reference for v in variables])
     w.integers([_KINDS[v.kind] for v in variables])
-    w.integers([references.get(v.value_reference, -1) if v.kind == "real" else -1 for v in variables])
+    w.integers(
+        [references.get(v.value_reference, copies.get(v.name, -1)) if v.kind == "real" else -1 for v in variables]
+    )
     w.integer(len(experiment.inputs))
     for signal in experiment.inputs:
         w.integer(model.input(signal.name).value_reference, int(signal.interpolation == "linear"))

@@ -196,7 +196,7 @@ class WorkerPool:
         if not outcomes.size:
             return
         if self._engine is not None:
-            self._run_here(key, job)
+            self._run_here(key, job, outcomes)
             return
         active: dict[int, int] = {}
         for index in range(min(self.size, outcomes.size)):
@@ -208,7 +208,7 @@ class WorkerPool:
                 self._replace(index)
             raise
 
-    def _run_here(self, key: bytes, job: int) -> None:
+    def _run_here(self, key: bytes, job: int, outcomes: NDArray[np.uint8]) -> None:
         assert self._engine is not None
         if key not in self._problems:
             error = ctypes.create_string_buffer(1024)
@@ -217,7 +217,8 @@ class WorkerPool:
                 raise CannotFinishError(error.value.decode(errors="replace"))
             self._problems[key] = problem
         base = self.arena.ctypes.data
-        self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1)
+        while self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1):
+            outcomes[int(self._slots[0, 0])] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
 
     def counts(self, path: Path, experiment: int = 0) -> tuple[int, int, int]:
         """Accepted steps, rejected steps and derivative evaluations of the last run (only with ``workers=0``)."""
@@ -290,9 +291,15 @@ class WorkerPool:
                 if reply == b"r":
                     poller.unregister(fd)
                     del active[fd]
+                    task = int(self._slots[index, 0])  # met an FMU that cannot be instantiated again: done anew
+                    again = task >= 0 and outcomes[task] == TODO and task not in retried
+                    if again:
+                        retried.add(task)
+                    elif task >= 0 and outcomes[task] == TODO:
+                        outcomes[task] = Outcome.MODEL_ERROR
                     self._recycle(index)
                     if np.any(outcomes == TODO):
-                        self._command(index, key, job, -1, active)
+                        self._command(index, key, job, task if again else -1, active)
                         worker = self._workers[index]
                         assert worker is not None
                         poller.register(worker.replies, select.POLLIN)

@@ -1,5 +1,12 @@
 /* A minimal FMI 2.0 Model Exchange skeleton for test models. A model defines before including it:
- *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below.
+ *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below. Ways of other tools, by define:
+ *   HELD_INPUTS     nothing may be set between events
+ *   FIXED           nothing but inputs (references from 40 on) may be set after initialisation
+ *   ONLY_DERIVATIVES_SOLVE  values are brought up to date by fmi2GetDerivatives alone
+ *   STEP_EVENT      step_event() is asked after every step
+ *   ONCE            one instance a process
+ *   NO_RESET        fmi2Reset fails
+ *   NOISY           prints on every call of fmi2SetTime
  * Variables live in m->r, addressed by their value reference. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,11 +34,14 @@ typedef struct {
     double t;
     const Callbacks *callbacks;
     char name[64], resources[512];
-    int initialized, continuous;
+    int initializing, initialized, continuous;
 } Model;
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
+#ifndef STATE /* where a state lives */
+#define STATE(m, i) ((m)->r[states[i]])
+#endif
 static const unsigned states[] = STATES, derivatives_of[] = DERIVATIVES;
 
 static void start(Model *m);           /* default values */
@@ -40,6 +50,9 @@ static int update(Model *m);           /* derivatives and outputs from states, i
 static int discrete(Model *m, Events *e);
 static void zero_crossings(Model *m, double *z);
 static int derivative(Model *m, unsigned unknown, unsigned known, double *value); /* partial derivative */
+#ifdef STEP_EVENT
+static int step_event(Model *m);
+#endif
 
 #define API __attribute__((visibility("default")))
 
@@ -50,6 +63,10 @@ API int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *what) 
 API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *f,
                           int visible, int logging)
 {
+#ifdef ONCE
+    static int instances;
+    if (instances++) return NULL;
+#endif
     Model *m = calloc(1, sizeof *m);
     m->callbacks = f;
     snprintf(m->name, sizeof m->name, "%s", name);
@@ -63,7 +80,11 @@ API int fmi2SetupExperiment(void *c, int td, double tol, double t0, int sd, doub
     ((Model *)c)->t = t0;
     return OK;
 }
-API int fmi2EnterInitializationMode(void *c) { return OK; }
+API int fmi2EnterInitializationMode(void *c)
+{
+    ((Model *)c)->initializing = 1;
+    return OK;
+}
 API int fmi2ExitInitializationMode(void *c)
 {
     Model *m = c;
@@ -74,15 +95,22 @@ API int fmi2Terminate(void *c) { return OK; }
 API int fmi2Reset(void *c)
 {
     Model *m = c;
+#ifdef NO_RESET
+    return ERROR;
+#endif
     memset(m->r, 0, sizeof m->r);
-    m->initialized = m->continuous = 0;
+    m->initializing = m->initialized = m->continuous = 0;
     start(m);
     return OK;
 }
 API int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *v)
 {
     Model *m = c;
+#ifdef ONLY_DERIVATIVES_SOLVE
+    const int status = OK;
+#else
     const int status = m->initialized ? update(m) : OK;
+#endif
     for (size_t i = 0; i < n; i++) v[i] = m->r[vr[i]];
     return status;
 }
@@ -97,6 +125,10 @@ API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
 {
 #ifdef HELD_INPUTS /* as a discrete input may: set in event mode only */
     if (((Model *)c)->continuous) return ERROR;
+#endif
+#ifdef FIXED
+    for (size_t i = 0; i < n; i++)
+        if (((Model *)c)->initializing && vr[i] < 40) return ERROR;
 #endif
     for (size_t i = 0; i < n; i++) ((Model *)c)->r[vr[i]] = v[i];
     return OK;
@@ -134,16 +166,22 @@ API int fmi2EnterContinuousTimeMode(void *c) { return ((Model *)c)->continuous =
 API int fmi2CompletedIntegratorStep(void *c, int keep, int *event, int *stop)
 {
     *event = *stop = 0;
+#ifdef STEP_EVENT
+    *event = step_event(c);
+#endif
     return OK;
 }
 API int fmi2SetTime(void *c, double t)
 {
+#ifdef NOISY
+    for (int i = 0; i < 20; i++) fprintf(i % 2 ? stdout : stderr, "t = %g\n", t);
+#endif
     ((Model *)c)->t = t;
     return OK;
 }
 API int fmi2SetContinuousStates(void *c, const double *x, size_t n)
 {
-    for (size_t i = 0; i < n; i++) ((Model *)c)->r[states[i]] = x[i];
+    for (size_t i = 0; i < n; i++) STATE((Model *)c, i) = x[i];
     return OK;
 }
 API int fmi2GetDerivatives(void *c, double *x, size_t n)
@@ -154,13 +192,17 @@ API int fmi2GetDerivatives(void *c, double *x, size_t n)
 }
 API int fmi2GetEventIndicators(void *c, double *z, size_t n)
 {
+#ifdef ONLY_DERIVATIVES_SOLVE
+    const int status = OK;
+#else
     const int status = update(c);
+#endif
     if (n) zero_crossings(c, z);
     return status;
 }
 API int fmi2GetContinuousStates(void *c, double *x, size_t n)
 {
-    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[states[i]];
+    for (size_t i = 0; i < n; i++) x[i] = STATE((Model *)c, i);
     return OK;
 }
 API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)

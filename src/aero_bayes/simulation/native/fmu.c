@@ -77,6 +77,8 @@ static int fmu_instantiate(Problem *p)
     f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, NULL};
     f->instance = f->instantiate(p->name, FMI_MODEL_EXCHANGE, p->guid, p->resources, &f->callbacks, 0, 0);
     f->used = 0;
+    if (!f->instance && f->instantiated) f->spent = 1;
+    f->instantiated |= f->instance != NULL;
     return f->instance == NULL;
 }
 
@@ -155,7 +157,7 @@ static int override_states(Run *r)
     return differs;
 }
 
-static int read_nominals(Run *r)
+int read_nominals(Run *r)
 {
     const int status = r->fmu->get_nominals(r->fmu->instance, r->nominal, (size_t)r->n);
     for (int i = 0; i < r->n; i++) {
@@ -187,8 +189,7 @@ int fmu_begin(Run *r)
     if (e->n_signals) TRY(inputs_apply(r, r->t));
     TRY(f->enter_initialization(f->instance));
     TRY(f->exit_initialization(f->instance));
-    int changed;
-    TRY(event_iterate(r, &changed));
+    TRY(event_iterate(r));
     TRY(f->enter_continuous(f->instance));
     if (!r->n) return AB_OK;
     TRY(f->get_states(f->instance, r->x, (size_t)r->n));
@@ -199,7 +200,7 @@ int fmu_begin(Run *r)
     return AB_OK;
 }
 
-int set_point(Run *r, double t, const double *x)
+static int place(Run *r, double t, const double *x)
 {
     Fmu *f = r->fmu;
     int status = f->set_time(f->instance, t);
@@ -208,10 +209,18 @@ int set_point(Run *r, double t, const double *x)
     return status;
 }
 
+/* Some FMUs solve their algebraic loops only when the derivatives are asked for. */
+int set_point(Run *r, double t, const double *x)
+{
+    const int status = place(r, t, x);
+    if (worse(status) || !r->problem->settle) return status;
+    return r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
+}
+
 int rhs(Run *r, double t, const double *x, double *out)
 {
     r->evaluations++;
-    const int status = set_point(r, t, x);
+    const int status = place(r, t, x);
     if (worse(status) || !r->n) return status;
     return r->fmu->get_derivatives(r->fmu->instance, out, (size_t)r->n);
 }
