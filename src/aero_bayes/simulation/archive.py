@@ -68,7 +68,7 @@ def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
     for member in members:
         name = member.filename.replace("\\", "/")
         parts = PurePosixPath(name)
-        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0:1]:
+        if parts.is_absolute() or ".." in parts.parts or ":" in name.split("/")[0]:
             raise InputError(f"{path}: member {member.filename!r} would be unpacked outside its folder")
         kind = (member.external_attr >> 16) & 0o170000
         if kind == 0o120000:

@@ -1,7 +1,8 @@
 """A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
 
-Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD [BYTES]``; it never imports the package, so
-that it starts in a few hundredths of a second and holds nothing that a crash could spoil.
+Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes (MEMORY
+negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a few
+hundredths of a second and holds nothing that a crash could spoil.
 """
 
 import ctypes
@@ -43,6 +44,7 @@ def load(path: str) -> ctypes.CDLL:
     engine.ab_close.restype = None
     engine.ab_close.argtypes = [ctypes.c_void_p]
     engine.ab_batch.restype = ctypes.c_int
+    engine.ab_confine.argtypes = [ctypes.c_char_p, ctypes.c_int64, ctypes.c_int64]
     engine.ab_limit.restype = None
     engine.ab_limit.argtypes = [ctypes.c_int64]
     engine.ab_batch.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64]
@@ -81,7 +83,10 @@ def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
 
 
 if __name__ == "__main__":
-    threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
     loaded = load(sys.argv[1])
-    loaded.ab_limit(int(sys.argv[5]) if len(sys.argv) > 5 else 0)
+    memory_limit, file_limit = int(sys.argv[5]), int(sys.argv[6])
+    if memory_limit >= 0:  # before any other thread, which would stay free
+        loaded.ab_confine(b".", 2 * memory_limit, file_limit)
+    threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
+    loaded.ab_limit(abs(memory_limit))
     serve(loaded, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -12,6 +12,7 @@
  *   probe.c        what an FMU does that its description does not say
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
  *   batch.c        many runs, handed out from a shared counter
+ *   confine.c      what a worker gives up before it loads a model
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
 #ifndef AB_ENGINE_H
 #define AB_ENGINE_H
