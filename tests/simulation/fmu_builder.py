@@ -138,6 +138,48 @@ def description(name: str, model: str, directional: bool, extra: str = "", fixed
     )
 
 
+_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+
+
+def description3(name: str, model: str, directional: bool, steps: bool) -> str:
+    """The same for FMI 3.0."""
+    scalars = MODELS[model]
+    reference = {scalar.name: scalar.reference for scalar in scalars}
+
+    def variable(scalar: Scalar) -> str:
+        attributes = f'name="{scalar.name}" valueReference="{scalar.reference}" causality="{scalar.causality}"'
+        if scalar.causality == "parameter":
+            attributes += ' variability="tunable"'
+        elif scalar.start is not None and scalar.causality != "input":
+            attributes += ' initial="exact"'
+        if scalar.start is not None:
+            attributes += f' start="{scalar.start!r}"'
+        if scalar.derivative_of is not None:
+            attributes += f' derivative="{reference[scalar.derivative_of]}"'
+        return f"<{_TYPES[scalar.kind]} {attributes}/>"
+
+    structure = "".join(
+        f'<Output valueReference="{s.reference}"'
+        + ("" if s.depends is None else f' dependencies="{" ".join(str(reference[d]) for d in s.depends)}"')
+        + "/>"
+        for s in scalars
+        if s.causality == "output"
+    )
+    structure += "".join(
+        f'<ContinuousStateDerivative valueReference="{s.reference}"/>' for s in scalars if s.derivative_of is not None
+    )
+    indicator = f'<EventIndicator valueReference="{scalars[0].reference}"/>' * INDICATORS.get(model, 0)
+    kind = "CoSimulation" if steps else "ModelExchange"
+    extra = f' providesDirectionalDerivatives="{str(directional).lower()}" needsCompletedIntegratorStep="true"'
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="{name}" '
+        f'instantiationToken="{name}"><{kind} modelIdentifier="{name}"'
+        + (' canHandleVariableCommunicationStepSize="true"' if steps else extra)
+        + f"/><ModelVariables>{''.join(variable(s) for s in scalars)}</ModelVariables>"
+        f"<ModelStructure>{structure}{indicator}</ModelStructure></fmiModelDescription>"
+    )
+
+
 def compiler() -> list[str]:
     """The C compiler: $CC, cc, or the ziglang wheel's."""
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
@@ -155,8 +197,17 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     subprocess.run(command, check=True, capture_output=True)
     extra = ' canBeInstantiatedOnlyOncePerProcess="true"' if "ONCE" in defines else ""
     fmu = folder / f"{name}.fmu"
+    steps = "STEPS" in defines
+    if "FMI3" in defines:
+        described, place = description3(name, model, directional, steps), "x86_64-linux"
+    else:
+        described, place = description(name, model, directional, extra, "FIXED" in defines), "linux64"
+        if steps:
+            described = described.replace(
+                "<ModelExchange", '<CoSimulation canHandleVariableCommunicationStepSize="true"'
+            )
     with zipfile.ZipFile(fmu, "w") as archive:
-        archive.writestr("modelDescription.xml", description(name, model, directional, extra, "FIXED" in defines))
-        archive.write(library, f"binaries/linux64/{name}.so")
+        archive.writestr("modelDescription.xml", described)
+        archive.write(library, f"binaries/{place}/{name}.so")
         archive.writestr("resources/y.txt", "42.5")
     return fmu

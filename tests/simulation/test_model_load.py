@@ -55,9 +55,10 @@ def with_member(name: str, data: bytes = b"x") -> Edit:
     [
         (without("modelDescription.xml"), "no modelDescription.xml"),
         (without("binaries"), "binaries/linux64"),
-        (replaced(b'fmiVersion="2.0"', b'fmiVersion="3.0"'), "FMI version 3.0"),
+        (replaced(b'fmiVersion="2.0"', b'fmiVersion="4.0"'), "FMI version 4.0"),
+        (replaced(b'fmiVersion="2.0"', b'fmiVersion="3.0"'), "contradicts FMI 3.0"),
         (replaced(b'fmiVersion="2.0"', b'fmiVersion="1.0"'), "FMI version 1.0"),
-        (replaced(b"<ModelExchange", b"<CoSimulation"), "no Model Exchange"),
+        (replaced(b"<ModelExchange", b"<Simulation"), "neither Model Exchange nor"),
         (replaced(b"</fmiModelDescription>", b""), "not valid XML"),
         (replaced(b"<fmiModelDescription", b"<!DOCTYPE a [<!ENTITY b 'c'>]><fmiModelDescription"), "document type"),
         (replaced(b'<Unknown index="1"/>', b'<Unknown index="99"/>'), "contradicts"),

@@ -12,6 +12,7 @@ from threading import Lock
 
 import numpy as np
 
+from aero_bayes.simulation.description2 import OUTPUT_ALIAS
 from aero_bayes.simulation.interface import (
     Experiment,
     FloatArray,
@@ -23,7 +24,7 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Target,
 )
-from aero_bayes.simulation.model import OUTPUT_ALIAS, Model
+from aero_bayes.simulation.model import Model
 
 _ROWS = 6
 _found: dict[str, Mapping[str, int]] = {}  # by the FMU's checksum: a fact about a file, looked up once

@@ -103,6 +103,8 @@ class NativeSimulator:
 
     def __init__(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> None:
         check_problem(problem)
+        if problem.model.interface != "model exchange":
+            raise InputError(f"{problem.model.path}: has no Model Exchange, which the native engine needs")
         self.problem = problem
         self._workers = workers
         self._owns_pool = pool is None

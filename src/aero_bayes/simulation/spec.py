@@ -22,7 +22,7 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model import Model, Variable
 
-_MAGIC = 0x4142535045430001
+_MAGIC = 0x4142535045430002
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -194,9 +194,11 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w = _Writer()
     w.integer(_MAGIC)
     w.text(str(binary))
-    w.text((binary.parents[2] / "resources").as_uri())
+    resources = binary.parents[2] / "resources"
+    w.text(f"{resources}/" if model.fmi_version == 3 else resources.as_uri())
     w.text(model.guid)
     w.text(model.identifier)
+    w.integer(model.fmi_version)
     w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback), model.event_indicators)
     w.integers([v.value_reference for v in model.states])
     w.integers(model.derivatives)

@@ -1,8 +1,8 @@
 """A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
 
-Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes (MEMORY
-negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a few
-hundredths of a second and holds nothing that a crash could spoil.
+Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes
+(MEMORY negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a
+few hundredths of a second and holds nothing that a crash could spoil.
 """
 
 import ctypes

@@ -7,6 +7,8 @@
  *   ONCE            one instance a process
  *   NO_RESET        fmi2Reset fails
  *   NOISY           prints on every call of fmi2SetTime
+ *   FMI3            speaks FMI 3.0
+ *   STEPS           co-simulation only, by Euler's method with a fixed number of steps, whatever tolerance is asked for
  * Variables live in m->r, addressed by their value reference. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -54,7 +56,12 @@ static int derivative(Model *m, unsigned unknown, unsigned known, double *value)
 static int step_event(Model *m);
 #endif
 
-#define API __attribute__((visibility("default")))
+#define EXPORTED __attribute__((visibility("default")))
+#ifdef FMI3 /* the functions of FMI 2.0 stay inside, fmi3.h calls them */
+#define API static
+#else
+#define API EXPORTED
+#endif
 
 API const char *fmi2GetTypesPlatform(void) { return "default"; }
 API const char *fmi2GetVersion(void) { return "2.0"; }
@@ -210,3 +217,29 @@ API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)
     for (size_t i = 0; i < n; i++) x[i] = 1.0;
     return OK;
 }
+#ifdef STEPS
+API int fmi2DoStep(void *c, double t, double h, int keep)
+{
+    Model *m = c;
+    const size_t n = sizeof states / sizeof *states;
+    for (int k = 0; k < 20; k++) {
+        m->t = t + h * k / 20;
+        const int status = update(m);
+        if (status > WARNING) return status;
+        for (size_t i = 0; i < n; i++) m->r[states[i]] += h / 20 * m->r[derivatives_of[i]];
+    }
+    m->t = t + h;
+    return OK;
+}
+API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v) { return ERROR; }
+API int fmi2GetRealOutputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, double *v) { return ERROR; }
+API int fmi2CancelStep(void *c) { return ERROR; }
+API int fmi2GetStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetRealStatus(void *c, int kind, double *v) { return ERROR; }
+API int fmi2GetIntegerStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetBooleanStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetStringStatus(void *c, int kind, const char **v) { return ERROR; }
+#endif
+#ifdef FMI3
+#include "fmi3.h"
+#endif

@@ -1,6 +1,7 @@
 /* Types shared by the engine's files. One idea a file:
  *   spec.c         reads a problem written by Python (spec.py)
  *   fmu.c          loads an FMU's binary and speaks FMI 2.0 Model Exchange to it
+ *   fmi3.c         the same to FMI 3.0
  *   inputs.c       input signals, their delay, and the times at which they break
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -75,6 +76,7 @@ typedef struct Fmu {
     void *library;
     fmi_component instance;
     fmi_callbacks callbacks;
+    void *environment; /* FMI 3.0's own functions */
     int used; /* instance needs a reset before the next run */
     int instantiated, spent; /* it was instantiated and can be no more in this process */
     fmi_instantiate instantiate;
@@ -96,6 +98,7 @@ typedef struct {
     void *map; /* the mapped spec file */
     size_t map_size;
     const char *library, *resources, *guid, *name;
+    int version; /* of FMI */
     int has_directional, step_callback;
     int n, nz; /* states, event indicators */
     fmi_reference *state_reference, *derivative_reference;
@@ -211,6 +214,7 @@ void problem_close(Problem *);
 
 /* fmu.c */
 int fmu_ready(Problem *);
+int fmu_symbol(Fmu *, const char *name, void *where);
 void fmu_discard(Fmu *);
 int fmu_begin(Run *);
 int read_nominals(Run *);
@@ -219,6 +223,9 @@ int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
 int directional_column(Run *, fmi_reference known, double *column);
 int worse(int status);
+
+/* fmi3.c */
+int fmi3_bind(Fmu *);
 
 /* inputs.c */
 void inputs_prepare(Run *);

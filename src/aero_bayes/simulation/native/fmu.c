@@ -1,4 +1,4 @@
-/* One FMU in this process: its library, its single instance, and the calls of FMI 2.0 Model Exchange. The instance is
+/* One FMU in this process: its library, its single instance, and the calls of Model Exchange. The instance is
  * reset and reused, since some FMUs die after about a thousand instantiations. */
 #include <dlfcn.h>
 #include <float.h>
@@ -14,47 +14,53 @@ static void quiet(fmi_environment e, const char *name, int status, const char *c
 
 int worse(int status) { return status != FMI_OK && status != FMI_WARNING; }
 
-static int symbol(Fmu *f, const char *name, void *where)
+int fmu_symbol(Fmu *f, const char *name, void *where)
 {
     void *s = dlsym(f->library, name);
     memcpy(where, &s, sizeof s);
     return s == NULL;
 }
 
-static Fmu *fmu_load(const char *path)
+static int fmi2_bind(Fmu *f)
+{
+    int bad = 0;
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
+    FIND(instantiate, "Instantiate");
+    FIND(free_instance, "FreeInstance");
+    FIND(setup, "SetupExperiment");
+    FIND(enter_initialization, "EnterInitializationMode");
+    FIND(exit_initialization, "ExitInitializationMode");
+    FIND(enter_event, "EnterEventMode");
+    FIND(enter_continuous, "EnterContinuousTimeMode");
+    FIND(reset, "Reset");
+    FIND(terminate, "Terminate");
+    FIND(get_real, "GetReal");
+    FIND(set_real, "SetReal");
+    FIND(new_discrete, "NewDiscreteStates");
+    FIND(completed, "CompletedIntegratorStep");
+    FIND(set_time, "SetTime");
+    FIND(set_states, "SetContinuousStates");
+    FIND(get_derivatives, "GetDerivatives");
+    FIND(get_indicators, "GetEventIndicators");
+    FIND(get_states, "GetContinuousStates");
+    FIND(get_nominals, "GetNominalsOfContinuousStates");
+#undef FIND
+    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
+    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    return bad;
+}
+
+static Fmu *fmu_load(const char *path, int version)
 {
     for (Fmu *f = loaded; f; f = f->next)
         if (!strcmp(f->path, path)) return f;
     Fmu *f = calloc(1, sizeof *f);
     f->path = strdup(path);
     f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    int bad = f->library == NULL;
-    if (!bad) {
-        bad |= symbol(f, "fmi2Instantiate", &f->instantiate);
-        bad |= symbol(f, "fmi2FreeInstance", &f->free_instance);
-        bad |= symbol(f, "fmi2SetupExperiment", &f->setup);
-        bad |= symbol(f, "fmi2EnterInitializationMode", &f->enter_initialization);
-        bad |= symbol(f, "fmi2ExitInitializationMode", &f->exit_initialization);
-        bad |= symbol(f, "fmi2EnterEventMode", &f->enter_event);
-        bad |= symbol(f, "fmi2EnterContinuousTimeMode", &f->enter_continuous);
-        bad |= symbol(f, "fmi2Reset", &f->reset);
-        bad |= symbol(f, "fmi2Terminate", &f->terminate);
-        bad |= symbol(f, "fmi2GetReal", &f->get_real);
-        bad |= symbol(f, "fmi2SetReal", &f->set_real);
-        bad |= symbol(f, "fmi2NewDiscreteStates", &f->new_discrete);
-        bad |= symbol(f, "fmi2CompletedIntegratorStep", &f->completed);
-        bad |= symbol(f, "fmi2SetTime", &f->set_time);
-        bad |= symbol(f, "fmi2SetContinuousStates", &f->set_states);
-        bad |= symbol(f, "fmi2GetDerivatives", &f->get_derivatives);
-        bad |= symbol(f, "fmi2GetEventIndicators", &f->get_indicators);
-        bad |= symbol(f, "fmi2GetContinuousStates", &f->get_states);
-        bad |= symbol(f, "fmi2GetNominalsOfContinuousStates", &f->get_nominals);
-        symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
-        symbol(f, "fmi2GetInteger", &f->get_integer);
-        symbol(f, "fmi2GetBoolean", &f->get_boolean);
-    }
-    if (bad) {
+    if (!f->library || (version == 3 ? fmi3_bind(f) : fmi2_bind(f))) {
         if (f->library) dlclose(f->library);
+        free(f->environment);
         free(f->path);
         free(f);
         return NULL;
@@ -74,7 +80,7 @@ void fmu_discard(Fmu *f)
 static int fmu_instantiate(Problem *p)
 {
     Fmu *f = p->fmu;
-    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, NULL};
+    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, f->environment};
     f->instance = f->instantiate(p->name, FMI_MODEL_EXCHANGE, p->guid, p->resources, &f->callbacks, 0, 0);
     f->used = 0;
     if (!f->instance && f->instantiated) f->spent = 1;
@@ -85,7 +91,7 @@ static int fmu_instantiate(Problem *p)
 /* Loads, instantiates or resets: the instance is in its first mode afterwards. */
 int fmu_ready(Problem *p)
 {
-    if (!p->fmu && !(p->fmu = fmu_load(p->library))) return AB_MODEL_ERROR;
+    if (!p->fmu && !(p->fmu = fmu_load(p->library, p->version))) return AB_MODEL_ERROR;
     Fmu *f = p->fmu;
     if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
     if (f->instance && f->used) {
