@@ -93,6 +93,7 @@ def _describe(path: Path, root: Element, interface: Element, found: Any, only_st
         said_copies=said_copies(outputs, position, variables),
         fmi_version=3,
         interface="co-simulation" if only_steps else "model exchange",
+        takes_any_step=not only_steps or is_true(interface, "canHandleVariableCommunicationStepSize"),
     )
 
 

@@ -72,6 +72,8 @@ class FmpySimulator(ReducedTrajectories):
     problem : Problem
     """
 
+    engine = "model exchange by FMPy"
+
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem

@@ -44,8 +44,9 @@ class Model:
     ``parameters`` are the Real parameters that may be set before initialisation (fixed or tunable), ``states`` the
     continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
     ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
-    ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then.
-    ``said_copies`` pairs outputs that are said to copy a state with that state's position; see :meth:`copied_state`.
+    ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
+    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to copy
+    a state with that state's position; see :meth:`copied_state`.
     """
 
     path: Path
@@ -66,6 +67,7 @@ class Model:
     said_copies: tuple[tuple[str, int], ...] = ()
     fmi_version: int = 2
     interface: Interface = "model exchange"
+    takes_any_step: bool = True
 
     @classmethod
     def load(cls, path: Path | str) -> Model:

@@ -2,7 +2,8 @@
 
 Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes
 (MEMORY negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a
-few hundredths of a second and holds nothing that a crash could spoil.
+few hundredths of a second and holds nothing that a crash could spoil; except for co-simulation, which FMPy runs: then
+the folders where the package and FMPy are found follow.
 """
 
 import ctypes
@@ -12,6 +13,7 @@ import struct
 import sys
 import threading
 import time
+from typing import Any
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
@@ -53,9 +55,9 @@ def load(path: str) -> ctypes.CDLL:
     return engine
 
 
-def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
+def serve(engine: Any, commands: int, replies: int, arena: int) -> None:
     """Answer commands until the pipe closes."""
-    problems: dict[bytes, int] = {}
+    problems: dict[bytes, Any] = {}
     size, base, memory = 0, 0, None
     while True:
         command, wanted, job, slot, first, length = HEADER.unpack(read_exactly(commands, HEADER.size))
@@ -89,4 +91,10 @@ if __name__ == "__main__":
         loaded.ab_confine(b".", 2 * memory_limit, file_limit)
     threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
     loaded.ab_limit(abs(memory_limit))
-    serve(loaded, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+    runner: Any = loaded
+    if len(sys.argv) > 7:
+        sys.path[:] = sys.argv[7:]
+        from aero_bayes.simulation.cosimulation_runs import Runner
+
+        runner = Runner(loaded)
+    serve(runner, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -98,18 +98,21 @@ class WorkerPool:
     memory_limit : int
         Bytes of its own memory beyond which a worker is recycled: it ends between two runs and another goes on, so
         that a model that leaks does not fill the machine. At twice of it the model gets no more. 0 for no limit.
+    cosimulation : bool
+        Workers in which FMPy runs co-simulation FMUs. They take about a second to start.
 
     Notes
     -----
     Workers are confined as far as the kernel allows (:mod:`aero_bayes.simulation.confinement`).
     """
 
-    def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30) -> None:
+    def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30, *, cosimulation: bool = False) -> None:
         if workers is None:
             workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.size = workers
         self.lock = threading.RLock()
         self.memory_limit = memory_limit
+        self._cosimulation = cosimulation
         self.replaced = self.recycled = 0
         self._workers: list[_Worker | None] = [None] * workers
         self._scratch = ScratchFolder()
@@ -248,20 +251,22 @@ class WorkerPool:
 
     def _start(self) -> _Worker:
         folder = Path(tempfile.mkdtemp(prefix="worker-", dir=self.folder))
+        found = [str(Path(__file__).parents[2]), *filter(None, sys.path)] if self._cosimulation else []
         memory = -self.memory_limit - 1 if confinement.is_trusted() else self.memory_limit
         command_read, command_write = os.pipe()
         reply_read, reply_write = os.pipe()
         try:
             process = subprocess.Popen(
                 [sys.executable, "-I", "-S", worker_main.__file__, str(engine_path())]
-                + [str(fd) for fd in (command_read, reply_write, self._arena_fd, memory, confinement.FILE_LIMIT)],
+                + [str(fd) for fd in (command_read, reply_write, self._arena_fd, memory, confinement.FILE_LIMIT)]
+                + found,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 pass_fds=(command_read, reply_write, self._arena_fd),
                 start_new_session=True,
                 cwd=folder,
-                env=os.environ | {"TMPDIR": str(folder)},
+                env=os.environ | {"TMPDIR": str(folder), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             )
         finally:
             os.close(command_read)
@@ -336,7 +341,7 @@ class WorkerPool:
                 task, _ = self._slot(index, outcomes.size)
                 started = int(self._slots[index, 1])
                 if task < 0:
-                    if now - silent.setdefault(index, now) < max(1e10, 2.0 * allowed):
+                    if now - silent.setdefault(index, now) < max(6e10, 2.0 * allowed):
                         continue
                 else:
                     silent.pop(index, None)

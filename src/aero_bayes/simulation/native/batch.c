@@ -199,6 +199,9 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
     return full;
 }
 
+/* The next task of a job, for runs that are not the engine's. */
+EXPORT int64_t ab_take(Job *job) { return __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED); }
+
 /* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
 EXPORT int ab_counts(const Problem *p, int64_t experiment, int64_t *counts)
 {
