@@ -91,6 +91,32 @@ MODELS: dict[str, list[Scalar]] = {
     ],
     "Loop": [*state("x", 0, 1.0), Scalar("z", 2, "output"), parameter("a", 3, 0.5), parameter("c", 4, 0.2)],
     "Circle": [*state("x", 0, 0.1), Scalar("y", 2, "output")],
+    "Wide": [
+        *(
+            Scalar(name, reference, "local", derivative_of=of, start=None if of else 0.0, depends=depends)
+            for name, reference, of, depends in (
+                ("_D_outputAlias_i", 0, None, None),
+                ("der(i)", 1, "_D_outputAlias_i", ("_D_outputAlias_i", "_D_outputAlias_w", "u")),
+                ("_D_outputAlias_w", 2, None, None),
+                ("der(w)", 3, "_D_outputAlias_w", ("_D_outputAlias_i", "_D_outputAlias_w")),
+                ("q", 4, None, None),
+                ("der(q)", 5, "q", ("_D_outputAlias_w", "q", "_D_outputAlias_theta")),
+                ("_D_outputAlias_theta", 6, None, None),
+                ("der(theta)", 7, "_D_outputAlias_theta", ("q",)),
+            )
+        ),
+        *(
+            Scalar(name, 8 + i, "output", depends=(f"_D_outputAlias_{name}",))
+            for i, name in enumerate(("i", "w", "theta"))
+        ),
+        *(
+            parameter(name, 11 + i, value)
+            for i, (name, value) in enumerate(
+                zip("RLKJDGBS", (8.4, 1.16e-3, 0.042, 8.7e-6, 2.4e-8, 8.4e-7, 6e-3, 0.09), strict=True)
+            )
+        ),
+        Scalar("u", 40, "input", 0.0),
+    ],
     "Stepping": [*state("x", 0, 0.0), parameter("b", 2, 0.0), parameter("ceiling", 3, 10.0)],
 }
 INDICATORS = {"BouncingBall": 1, "Loop": 1}
@@ -119,15 +145,14 @@ def description(name: str, model: str, directional: bool, extra: str = "", fixed
     """The modelDescription.xml of a test model."""
     scalars = MODELS[model]
     index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
-    derivatives = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.derivative_of is not None)
+
+    def unknown(s: Scalar) -> str:
+        known = "" if s.depends is None else f' dependencies="{" ".join(str(index[d]) for d in s.depends)}"'
+        return f'<Unknown index="{index[s.name]}"{known}/>'
+
+    derivatives = "".join(unknown(s) for s in scalars if s.derivative_of is not None)
     derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
-    outputs = "".join(
-        f'<Unknown index="{index[s.name]}"'
-        + ("" if s.depends is None else f' dependencies="{" ".join(str(index[d]) for d in s.depends)}"')
-        + "/>"
-        for s in scalars
-        if s.causality == "output"
-    )
+    outputs = "".join(unknown(s) for s in scalars if s.causality == "output")
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
         f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '

@@ -201,3 +201,19 @@ def test_a_declared_pattern_that_leaves_out_a_dependency_is_not_used(test_fmu, h
     found = [run(m, ("x0", "x1"), (ParameterTarget("mu"),), (3.0,), pool=here) for m in (model, wrong)]
     np.testing.assert_array_equal(found[0][0], found[1][0])
     np.testing.assert_array_equal(found[0][1], found[1][1])
+
+
+def test_a_model_that_factors_nothing_agrees_with_fmpy(test_fmu, here):
+    time = np.linspace(0.0, 4.0, 101)
+    signal = InputSignal("u", np.array([0.0, 2.0]), np.array([24.0, 0.0]))
+    experiment = Experiment(time, ("i", "w", "theta"), (signal,))
+    model = test_fmu("Wide")
+    assert model.jacobian_pattern is not None
+    problem = Problem(model, (experiment,), ((ParameterTarget("R"),),), settings=SolverSettings(1e-8, 1e-8))
+    with open_simulator(problem, pool=here) as native, open_simulator(problem, "fmpy") as reference:
+        a, b = (s.simulate(np.array([[9.0]]), active=[0]) for s in (native, reference))
+    assert np.all(np.abs(a.outputs[0] - b.outputs[0]).max(axis=1) < 1e-5 * np.ptp(b.outputs[0], axis=1))
+    assert a.sensitivities is not None
+    assert b.sensitivities is not None
+    slope, other = a.sensitivities[0][0, :, :, 0], b.sensitivities[0][0, :, :, 0]
+    assert np.all(np.abs(slope - other).max(axis=0) < 1e-3 * np.abs(other).max(axis=0))

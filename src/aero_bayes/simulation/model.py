@@ -45,8 +45,8 @@ class Model:
     continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
     ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
     ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
-    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to copy
-    a state with that state's position; see :meth:`copied_state`.
+    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to
+    copy a state with that state's position; see :meth:`copied_state`.
     """
 
     path: Path

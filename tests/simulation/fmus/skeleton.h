@@ -149,6 +149,7 @@ API int fmi2FreeFMUstate(void *c, void **s) { return ERROR; }
 API int fmi2SerializedFMUstateSize(void *c, void *s, size_t *n) { return ERROR; }
 API int fmi2SerializeFMUstate(void *c, void *s, char *d, size_t n) { return ERROR; }
 API int fmi2DeSerializeFMUstate(void *c, const char *d, size_t n, void **s) { return ERROR; }
+#ifndef OWN_DIRECTIONAL
 API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu, const unsigned *known, size_t nk,
                                      const double *dv, double *out)
 {
@@ -163,6 +164,7 @@ API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu
     }
     return OK;
 }
+#endif
 API int fmi2EnterEventMode(void *c) { return ((Model *)c)->continuous = 0; }
 API int fmi2NewDiscreteStates(void *c, Events *e)
 {
