@@ -26,6 +26,7 @@ from aero_bayes.export import (
     FreeForm,
     Port,
     export_fmu,
+    first_compiler,
     modelica_root,
     write_extension,
 )
@@ -151,11 +152,12 @@ class ModelFamily:
         return self._build(written.name, written.text, (written.path,))
 
     def _build(self, name: str, text: str, sources: Sequence[Path]) -> Model:
-        key = hashlib.sha256(f"{self.library_hash}\0{self.compiler}\0{name}\0{text}".encode()).hexdigest()[:16]
-        out = self.folder / f"{name.rpartition('.')[2]}-{key}.fmu"
-        if not out.exists():
-            export_fmu(name, out, compiler=self.compiler, sources=list(sources))
-        return Model.load(out)
+        def made_by(compiler: Compiler) -> Path:
+            key = hashlib.sha256(f"{self.library_hash}\0{compiler}\0{name}\0{text}".encode()).hexdigest()[:16]
+            out = self.folder / f"{name.rpartition('.')[2]}-{key}.fmu"
+            return out if out.exists() else export_fmu(name, out, compiler=compiler, sources=list(sources))
+
+        return Model.load(first_compiler(self.compiler, made_by))
 
 
 def _significant(value: float) -> float:
