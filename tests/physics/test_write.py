@@ -216,25 +216,92 @@ end Fall;
     assert "  Bench.Parts.Gain gain(k = 3, u = offset.y);" in written.text
 
 
+BLOCKS = """package Blocks "Tanks without connectors"
+  partial model Vessel
+    parameter Real A(unit = "m2") = 0.5;
+    input Real q_in(unit = "m3/s");
+    output Real q_out(unit = "m3/s");
+    Real h(unit = "m", start = 1, fixed = true);
+  protected
+    Real q;
+  equation
+    q = q_in - q_out; // net
+    A * der(h) = q_in - q_out;
+  end Vessel;
+
+  model Tank
+    extends Vessel(A = 0.25, h(start = 2, nominal = 3));
+    parameter Real k = 0.1;
+  equation
+    q_out = k * h;
+  end Tank;
+
+  model Line "Two in a row"
+    input Real u(unit = "m3/s");
+    Tank upper(k = 0.2, q_in = u);
+    Tank lower;
+  equation
+    lower.q_in = upper.q_out;
+  end Line;
+
+  partial model Bench
+    Line line;
+    input Real u(unit = "m3/s");
+    output Real y(unit = "m") = line.lower.h;
+    Real T(start = 1, fixed = true) "Temperature";
+  equation
+    line.u = u;
+    der(T) = -0.1 * T;
+  end Bench;
+
+  model Rig "The bench"
+    extends Bench(T(start = 4));
+    output Real z = T;
+  end Rig;
+end Blocks;
+"""
+
+
+def test_balances_inside_components_and_of_base_classes(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    """The classes on the way are copied, with their base classes written out; what is not on it stays a reference."""
+    path = tmp_path / "Blocks.mo"
+    path.write_text(BLOCKS, encoding="utf-8")
+    flat = rig("Blocks.Rig", str(path))
+    ports = {p.id: p for p in ports_of(flat, laws)}
+    assert set(ports) == {"u", "y", "z", "T", "line.upper.h", "line.lower.h"}
+    assert ports["line.upper.h"].unit == "m3/s"
+    for ids in (
+        ("root_loss@line.upper.h",), ("overflow@line.upper.h", "linear_loss@line.lower.h"), ("square_loss@T",),
+        ("offset@y", "dead_zone@u"),
+    ):  # fmt: skip
+        written = agree("Blocks.Rig", [path], uses_at(flat, laws, *ids), models, tmp_path / "out", rng)
+        assert "within ;" in written.text
+    assert written.diff.count("extends") == 1
+    starts = explicit(load_flat(written.name, [path, written.path]))
+    assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
+
+
 def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
     path = tmp_path / "Loose.mo"
     path.write_text(
-        """model Base
+        """model Part
   Real x(start = 0, fixed = true);
 equation
   der(x) = -x;
-end Base;
+end Part;
 
 model Loose
-  extends Base;
-  output Real y = x;
+  Part one, two;
+  output Real y = one.x;
 end Loose;
 """,
         encoding="utf-8",
     )
     flat = rig("Loose", str(path))
-    with pytest.raises(InputError, match=r"Loose\.mo:4: the balance of 'x' stands in the class Base"):
-        write_law([path], "Loose", flat, uses_at(flat, laws, "linear_loss@x"), tmp_path / "out")
+    with pytest.raises(InputError, match=r"Loose: declare 'one' in a statement of its own"):
+        write_law([path], "Loose", flat, uses_at(flat, laws, "linear_loss@one.x"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="Nowhere: the class was not found"):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")

@@ -79,8 +79,8 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     Parameters
     ----------
     flat : FlatModel
-        Inputs, outputs, equations and connections of the model's own class count; what lies inside its components is
-        reached by their connectors.
+        A state is reached by a balance or a connection of the model's own class; only where there is none, by the
+        balance inside a component.
     laws : sequence of Law
         Those that are looked at for :attr:`Port.laws`.
     """
@@ -183,7 +183,12 @@ def _balances(s: Structure) -> Iterator[Port]:
         if state in positions and not _is_current(s, positions[state]):
             continue
         position = next((x for x, r in positions.items() if r == state), "")
-        found = _series(s, state) or _equation(s, state, position, values, units) or _node(s, state, position)
+        found = (
+            _series(s, state)
+            or _equation(s, state, position, values, units, inside=False)
+            or _node(s, state, position)
+            or _equation(s, state, position, values, units, inside=True)
+        )
         if found is not None:
             yield found
 
@@ -223,13 +228,14 @@ def _units(s: Structure, kind: PortKind, signals: Mapping[str, str], unit: str) 
 
 
 def _equation(
-    s: Structure, state: str, position: str, values: Mapping[str, float], units: Mapping[str, str]
+    s: Structure, state: str, position: str, values: Mapping[str, float], units: Mapping[str, str], *, inside: bool
 ) -> Port | None:
+    """A balance that the model's own class states, or with ``inside`` one of its components."""
     flow = {v.name for v in s.flat.variables if v.flow}
     for index, driver in _drivers(s, state):
         e = s.flat.equations[index]
         names = names_in(e.left) | names_in(e.right)
-        if e.component or e.origin not in ("component", "binding") or names & flow:
+        if bool(e.component) is not inside or e.origin not in ("component", "binding") or (names & flow and not inside):
             continue
         entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
         if entrance is None:
@@ -301,9 +307,7 @@ def _has_der(tree: Expression, name: str) -> bool:
 
 def _own_name(s: Structure, state: str) -> str:
     """The name of a state in the model's own class, where it has one there that is no output."""
-    plain = [n for n in s.members(state) if "." not in n]
-    inner = [n for n in plain if s.variables[n].causality == "local"]
-    return state if "." not in state else next(iter(inner or plain), state)
+    return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 
 
 # connections

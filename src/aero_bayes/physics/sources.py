@@ -51,6 +51,13 @@ class Sources:
             raise InputError(f"{place}: no class was found there")
         return file, cls, position
 
+    def resolve(self, cls: ClassText, name: str) -> str:
+        """Full name of a class by the name that another class uses."""
+        first, dot, rest = name.removeprefix(".").partition(".")
+        if first in cls.short:
+            return f"{cls.full_name}.{name}"
+        return self.meanings(cls).get(first, first) + dot + rest
+
     def meanings(self, cls: ClassText) -> dict[str, str]:
         """Full names of what the packages around a class define or import, by the names used inside it."""
         every = [c for f in self.files.values() for top in f.classes for c in top.walk()]

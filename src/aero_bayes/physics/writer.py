@@ -4,29 +4,55 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.physics.balance import entry_of, sides_of
-from aero_bayes.physics.classes import ClassText, Component
+from aero_bayes.export.flat import FlatEquation, FlatModel
+from aero_bayes.physics.balance import Entry, entry_of, sides_of
+from aero_bayes.physics.classes import ClassText, Component, Statement, read_classes
 from aero_bayes.physics.edit import (
     Edit,
     add_declarations,
     add_equations,
     apply,
-    indentation,
     insert_in_connect,
     rename_class,
     replace_names,
 )
 from aero_bayes.physics.entrance import parameter_values
+from aero_bayes.physics.inline import alone, with_bases
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.ports import Port, driver_names, is_driver
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.tokens import Token, split_outside
-from aero_bayes.physics.use import Use
+from aero_bayes.physics.use import Use, plain_name
+
+
+@dataclass
+class ComponentCopy:
+    """A copy of a component's class: where it comes from, what is edited in it, and what the model gives it."""
+
+    name: str
+    file: SourceFile
+    origin: ClassText
+    text: str
+    cls: ClassText
+    edits: list[Edit] = field(default_factory=list)
+    declarations: list[str] = field(default_factory=list)
+    inputs: dict[str, str] = field(default_factory=dict)
+
+    def write_out_bases(self, known: Sources) -> None:
+        """Have the base classes in the text, before anything is edited."""
+        if self.cls.bases() and not self.edits:
+            whole, self.cls = with_bases(known, self.file, self.origin)
+            self.text = whole.text
+
+    def take(self, name: str, value: str, about: str) -> None:
+        """Declare an input, and bind it where the component is declared."""
+        self.inputs[name] = value
+        self.declarations.append(f"input Real {name} {about};")
 
 
 class Writer:
@@ -35,13 +61,13 @@ class Writer:
     def __init__(
         self, known: Sources, file: SourceFile, cls: ClassText, flat: FlatModel, uses: Sequence[Use], title: str
     ) -> None:
-        self.known, self.file, self.cls, self.flat, self.uses, self.title = known, file, cls, flat, uses, title
+        self.known, self.user, self.flat, self.uses, self.title = known, (file, cls), flat, uses, title
         self.structure = structure_of(flat)
+        #: names that classes have around the user's
+        self.around = known.meanings(cls).keys()
+        self.file, self.cls = self._own_text()
+        cls = self.cls
         self.components: dict[str, Component] = {c.name: c for c in cls.components()}
-        self.meanings = {
-            k: v for k, v in known.meanings(cls).items() if k not in self.components.keys() | set(cls.short)
-        }
-        self.whole_file = file.classes == (cls,) and not cls.within
         self.extends = all(u.port.via == "node" for u in uses)
         self.parameters: list[str] = []
         self.classes: list[list[str]] = []
@@ -54,6 +80,7 @@ class Writer:
         #: outermost law of each output, and where the expression stood that it is given
         self.outputs: dict[str, str] = {}
         self.moved: dict[str, Sequence[Token]] = {}
+        self.copies: dict[str, ComponentCopy] = {}
 
     def text(self) -> str:
         """The whole file."""
@@ -68,9 +95,22 @@ class Writer:
 
     def original(self) -> str:
         """The user's class as a file of its own, to compare with."""
-        if self.whole_file:
-            return self.file.text
-        return self._alone(self.file.text, ())
+        return self._plain_text(*self.user)
+
+    def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
+        whole = file.classes == (cls,) and not cls.within
+        return file.text if whole else "within ;\n" + alone(self.known, file, cls)
+
+    def _own_text(self) -> tuple[SourceFile, ClassText]:
+        """The user's class as a file of its own, with its base classes written out where they are to be edited."""
+        file, cls = self.user
+        if self._inherits():
+            file, _ = with_bases(self.known, file, cls)
+            text = "within ;\n" + file.text
+        else:
+            text = self._plain_text(file, cls)
+        classes = read_classes(text)
+        return SourceFile(file.file, text, classes), classes[0]
 
     # what every law brings
 
@@ -93,7 +133,7 @@ class Writer:
     ) -> None:
         """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
         name = "".join(w[:1].upper() + w[1:] for w in use.instance.split("_"))
-        while name in self.meanings or name in self.cls.short:
+        while name in self.around or name in self.cls.short:
             name += "Law"
         lines = class_text(
             use.law, name, sizes=use.all_sizes, signals=inside,
@@ -118,32 +158,106 @@ class Writer:
             self._term(use.neighbour, f"{use.instance}.{'q' if exchange else 'q_2'}", -1)
 
     def _term(self, port: Port, text: str, sign: int) -> None:
-        equation = self.flat.equations[port.entrance.equation] if port.entrance is not None else None
-        if equation is None or equation.place is None:
-            raise InputError(f"{port.id}: the place of its balance is not known")
-        _, cls, position = self.known.at(equation.place)
-        if cls.full_name != self.cls.full_name:
-            raise InputError(f"{equation.place}: the balance of {port.id!r} stands in the class {cls.full_name}")
-        sides = self._sides(position)
-        values = parameter_values(self.flat)
-        constants = frozenset(v.name for v in self.flat.variables if v.constant)
-        for name in driver_names(self.structure, port.id):
-            entry = entry_of(sides, is_driver(name), constants=constants, values=values)
-            if entry is not None:
-                self.edits += entry.insert(text, sign)
-                return
-        raise InputError(f"{equation.place}: no term can be written into the balance of {port.id!r}")
+        """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
+        equation = self._equation_of(port)
+        if not equation.component:
+            self.edits += self._entry(port, self.cls, "").insert(text, sign)
+            return
+        copy = self._copy_of(equation.component)
+        stated = self._class_at(equation)
+        if stated is None or stated.name != copy.origin.name:
+            copy.write_out_bases(self.known)
+        given = plain_name(text)
+        copy.edits += self._entry(port, copy.cls, equation.component + ".").insert(given, sign)
+        about = f'"{"Taken from" if sign > 0 else "Added to"} the balance"'
+        path = equation.component
+        while path:
+            parent = path.rpartition(".")[0]
+            self.copies[path].take(given, text if not parent else given, about)
+            path = parent
 
-    def _sides(self, position: int) -> tuple[Term, Term]:
-        """Both sides of the equation, or of the declaration with a value, at a position."""
-        s = next((s for s in self.cls.statements if s.start <= position < s.end), None)
-        if s is not None and s.section in ("public", "protected"):
-            c = next(c for c in self.components.values() if c.statement is s and c.binding)
-            return Term("name", c.name_token.start, c.name_token.end, c.name), parse_term(c.binding)
-        sides = sides_of(s.core) if s is not None and not s.inside else None
-        if sides is None:
-            raise InputError(f"{self.file.file}: a branch, a loop or an array, into which no term can be written")
-        return sides
+    def _copy_of(self, path: str) -> ComponentCopy:
+        """The copy of a component's class, and of the classes of what holds it."""
+        if path in self.copies:
+            return self.copies[path]
+        parent, _, name = path.rpartition(".")
+        holder = self._copy_of(parent) if parent else None
+        cls = holder.cls if holder else self.cls
+        if holder and name not in {c.name for c in cls.components()}:
+            holder.write_out_bases(self.known)
+            cls = holder.cls
+        component = next((c for c in cls.components() if c.name == name), None)
+        if component is None:
+            raise InputError(f"{cls.name}: the component {name!r} is not declared there")
+        scope = holder.origin if holder else self.user[1]
+        file, origin = self.known.find(self.known.resolve(scope, component.type))
+        text = alone(self.known, file, origin)
+        (own,) = read_classes(text)
+        copy = ComponentCopy(f"{own.name}_{plain_name(path)}", file, origin, text, own)
+        self.copies[path] = copy
+        return copy
+
+    def _equation_of(self, port: Port) -> FlatEquation:
+        if port.entrance is None:
+            raise InputError(f"the port {port.id!r} has no balance")
+        return self.flat.equations[port.entrance.equation]
+
+    def _class_at(self, equation: FlatEquation) -> ClassText | None:
+        return None if equation.place is None else self.known.at(equation.place)[1]
+
+    def _entry(self, port: Port, cls: ClassText, prefix: str) -> Entry:
+        """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
+        values = {n.removeprefix(prefix): v for n, v in parameter_values(self.flat).items()}
+        constants = frozenset(v.name.removeprefix(prefix) for v in self.flat.variables if v.constant)
+        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, next(iter(port.signals.values())))]
+        wanted = self._words(port)
+        found: list[tuple[bool, int, Entry]] = []
+        for s in cls.statements:
+            sides = self._sides(s, cls)
+            if sides is None or s.inside:
+                continue
+            for name in drivers:
+                entry = entry_of(sides, is_driver(name), constants=constants, values=values)
+                if entry is not None:
+                    found.append(([t.word for t in s.core] != wanted, len(found), entry))
+                    break
+        if not found:
+            raise InputError(f"{self._equation_of(port).place}: no term can be written into the balance of {port.id!r}")
+        return min(found, key=lambda f: f[:2])[2]
+
+    def _words(self, port: Port) -> list[str]:
+        """The balance as it stands in the user's source."""
+        equation = self._equation_of(port)
+        if equation.place is None:
+            return []
+        _, cls, position = self.known.at(equation.place)
+        return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
+
+    def _sides(self, s: Statement, cls: ClassText) -> tuple[Term, Term] | None:
+        """Both sides of an equation, or of a declaration with a value."""
+        if s.section == "equation":
+            return sides_of(s.core)
+        c = next((c for c in cls.components() if c.statement is s and c.binding), None)
+        if c is None or c.prefixes & {"parameter", "constant"}:
+            return None
+        return Term("name", c.name_token.start, c.name_token.end, c.name), parse_term(c.binding)
+
+    def _inherits(self) -> bool:
+        """Whether something that is to be edited stands in a base class of the user's class."""
+        own = {c.name for c in self.user[1].components()}
+        for use in self.uses:
+            for port in (use.port, *([use.neighbour] if use.neighbour else ())):
+                if port.via in ("input", "output") and port.signals["u"] not in own:
+                    return True
+                if port.via == "equation":
+                    equation = self._equation_of(port)
+                    stated = self._class_at(equation)
+                    inside = equation.component
+                    if (inside and inside not in own) or (not inside and stated is not self.user[1]):
+                        return True
+                if port.via == "series" and self._connection(self.user[1], port) is None:
+                    return True
+        return False
 
     # connections
 
@@ -183,13 +297,20 @@ class Writer:
         connector = self._connector_class(port)
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
         self._component(use, {}, {"i": f"p.{port.flow}"}, [f"{connector} p;", f"{connector} n;"], equations)
-        for s in self.cls.equations:
+        found = self._connection(self.cls, port)
+        if found is None:
+            raise InputError(f"{self.cls.full_name}: no connection of {left} and {right} stands in the class")
+        near, far = ("p", "n") if found[1][0] == left else ("n", "p")
+        self.edits += insert_in_connect(self.file.text, found[0], f"{use.instance}.{near}", f"{use.instance}.{far}")
+
+    @staticmethod
+    def _connection(cls: ClassText, port: Port) -> tuple[Statement, list[str]] | None:
+        """The statement that joins the two connectors of a port, and these in its order."""
+        for s in cls.equations:
             ends = ["".join(t.word for t in e) for e in split_outside(s.core[2:-1])] if s.first == "connect" else []
-            if sorted(ends) == sorted((left, right)) and not s.inside:
-                near, far = ("p", "n") if ends[0] == left else ("n", "p")
-                self.edits += insert_in_connect(self.file.text, s, f"{use.instance}.{near}", f"{use.instance}.{far}")
-                return
-        raise InputError(f"{self.cls.full_name}: no connection of {left} and {right} stands in the class itself")
+            if sorted(ends) == sorted(port.connectors) and not s.inside:
+                return s, ends
+        return None
 
     # inputs and outputs
 
@@ -244,16 +365,32 @@ class Writer:
         lines = [*self.parameters, *self.variables]
         for cls, (instance, (name, bound)) in zip(self.classes, self.instances.items(), strict=True):
             lines += [*cls, f"{name} {instance}({', '.join(f'{k} = {v}' for k, v in bound.items())});"]
+        return [*lines, *self._copied_classes("")]
+
+    def _copied_classes(self, parent: str) -> list[str]:
+        """The lines of the copies of classes of the components that something holds."""
+        lines: list[str] = []
+        for path, copy in self.copies.items():
+            if path.rpartition(".")[0] == parent:
+                inner = self._copied_classes(path)
+                edits = [*copy.edits, *rename_class(copy.cls, copy.name), *self._retyped_in(path, copy.cls, copy.text)]
+                edits += add_declarations(copy.text, copy.cls, [*copy.declarations, *inner])
+                lines += apply(copy.text, edits).rstrip("\n").split("\n")
         return lines
+
+    def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[Edit]:
+        """Declare the components of a class by the copies of their classes."""
+        held = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
+        return [e for name, copy in held.items() for e in _retyped(cls, name, copy)]
 
     def _about(self) -> str:
         added = " and ".join(
             f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.uses
         )
-        return f"{self.cls.description or self.cls.name}, with {added}".replace('"', "'")
+        return f"{self.user[1].description or self.user[1].name}, with {added}".replace('"', "'")
 
     def _extension(self) -> str:
-        lines = ["within ;", f'model {self.title} "{self._about()}"', f"  extends {self.cls.full_name};"]
+        lines = ["within ;", f'model {self.title} "{self._about()}"', f"  extends {self.user[1].full_name};"]
         lines += [f"  {line}" for line in self._declarations()]
         return "\n".join([*lines, "equation", *(f"  {line}" for line in self.equations), f"end {self.title};", ""])
 
@@ -272,26 +409,16 @@ class Writer:
                 names.add(s.core[0].start)
             edits += [
                 e
-                for e in replace_names(s.tokens, self._new_name)
+                for e in replace_names(s.tokens, self.read.get)
                 if e.start not in names and not any(start <= e.start < end for start, end in gone)
             ]
+        edits += self._retyped_in("", cls, text)
         edits += add_declarations(text, cls, self._declarations())
-        edits += add_equations(text, cls, self.equations)
-        return apply(text, edits) if self.whole_file else self._alone(text, edits)
-
-    def _alone(self, text: str, edits: Sequence[Edit]) -> str:
-        """The class out of its package, moved to the margin."""
-        begin = text.rfind("\n", 0, self.cls.start) + 1
-        margin = indentation(text, self.cls.start)
-        body = apply(text[begin : self.cls.end], [e.moved(-begin) for e in edits])
-        return "within ;\n" + re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n"
-
-    def _new_name(self, name: str) -> str | None:
-        return self.read.get(name) or self.meanings.get(name)
+        return apply(text, [*edits, *add_equations(text, cls, self.equations)])
 
     def _renamed(self, tokens: Sequence[Token]) -> str:
         begin = tokens[0].start
-        edits = [e.moved(-begin) for e in replace_names(tokens, self._new_name)]
+        edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get)]
         return apply(_slice(self.file.text, tokens), edits)
 
     def _description(self) -> Edit:
@@ -301,3 +428,17 @@ class Writer:
 
 def _slice(text: str, tokens: Sequence[Token]) -> str:
     return text[tokens[0].start : tokens[-1].end] if tokens else ""
+
+
+def _retyped(cls: ClassText, name: str, copy: ComponentCopy) -> list[Edit]:
+    """Declare a component by the copy of its class, and give that what it takes."""
+    components = cls.components()
+    c = next(c for c in components if c.name == name)
+    if sum(other.statement is c.statement for other in components) > 1:
+        raise InputError(f"{cls.name}: declare {name!r} in a statement of its own to add a law inside it")
+    given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
+    edits = [Edit(c.type_tokens[0].start, c.type_tokens[-1].end, copy.name)]
+    if c.arguments:
+        comma = ", " if len(c.arguments) > 2 else ""
+        return [*edits, Edit(c.arguments[-1].start, c.arguments[-1].start, comma + given)]
+    return [*edits, Edit(c.name_token.end, c.name_token.end, f"({given})")]
