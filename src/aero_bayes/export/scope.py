@@ -68,6 +68,7 @@ class Scope:
         self.events = events
         self.records = records or {}
         self.derivatives: dict[str, Node] = {}
+        self.left_limits: set[Node] = set()
         self.place: Place | None = None
         self.depth = 0
         self._families: dict[str, list[str]] | None = None
@@ -291,9 +292,10 @@ class Scope:
         return None
 
     def _pre(self, node: Node) -> Node:
-        if node.op == "symbol" and self.events is not None:
-            return self.events.pre(node)
-        if node.op == "const":
+        if self.events is not None and self.events.constant_between(node):
+            return self.events.pre(node) if node.op == "symbol" else node
+        if node.op == "symbol":
+            self.left_limits.add(node)
             return node
         raise self.fail("pre() of something that is not a variable")
 

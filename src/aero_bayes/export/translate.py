@@ -98,22 +98,24 @@ def translate(model: FlatModel) -> System:
     events.held |= set(symbols)
     scope.place, scope.events = None, events
     actions = EventActions(scope, events)
-    residuals: list[Node] = []
-    pairs: list[tuple[Node, Node]] = []
-    discrete = set(symbols)
-    for left, right in scope.sides(model.equations):
-        if left in discrete or right in discrete:
-            pairs.append((left, right))
-        else:
-            residuals.append(builder.sub(right, left))
     for clause in model.whens:
         actions.clause(clause)
+    residuals: list[Node] = []
     for algorithm in model.algorithms:
         scope.place = algorithm.place
         residuals += [builder.sub(new, s) for s, new in actions.algorithm(algorithm.statements, algorithm.outputs)]
-    scope.place = None
-    match_discrete(scope, pairs, actions, symbols)
+    open_ = set(symbols) - actions.updates.keys()
+    pairs: list[tuple[Node, Node]] = []
+    for left, right in scope.sides(model.equations):
+        if left in open_ or right in open_:
+            pairs.append((left, right))
+        else:
+            residuals.append(builder.sub(right, left))
+    residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
     initial = [builder.sub(right, left) for left, right in scope.sides(model.initial_equations)]
+    for symbol in scope.left_limits:
+        if symbol.name not in scope.derivatives:
+            raise scope.fail(f"pre({symbol.name}) of a variable that is neither discrete nor a state")
     if model.initial_algorithms:
         scope.place = model.initial_algorithms[0].place
         raise scope.fail("an initial algorithm")
@@ -133,9 +135,21 @@ def translate(model: FlatModel) -> System:
             tuple(events.relations.values()),
             tuple(events.roundings.values()),
             tuple(events.samplings.values()),
+            _assertions(model, scope),
         ),
         scope.derivatives,
     )
+
+
+def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
+    """Assertions that may fail; they are looked at in events and make none themselves."""
+    found = []
+    scope.events = None
+    for a in model.assertions:
+        scope.place = a.place
+        found += [(c, a.message) for c in numbers(scope.value(a.condition)) if c.op != "const" or not c.value]
+    scope.place = None
+    return tuple(found)
 
 
 def _symbols(builder: Builder, name: str, sizes: Sequence[int]) -> Value:
