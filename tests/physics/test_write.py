@@ -106,7 +106,7 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
     assert [line.split()[0] for line in gone] == ["model", "M", "end"]
     assert (
-        '  M * der(v) = F - F_v * v - K * x - coulomb_friction.f "Newton\'s second law" annotation '
+        '  M * der(v) = F - F_v * v - K * x - F_c * tanh(v / 0.00026) "Newton\'s second law" annotation '
         '(Documentation(info = "a balance; of forces"));'
     ) in written.text.splitlines()
     assert '  // the balance of forces; "equation" is only a word here' in written.text
@@ -212,7 +212,7 @@ end Fall;
     assert str(port.place) == "Bench/Rigs/Fall.mo:11"
     uses = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
     written = agree("Bench.Rigs.Fall", [folder], uses, models, tmp_path / "out", rng)
-    assert "  m * der(v) = gain.y - m * Bench.g - quadratic_drag.f;" in written.text
+    assert "  m * der(v) = gain.y - m * Bench.g - c * v * abs(v);" in written.text
     assert "  Bench.Parts.Gain gain(k = 3, u = offset.y);" in written.text
 
 

@@ -160,8 +160,11 @@ def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:
 
 
 def compose_laws(flat: FlatModel, uses: Sequence[Use], models: Models) -> FlatModel:
-    """A model with several laws; at one input or output the last one is the outermost."""
-    for use in uses:
+    """A model with several laws; at one input or output the last one is the outermost.
+
+    Readings come last, so that a law in a balance is given the quantity and not its reading.
+    """
+    for use in sorted(uses, key=lambda u: u.port.via == "output"):
         flat = compose_law(flat, use, models)
     return flat
 

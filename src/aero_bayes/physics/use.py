@@ -106,7 +106,9 @@ def use_of(
 
     fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
     names = {p: free(p) for p in fitted}
-    return Use(law, port, free(law.id), names, dict(sizes or {}), dict(values or {}), neighbour)
+    # a size is a typical magnitude: three digits of it read well in a written model
+    rounded = {k: float(f"{v:.3g}") for k, v in (sizes or {}).items()}
+    return Use(law, port, free(law.id), names, rounded, dict(values or {}), neighbour)
 
 
 def plain_name(path: str) -> str:

@@ -21,13 +21,16 @@ from aero_bayes.physics.edit import (
 )
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.inline import alone, with_bases
-from aero_bayes.physics.law_class import class_text
+from aero_bayes.physics.law_class import class_text, formula
 from aero_bayes.physics.ports import Port, driver_names, is_driver
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.tokens import Token, split_outside
 from aero_bayes.physics.use import Use, plain_name
+
+#: A law whose formula is longer than this is written as a component.
+LONGEST_FORMULA = 70
 
 
 @dataclass
@@ -90,6 +93,7 @@ class Writer:
         }  # fmt: skip
         for use in self.uses:
             self._parameters(use)
+        for use in sorted(self.uses, key=lambda u: u.port.via != "output"):
             ways[use.port.via](use)
         return self._extension() if self.extends else self._copy()
 
@@ -149,13 +153,19 @@ class Writer:
     # balances
 
     def _in_equation(self, use: Use) -> None:
-        given, exchange = use.port.signals, use.law.kind == "exchange"
+        given, exchange = dict(use.port.signals), use.law.kind == "exchange"
         if exchange and use.neighbour is not None:
             given = {"h_1": use.port.signals["h"], "h_2": use.neighbour.signals["h"]}
-        self._component(use, given, {})
-        self._term(use.port, f"{use.instance}.{use.law.shape.acts}", 1)
+        # a reading that is a state has a name of its own for what it was
+        given = {signal: self.read.get(name, name) for signal, name in given.items()}
+        near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
+        text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
+        if text is None or len(text) > LONGEST_FORMULA:
+            self._component(use, given, {})
+            text = f"{use.instance}.{use.law.shape.acts}"
+        self._term(use.port, text, 1)
         if use.neighbour is not None:
-            self._term(use.neighbour, f"{use.instance}.{'q' if exchange else 'q_2'}", -1)
+            self._term(use.neighbour, text if exchange else f"{use.instance}.q_2", -1)
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
