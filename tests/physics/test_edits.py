@@ -22,7 +22,7 @@ from aero_bayes.physics.edit import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.physics.ports import is_driver
+from aero_bayes.physics.find import is_driver
 from aero_bayes.physics.tokens import tokenize
 
 NOISE = [

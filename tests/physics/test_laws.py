@@ -13,8 +13,8 @@ from numpy.random import Generator
 from aero_bayes.errors import InputError
 from aero_bayes.export.expression import evaluate
 from aero_bayes.physics.compose import Models, compose_law
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
-from aero_bayes.physics.ports import ports_of
 from aero_bayes.physics.use import use_of
 
 LISTED = {

@@ -9,8 +9,9 @@ from conftest import Numbers, explicit, rig, somewhere
 from numpy.random import Generator
 
 from aero_bayes.physics.compose import Models, compose_law, probe, screening
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import candidates, port_table, ports_of
+from aero_bayes.physics.ports import candidates, port_table
 from aero_bayes.physics.use import use_of
 
 FOUND = {

@@ -42,7 +42,9 @@ class Sources:
 
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
-        file = self.files.get(place.file) or self.files.get(str(Path(place.file).resolve()))
+        file = self.files.get(place.file)
+        if file is None and Path(place.file).is_absolute() and Path(place.file).is_file():
+            file = _read(Path(place.file), place.file)  # of a library
         if file is None:
             raise InputError(f"{place}: the file is not among the sources")
         position = file.character(place.start)
@@ -95,9 +97,13 @@ def read_sources(sources: Sequence[Path]) -> Sources:
             raise InputError(f"{source}: no such file")
         for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
             name = str(path.relative_to(source.parent))
-            text = path.read_text(encoding="utf-8")
-            try:
-                files[name] = SourceFile(name, text, read_classes(text))
-            except InputError as error:
-                raise InputError(f"{path}: {error}") from None
+            files[name] = _read(path, name)
     return Sources(files)
+
+
+def _read(path: Path, name: str) -> SourceFile:
+    text = path.read_text(encoding="utf-8")
+    try:
+        return SourceFile(name, text, read_classes(text))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

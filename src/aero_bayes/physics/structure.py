@@ -81,6 +81,8 @@ def structure_of(flat: FlatModel) -> Structure:
         for one, two in ((e.left, e.right), (e.right, e.left)):
             derived = is_derivative(one)
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
+                if variables[root(two.name)[0]].causality == "input" and "." not in root(two.name)[0]:
+                    continue  # an integrator of an input: its balance
                 plain.add(i)
                 state, sign = root(derived)
                 # all rates of one quantity are equal, whoever names them
