@@ -29,8 +29,11 @@ from aero_bayes.scratch import ScratchFolder
 Models = Mapping[tuple[str, str], FlatModel]
 
 
-def law_models(laws: Sequence[Law]) -> Models:
-    """Each law as a flat model of its own, by kind and id; one run of the compiler for all."""
+def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> Models:
+    """Each law as a flat model of its own, by kind and id; one run of the compiler for all.
+
+    ``sources`` are the packages of the laws, where these use functions or types of their package.
+    """
     lines = ["model LawsAtOnce"]
     for law in laws:
         name = _instance(law)
@@ -41,7 +44,7 @@ def law_models(laws: Sequence[Law]) -> Models:
     with ScratchFolder() as folder:
         path = Path(folder) / "LawsAtOnce.mo"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        flat = load_flat("LawsAtOnce", [path])
+        flat = load_flat("LawsAtOnce", [*sources, path])
     return {(law.kind, law.id): _part(flat, _instance(law), law) for law in laws}
 
 
