@@ -8,11 +8,13 @@ import pytest
 from conftest import Numbers, explicit, rig, somewhere
 from numpy.random import Generator
 
+from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_law, probe, screening
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import candidates, port_table
 from aero_bayes.physics.use import use_of
+from aero_bayes.physics.write import write_law
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
@@ -127,6 +129,36 @@ end Form;
     change = wide(point)["der(v)"] - base(point)["der(v)"]
     factor = {"1 / M": 1 / 2.5, "1": 1.0, "-1 / n": 1 / 3.0}[gain]
     assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
+
+
+def test_states_in_an_array_are_states(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
+    path = tmp_path / "Chain.mo"
+    path.write_text(
+        """model Chain
+  parameter Real k[2] = {3, 5};
+  input Real u;
+  output Real y = x[1];
+  Real x[2](each start = 0, each fixed = true);
+equation
+  der(x[1]) = x[2];
+  der(x[2]) = (u - k[1] * x[1] - 0.1 * x[2]) / k[2];
+end Chain;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Chain", str(path))
+    (port,) = (p for p in ports_of(flat, laws) if p.kind not in ("input", "output"))
+    assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})
+    law = next(law for law in laws if law.id == "viscous_friction")
+    use = use_of(law, port, [v.name for v in flat.variables], values={"d": 0.9})
+    wide_flat = compose_law(flat, use, models)
+    written = write_law([path], "Chain", flat, [use], tmp_path / "out")
+    again = Numbers(explicit(load_flat(written.name, [path, written.path])))
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
+    point = somewhere(base.names(), rng)
+    change = wide(point)["der(x[2])"] - base(point)["der(x[2])"]
+    assert change == pytest.approx(-0.9 * point["x[2]"] / 5)
+    assert again(point) == pytest.approx(wide(point))
 
 
 @pytest.mark.parametrize("model", FOUND)

@@ -23,6 +23,7 @@ from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Candidate, Port
+from aero_bayes.physics.structure import reference
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
@@ -114,7 +115,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
             given = {"h_1": port.signals["h"], "h_2": use.neighbour.signals["h"]}
         for signal in use.law.shape.given:
             if signal in known:
-                flat = equate(flat, f"{at}.{signal}", Name(given[signal]) if signal in given else Number(0.0))
+                flat = equate(flat, f"{at}.{signal}", reference(given[signal]) if signal in given else Number(0.0))
     flat = _with_sizes(flat, at, use.all_sizes)
     for p in use.parameters():
         about = f"{p.description} at {port.id}"

@@ -29,6 +29,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
         Those that are looked at for :attr:`Port.laws`.
     """
     s = structure_of(flat)
+    flat = s.flat
     balances = list(_balances(s))
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s)]
@@ -38,7 +39,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
 
 
 def _top(v: FlatVariable, causality: str) -> bool:
-    return v.causality == causality and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
+    return v.causality == causality and not {*".["} & {*v.name} and v.type == "Real" and not v.sizes and not v.constant
 
 
 def _inputs(flat: FlatModel) -> Iterator[Port]:

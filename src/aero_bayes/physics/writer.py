@@ -30,8 +30,9 @@ class Writer:
     def __init__(
         self, known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, uses: Sequence[Use], title: str
     ) -> None:
-        self.known, self.flat, self.uses = known, flat, uses
+        self.known, self.uses = known, uses
         self.structure = structure_of(flat)
+        self.flat = self.structure.flat
         self.draft = Draft(known, user, uses, title, inherits=self._inherits(user[1]))
 
     def text(self) -> str:
