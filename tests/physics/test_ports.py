@@ -131,6 +131,39 @@ end Form;
     assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
 
 
+def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    """A pendulum on a cart: both equations contain both accelerations. A screw turns an angle into a displacement."""
+    path = tmp_path / "Crane.mo"
+    path.write_text(
+        """model Crane
+  parameter Real M = 2;
+  parameter Real m = 0.3;
+  parameter Real l = 0.4;
+  input Real F(unit = "N");
+  output Real y(unit = "m") = x;
+  output Real a(unit = "rad") = phi;
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+  Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real z(unit = "m", start = 0, fixed = true) "Nut of a screw";
+equation
+  der(x) = v;
+  der(phi) = w;
+  m * l * cos(phi) * der(v) + m * l ^ 2 * der(w) = -m * 9.81 * l * sin(phi);
+  (M + m) * der(v) + m * l * cos(phi) * der(w) = F + m * l * w ^ 2 * sin(phi);
+  der(z) = 0.01 * w;
+end Crane;
+""",
+        encoding="utf-8",
+    )
+    ports = {p.id: p for p in ports_of(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
+    lines = {i: p.place.line if p.place else 0 for i, p in ports.items()}
+    assert lines == {"v": 17, "w": 16}
+    assert all(p.kind == "motion" for p in ports.values())
+    assert ports["w"].signals == {"v": "w", "x": "phi"}
+
+
 def test_states_in_an_array_are_states(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
     path = tmp_path / "Chain.mo"
     path.write_text(

@@ -61,15 +61,15 @@ def _balances(s: Structure) -> Iterator[Port]:
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
     positions = {x: r for x, r in s.rates.items() if r in s.states}
-    for state in s.states:
-        if state in positions and not _is_current(s, positions[state]):
-            continue
+    driven = [x for x in s.states if x not in positions or _is_current(s, positions[x])]
+    own, inner = (_assigned(s, driven, values, units, inside=inside) for inside in (False, True))
+    for state in driven:
         position = next((x for x, r in positions.items() if r == state), "")
         found = (
             _series(s, state)
-            or _equation(s, state, position, values, units, inside=False)
+            or _equation(s, state, position, own.get(state))
             or _node(s, state, position)
-            or _equation(s, state, position, values, units, inside=True)
+            or _equation(s, state, position, inner.get(state))
         )
         if found is not None:
             yield found
@@ -109,33 +109,76 @@ def _units(s: Structure, kind: PortKind, signals: Mapping[str, str], unit: str) 
 # balances that the model's own class states
 
 
-def _equation(
-    s: Structure, state: str, position: str, values: Mapping[str, float], units: Mapping[str, str], *, inside: bool
-) -> Port | None:
-    """A balance that the model's own class states, or with ``inside`` one of its components."""
+def _assigned(
+    s: Structure, states: Sequence[str], values: Mapping[str, float], units: Mapping[str, str], *, inside: bool
+) -> dict[str, Entrance]:
+    """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
+
+    Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant.
+    """
     flow = {v.name for v in s.flat.variables if v.flow}
-    for index, driver in _drivers(s, state):
-        if inside and index in s.plain:
-            continue  # kinematics of a component
-        e = s.flat.equations[index]
-        names = names_in(e.left) | names_in(e.right)
-        if bool(e.component) is not inside or e.origin not in ("component", "binding") or (names & flow and not inside):
-            continue
-        entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
-        if entrance is None:
-            continue
-        own = _own_name(s, state)
-        kind = _kind(s, state, position)
-        unit = _unit_in(s, state)
-        if kind == "storage" and (unit == "rad" or (unit == "m" and inside and not driver.startswith("der("))):
-            continue  # an angle or a displacement: kinematics
-        signals = _signals(kind, own, _own_name(s, position) if position else "")
-        states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
-        return Port(
-            own, kind, "equation", entrance.unit, _units(s, kind, signals, entrance.unit), e.place,
-            tuple(_own_name(s, x) for x in states), signals, entrance,
-        )  # fmt: skip
-    return None
+    options: dict[str, list[Entrance]] = {}
+    for state in states:
+        found: list[tuple[bool, Entrance]] = []
+        for index, driver in _drivers(s, state):
+            e = s.flat.equations[index]
+            names = names_in(e.left) | names_in(e.right)
+            stated = bool(e.component) is inside and e.origin in ("component", "binding")
+            kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
+            if not stated or kinematic or (names & flow and not inside):
+                continue
+            entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
+            if entrance is not None:
+                found.append((not _constant_factor(s, e, driver), entrance))
+        options[state] = [entrance for _, entrance in sorted(found, key=lambda f: f[0])]
+    taken: dict[int, str] = {}
+
+    def place(state: str, tried: set[int]) -> bool:
+        for entrance in options[state]:
+            if entrance.equation not in tried:
+                tried.add(entrance.equation)
+                if entrance.equation not in taken or place(taken[entrance.equation], tried):
+                    taken[entrance.equation] = state
+                    return True
+        return False
+
+    for state in states:
+        place(state, set())
+    return {x: next(o for o in options[x] if o.equation == equation) for equation, x in taken.items()}
+
+
+def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
+    """Whether an equation only says how an angle or a displacement follows from a speed."""
+    unit = _unit_in(s, state)
+    varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
+    speeds = all(dimension_of_unit(_unit_in(s, n)) in _SPEEDS for n in varying)
+    return unit == "rad" or (unit == "m" and bool(varying) and speeds)
+
+
+def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
+    """Whether a driver stands in an equation with nothing but constants as factors."""
+
+    def factors(tree: Expression) -> set[str]:
+        if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
+            return next((factors(a) for a in tree.args if _holds(a, driver)), set())
+        return names_in(tree) - {driver, driver[4:-1]}
+
+    side = e.left if _holds(e.left, driver) else e.right
+    return all(s.variables[n].constant for n in factors(side) if n in s.variables)
+
+
+def _equation(s: Structure, state: str, position: str, entrance: Entrance | None) -> Port | None:
+    if entrance is None:
+        return None
+    e = s.flat.equations[entrance.equation]
+    own = _own_name(s, state)
+    kind = _kind(s, state, position)
+    signals = _signals(kind, own, _own_name(s, position) if position else "")
+    states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
+    return Port(
+        own, kind, "equation", entrance.unit, _units(s, kind, signals, entrance.unit), e.place,
+        tuple(_own_name(s, x) for x in states), signals, entrance,
+    )  # fmt: skip
 
 
 def driver_names(s: Structure, state: str) -> list[str]:
@@ -162,7 +205,7 @@ def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
     late: list[tuple[int, str]] = []
     for i, e in enumerate(s.flat.equations):
         for driver in wanted:
-            if _contains(e, driver):
+            if _holds(e.left, driver) or _holds(e.right, driver):
                 # an equation that says only der(x) = rate is the balance where no other one has the rate
                 if i in s.plain:
                     late.append((i, driver))
@@ -178,10 +221,8 @@ def _gives(e: FlatEquation, name: str) -> bool:
     )
 
 
-def _contains(e: FlatEquation, driver: str) -> bool:
-    if not driver.startswith("der("):
-        return driver in names_in(e.left) | names_in(e.right)
-    return any(_has_der(t, driver[4:-1]) for t in (e.left, e.right))
+def _holds(tree: Expression, driver: str) -> bool:
+    return _has_der(tree, driver[4:-1]) if driver.startswith("der(") else driver in names_in(tree)
 
 
 def _has_der(tree: Expression, name: str) -> bool:
