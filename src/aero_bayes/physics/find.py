@@ -6,15 +6,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, names_in
 from aero_bayes.physics.balance import Driver
+from aero_bayes.physics.connections import node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, PortKind, fits
+from aero_bayes.physics.ports import Port, fits
+from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
 from aero_bayes.physics.structure import Structure, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
-
-_SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 
 
 def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
@@ -61,49 +61,18 @@ def _balances(s: Structure) -> Iterator[Port]:
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
     positions = {x: r for x, r in s.rates.items() if r in s.states}
-    driven = [x for x in s.states if x not in positions or _is_current(s, positions[x])]
+    driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
     own, inner = (_assigned(s, driven, values, units, inside=inside) for inside in (False, True))
     for state in driven:
         position = next((x for x, r in positions.items() if r == state), "")
         found = (
-            _series(s, state)
+            series(s, state)
             or _equation(s, state, position, own.get(state))
-            or _node(s, state, position)
+            or node(s, state, position)
             or _equation(s, state, position, inner.get(state))
         )
         if found is not None:
             yield found
-
-
-def _unit_in(s: Structure, cls: str) -> str:
-    return next((u for n in (cls, *s.members(cls)) if (u := s.variables[n].unit)), "")
-
-
-def _is_current(s: Structure, cls: str) -> bool:
-    return _unit_in(s, cls) == "A"
-
-
-def _kind(s: Structure, state: str, position: str) -> PortKind:
-    if _is_current(s, state):
-        return "electrical"
-    if position or dimension_of_unit(_unit_in(s, state)) in _SPEEDS:
-        return "motion"
-    return "storage"
-
-
-def _signals(kind: PortKind, state: str, position: str) -> dict[str, str]:
-    if kind == "electrical":
-        return {"i": state}
-    if kind == "storage":
-        return {"h": state}
-    return {"v": state, "x": position} if position else {"v": state}
-
-
-_ACTS: Mapping[PortKind, str] = {"motion": "f", "storage": "q", "electrical": "v"}
-
-
-def _units(s: Structure, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
-    return {**{k: _unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
 
 
 # balances that the model's own class states
@@ -149,9 +118,9 @@ def _assigned(
 
 def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
     """Whether an equation only says how an angle or a displacement follows from a speed."""
-    unit = _unit_in(s, state)
+    unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
-    speeds = all(dimension_of_unit(_unit_in(s, n)) in _SPEEDS for n in varying)
+    speeds = all(dimension_of_unit(unit_in(s, n)) in SPEEDS for n in varying)
     return unit == "rad" or (unit == "m" and bool(varying) and speeds)
 
 
@@ -172,11 +141,11 @@ def _equation(s: Structure, state: str, position: str, entrance: Entrance | None
         return None
     e = s.flat.equations[entrance.equation]
     own = _own_name(s, state)
-    kind = _kind(s, state, position)
-    signals = _signals(kind, own, _own_name(s, position) if position else "")
+    kind = kind_of(s, state, position)
+    signals = signals_of(kind, own, _own_name(s, position) if position else "")
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
-        own, kind, "equation", entrance.unit, _units(s, kind, signals, entrance.unit), e.place,
+        own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
         tuple(_own_name(s, x) for x in states), signals, entrance,
     )  # fmt: skip
 
@@ -236,87 +205,6 @@ def _has_der(tree: Expression, name: str) -> bool:
 def _own_name(s: Structure, state: str) -> str:
     """The name of a state in the model's own class, where it has one there that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
-
-
-# connections
-
-
-def _sets(flat: FlatModel) -> Iterator[tuple[int, list[str]]]:
-    """Sums of flows at connections of the model's own class, by the names of the flows."""
-    flow = {v.name for v in flat.variables if v.flow}
-    for i, e in enumerate(flat.equations):
-        if e.origin == "flow":
-            names = _sum_names(e.left)
-            if names and all(n in flow and n.count(".") == 2 for n in names):
-                yield i, names
-
-
-def _sum_names(tree: Expression) -> list[str]:
-    match tree:
-        case Name(name, ()):
-            return [name]
-        case Call("+", (one, two)):
-            return [*_sum_names(one), *_sum_names(two)]
-    return []
-
-
-def _potential(s: Structure, connector: str) -> str:
-    """The one variable of a connector that is no flow, without the connector's name; empty where there are more."""
-    inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
-    return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
-
-
-def _node(s: Structure, state: str, position: str) -> Port | None:
-    """A node whose potential is the state or its position; the one at the component that has the state comes first."""
-    owner = state.rpartition(".")[0]
-    choices: list[tuple[bool, int, list[str], str]] = []
-    for i, flows in _sets(s.flat):
-        connectors = [f.rpartition(".")[0] for f in flows]
-        potential = _potential(s, connectors[0])
-        cls = s.of(f"{connectors[0]}.{potential}")
-        if potential and cls in (state, position):
-            connectors.sort(key=lambda c: not c.startswith(owner + "."))
-            choices.append((not connectors[0].startswith(owner + "."), i, connectors, potential))
-    if not choices:
-        return None
-    _, index, connectors, potential = min(choices, key=lambda c: c[:2])
-    flow = s.flat.equations[index]
-    name = _sum_names(flow.left)[0].rpartition(".")[2]
-    v = s.variables[f"{connectors[0]}.{name}"]
-    kind = _kind(s, state, position)
-    if kind == "electrical":
-        return None
-    signals = _signals(kind, state, position)
-    return Port(
-        connectors[0], kind, "node", v.unit, _units(s, kind, signals, v.unit), s.variables[state].place,
-        (position, state) if position else (state,), signals, Entrance(index, Number(1.0), v.unit),
-        tuple(connectors), name, potential,
-    )  # fmt: skip
-
-
-def _series(s: Structure, state: str) -> Port | None:
-    """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
-    if not _is_current(s, state):
-        return None
-    owner = state.rpartition(".")[0] + "."
-    pairs = [flows for _, flows in _sets(s.flat) if len(flows) == 2 and s.of(flows[0]) == state]
-    for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
-        connectors = [f.rpartition(".")[0] for f in flows]
-        potential, name = _potential(s, connectors[0]), flows[0].rpartition(".")[2]
-        ends = {f"{c}.{potential}" for c in connectors}
-        for i, e in enumerate(s.flat.equations):
-            if e.origin == "connection" and names_in(e.left) | names_in(e.right) == ends and isinstance(e.left, Name):
-                left = e.left.name.rpartition(".")[0]
-                right = next(c for c in connectors if c != left)
-                unit = s.variables[e.left.name].unit
-                signals = {"i": f"{right}.{name}"}
-                own = next((c for c in connectors if c.startswith(owner)), left)
-                return Port(
-                    own, "electrical", "series", unit, _units(s, "electrical", signals, unit),
-                    s.variables[state].place, (state,), signals, Entrance(i, Number(-1.0), unit), (left, right), name,
-                    potential,
-                )  # fmt: skip
-    return None
 
 
 def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
