@@ -72,7 +72,7 @@ def _runtime(command: Sequence[str]) -> bytes:
     program = Path(shutil.which(command[0]) or command[0]).resolve()
     stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{fmi_headers()}"
     key = hashlib.sha256(stamp.encode() + b"".join(sources)).hexdigest()[:24]
-    kept = _cache() / f"runtime-{key}.o"
+    kept = user_cache() / f"runtime-{key}.o"
     try:
         return kept.read_bytes()
     except OSError:
@@ -90,7 +90,8 @@ def _runtime(command: Sequence[str]) -> bytes:
     return made
 
 
-def _cache() -> Path:
+def user_cache() -> Path:
+    """Folder of what is kept between runs; everything in it can be made again."""
     home = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(home) if home else Path.home() / ".cache") / "aero-bayes"
 

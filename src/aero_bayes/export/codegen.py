@@ -117,11 +117,12 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         p: evaluate([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
     }
     # parameters of inner components that nothing shows keep their value
-    memo: dict[Node, Node] = {
+    hidden: dict[Node, Node] = {
         b.symbol(v.name): v.binding
         for v in model.system.parameters
         if v.binding is not None and v.binding.op == "const" and b.symbol(v.name) not in defaults
     }
+    memo = dict(hidden)
 
     def prepare(nodes: Iterable[Node]) -> list[Node]:
         return [stage.reciprocal(b.substitute(n, memo)) for n in nodes]
@@ -209,9 +210,10 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         )
     )
     set_defaults = [f"    {memory.place('R', i)} = {n.value!r};" for i, n in enumerate(starts) if n.op == "const"]
-    guesses = _guesses(model, unknowns, defaults)
+    known = {**{s: n.value for s, n in hidden.items()}, **defaults}
+    guesses = _guesses(model, unknowns, known)
     for group, at, numbers in (
-        ("R", 2 * nx, [_attribute(v, "start", defaults, 0.0) for v in layout.inputs]),
+        ("R", 2 * nx, [_attribute(v, "start", known, 0.0) for v in layout.inputs]),
         ("R", layout.first_parameter, list(defaults.values())),
         ("W", 0, guesses),
     ):
@@ -224,7 +226,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "assertions": len(assertions), "time_varying": int(any(model.system.time in b.symbols(n) for n in late)),
         "size": max(memory.size, 1),
     }  # fmt: skip
-    nominals = [_attribute(v, "nominal", defaults, 1.0) for v in layout.states]
+    nominals = [_attribute(v, "nominal", known, 1.0) for v in layout.states]
     tables = {
         "double nominal": [repr(x) for x in nominals],
         "unsigned char below": [str(int(r.below)) for r in events.relations],
@@ -262,11 +264,7 @@ def _blocks(loops: Sequence[Sequence[Node]]) -> list[str]:
 def _guesses(model: ExplicitModel, unknowns: Sequence[Node], values: dict[Node, float]) -> list[float]:
     """Where Newton's method starts: the start attributes."""
     by_name = {v.name: v for v in model.system.variables}
-    known = {**values}
-    for p in model.system.parameters:
-        if p.binding is not None and p.binding.op == "const":
-            known.setdefault(model.system.builder.symbol(p.name), p.binding.value)
-    return [_attribute(by_name[u.name], "start", known, 0.0) if u.name in by_name else 0.0 for u in unknowns]
+    return [_attribute(by_name[u.name], "start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
 
 
 def _step_starts(
@@ -275,7 +273,11 @@ def _step_starts(
     """Values of the discrete variables before the first event."""
     b = model.system.builder
     by_name = {v.name: v for v in model.system.steps}
-    return prepare(by_name[s.name].attributes.get("start", b.zero) if s.name in by_name else b.zero for s in steps)
+    given = model.discrete.before
+    return prepare(
+        given[s] if s in given else by_name[s.name].attributes.get("start", b.zero) if s.name in by_name else b.zero
+        for s in steps
+    )
 
 
 def _loop_targets(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
@@ -45,6 +45,8 @@ class Discrete:
         Whose symbols are known between events.
     assertions : tuple
         Conditions that should hold, and what to say where they do not.
+    before : dict
+        Values of discrete symbols before the first event, where initial equations give them.
     """
 
     updates: dict[Node, Node]
@@ -53,6 +55,7 @@ class Discrete:
     roundings: tuple[Rounding, ...] = ()
     samplings: tuple[Sampling, ...] = ()
     assertions: tuple[tuple[Node, str], ...] = ()
+    before: Mapping[Node, Node] = field(default_factory=dict)
 
 
 def assigned_in_events(model: FlatModel) -> set[str]:
@@ -134,6 +137,16 @@ class EventActions:
 
     def algorithm(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
         """Runs an algorithm; gives the pairs (variable, value) of outputs that are not discrete."""
+        found = []
+        for s, new in self.run(statements, outputs):
+            if s in self.events.held:
+                self.assign(s, new)
+            else:
+                found.append((s, new))
+        return found
+
+    def run(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
+        """The variables that an algorithm assigns, and their values after it."""
         scope = self.scope
         saved = scope.values
         symbols = {n: saved[n] for n in outputs}
@@ -143,13 +156,7 @@ class EventActions:
                 lambda s: self.events.pre(s) if s in self.events.held else scope.builder.zero, value
             )
         self.statements(statements)
-        found = []
-        for n, value in symbols.items():
-            for s, new in zip(numbers(value), numbers(scope.values[n]), strict=True):
-                if s in self.events.held:
-                    self.assign(s, new)
-                else:
-                    found.append((s, new))
+        found = [p for n, value in symbols.items() for p in arrays.pairs(value, scope.values[n])]
         scope.values = saved
         return found
 
@@ -258,4 +265,5 @@ def resolve(model: str, b: Builder, part: Discrete, solved: Mapping[Node, Node],
         tuple(replace(r, argument=b.substitute(r.argument, memo)) for r in part.roundings),
         part.samplings,
         tuple((b.substitute(c, memo), message) for c, message in part.assertions),
+        {s: b.substitute(e, memo) for s, e in part.before.items()},
     )

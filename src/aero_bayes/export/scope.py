@@ -27,10 +27,12 @@ from aero_bayes.export.syntax import (
     Name,
     Number,
     Range,
+    Refused,
     Statement,
     Text,
     show,
 )
+from aero_bayes.export.tables import call_table
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
@@ -216,6 +218,10 @@ class Scope:
         special = self._special(function, args)
         if special is not None:
             return special
+        if "Table1D" in function:
+            found = call_table(self.builder, function, [self.value(a) for a in args])
+            if found is not None:
+                return found
         if function in self.functions:
             return self._user(self.functions[function], args)
         if function in _ARRAY_FUNCTIONS:
@@ -249,6 +255,10 @@ class Scope:
         """Operators that are no functions of their arguments' values."""
         b = self.builder
         match function, args:
+            case (("and" | "or"), (first, _)):
+                left = self.value(first)
+                if isinstance(left, Node) and left.op == "const" and bool(left.value) is (function == "or"):
+                    return left  # the other side may have no value then
             case "der", (tree,):
                 return self._der(tree)
             case "noEvent", (tree,):
@@ -472,6 +482,8 @@ class Scope:
                     self._branch(branches, otherwise)
                 case AssertStatement():
                     pass  # a check of the arguments, not a part of the result
+                case Refused(what):
+                    raise self.fail(what)
                 case _:
                     raise self.fail(f"{type(statement).__name__.removesuffix('Statement').lower()!r} in an algorithm")
 

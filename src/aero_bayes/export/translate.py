@@ -15,6 +15,7 @@ from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import Causality, FlatModel, FlatVariable, Variability
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.syntax import names_in
+from aero_bayes.export.tables import is_table_type
 
 
 @dataclass(frozen=True)
@@ -112,13 +113,10 @@ def translate(model: FlatModel) -> System:
         else:
             residuals.append(builder.sub(right, left))
     residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
-    initial = [builder.sub(right, left) for left, right in scope.sides(model.initial_equations)]
     for symbol in scope.left_limits:
         if symbol.name not in scope.derivatives:
             raise scope.fail(f"pre({symbol.name}) of a variable that is neither discrete nor a state")
-    if model.initial_algorithms:
-        scope.place = model.initial_algorithms[0].place
-        raise scope.fail("an initial algorithm")
+    before, initial = _initial(model, scope, actions, symbols)
     return System(
         model.name,
         builder,
@@ -127,7 +125,7 @@ def translate(model: FlatModel) -> System:
         tuple(inputs),
         tuple(variables),
         tuple(residuals),
-        tuple(initial),
+        initial,
         tuple(steps),
         Discrete(
             actions.updates,
@@ -136,9 +134,34 @@ def translate(model: FlatModel) -> System:
             tuple(events.roundings.values()),
             tuple(events.samplings.values()),
             _assertions(model, scope),
+            before,
         ),
         scope.derivatives,
     )
+
+
+def _initial(
+    model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]
+) -> tuple[dict[Node, Node], tuple[Node, ...]]:
+    """What initial equations and algorithms say: values of discrete variables before the start, and residuals."""
+    events, scope.events = scope.events, None
+    of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
+    pairs: list[tuple[Node, Node]] = []
+    for algorithm in model.initial_algorithms:
+        scope.place = algorithm.place
+        pairs += actions.run(algorithm.statements, algorithm.outputs)
+    scope.events = events
+    pairs += scope.sides(model.initial_equations)
+    before: dict[Node, Node] = {}
+    residuals = []
+    for left, right in pairs:
+        if left in of or right in of:
+            known, value = (left, right) if left in of else (right, left)
+            before[of[known]] = value
+        else:
+            residuals.append(scope.builder.sub(right, left))
+    scope.place = None
+    return before, tuple(residuals)
 
 
 def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
@@ -215,7 +238,7 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
     if binding is None:
         raise scope.fail(f"the parameter {v.name!r} without a value")
     value = scope.value(binding)
-    if isinstance(value, str):
+    if isinstance(value, str) or is_table_type(v.type):
         scope.values[v.name] = value
         return []
     names = _names(v.name, v.sizes)

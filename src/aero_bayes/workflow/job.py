@@ -90,7 +90,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     if model is None:
         options.out.mkdir(parents=True, exist_ok=True)
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
-        model = Model.load(export_fmu(name, built, sources=config.model.sources))
+        model = Model.load(export_fmu(name, built, sources=config.model.sources, libraries=config.model.libraries))
     parameters = _parameters(model, config)
     fixed = _fixed(model, config, parameters)
     check_duration(recordings, model, fixed)
