@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -345,3 +346,14 @@ def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path:
         tree = parser.parse(written.text.replace("within ;\n", ""))
         assert tree is not None
         assert written.name in tree.classes
+
+
+def test_the_library_is_read_by_a_second_reader() -> None:
+    parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")
+    files = sorted((RIGS.parents[2] / "modelica" / "Laws").rglob("*Law.mo"))
+    assert len(files) >= 7
+    for path in [*files, *sorted((RIGS.parents[2] / "modelica" / "Laws" / "Motion").glob("[A-Z]*.mo"))]:
+        text = re.sub(r"^within[^;]*;", "", path.read_text(encoding="utf-8"))
+        tree = parser.parse(text)
+        assert tree is not None, path
+        assert path.stem in tree.classes
