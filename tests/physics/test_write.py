@@ -232,7 +232,7 @@ BLOCKS = """package Blocks "Tanks without connectors"
   end Vessel;
 
   model Tank
-    extends Vessel(A = 0.25, h(start = 2, nominal = 3));
+    extends Vessel(final A = 0.25, h(start = 2, nominal = 3));
     parameter Real k = 0.1;
   equation
     q_out = k * h;
@@ -245,6 +245,21 @@ BLOCKS = """package Blocks "Tanks without connectors"
   equation
     lower.q_in = upper.q_out;
   end Line;
+
+  partial model Slow "starts where it stays"
+    input Real u(unit = "m3/s");
+    Real s;
+  equation
+    der(s) = u - s;
+  initial equation
+    s = 0.5;
+  end Slow;
+
+  model Late
+    extends Slow;
+    output Real y = s;
+    annotation (Icon());
+  end Late;
 
   partial model Bench
     Line line;
@@ -281,6 +296,9 @@ def test_balances_inside_components_and_of_base_classes(
         written = agree("Blocks.Rig", [path], uses_at(flat, laws, *ids), models, tmp_path / "out", rng)
         assert "within ;" in written.text
     assert written.diff.count("extends") == 1
+    late = rig("Blocks.Late", str(path))
+    written_late = agree("Blocks.Late", [path], uses_at(late, laws, "square_loss@s"), models, tmp_path / "out", rng)
+    assert explicit(load_flat(written_late.name, [path, written_late.path])).starts[0].value == 0.5
     starts = explicit(load_flat(written.name, [path, written.path]))
     assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
 

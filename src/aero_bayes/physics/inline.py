@@ -34,7 +34,14 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
         current = next(s for s in own.declarations if s.first == "extends")
         declared = _declarations(inner_file.text, inner, arguments)
         edits = [Edit(current.start, current.end, "\n  ".join(declared))]
-        edits += add_equations(text, own, [_clean(inner_file.text[s.start : s.end]) for s in _whole(inner)])
+        stated = _whole(inner)
+        lines = {k: [_clean(inner_file.text[s.start : s.end]) for s in v] for k, v in stated.items()}
+        edits += add_equations(text, own, lines["equation"])
+        if lines["initial equation"]:
+            at = own.annotation_start if own.annotation_start >= 0 else own.close
+            edits.append(
+                Edit(at, at, "\n".join(["initial equation", *(f"  {k}" for k in lines["initial equation"]), ""]))
+            )
         text = apply(text, edits)
     (own,) = read_classes(text)
     own.within = ""
@@ -62,19 +69,20 @@ def _clause(clause: Statement) -> tuple[str, Sequence[Token]]:
     return name, clause.core[at + 1 : skip_group(clause.core, at) - 1] if at < len(clause.core) else ()
 
 
-def _whole(cls: ClassText) -> list[Statement]:
-    if any(s.inside or s.section not in ("public", "protected", "equation") for s in cls.statements):
-        raise InputError(
-            f"{cls.name}: a base class with branches, algorithms or initial equations cannot be written out"
-        )
-    return cls.equations
+def _whole(cls: ClassText) -> dict[str, list[Statement]]:
+    """Equations by their section."""
+    if any(s.inside or s.section.endswith("algorithm") for s in cls.statements):
+        raise InputError(f"{cls.name}: a base class with branches or algorithms cannot be written out")
+    return {name: [s for s in cls.statements if s.section == name] for name in ("equation", "initial equation")}
 
 
 def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list[str]:
     """The declarations of a base class with the modifiers of the clause that extends it."""
     modifiers: dict[str, Sequence[Token]] = {}
     for part in split_outside(arguments):
-        if part[0].word in ("redeclare", "replaceable", "each", "final") or part[0].kind != "name":
+        while part[0].word in ("each", "final"):
+            part = part[1:]
+        if part[0].word in ("redeclare", "replaceable") or part[0].kind != "name":
             raise InputError(f"{cls.name}: the modifier {part[0].word!r} of a base class cannot be written out")
         modifiers[part[0].word] = part[1:]
     lines, section = [], "public"

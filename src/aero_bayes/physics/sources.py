@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.flat import Place
+from aero_bayes.export.flat import FlatModel, Place
 from aero_bayes.export.library import modelica_root
 from aero_bayes.physics.classes import ClassText, innermost, read_classes
 
@@ -43,8 +43,6 @@ class Sources:
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
         file = self.files.get(place.file)
-        if file is None and Path(place.file).is_absolute() and Path(place.file).is_file():
-            file = _read(Path(place.file), place.file)  # of a library
         if file is None:
             raise InputError(f"{place}: the file is not among the sources")
         position = file.character(place.start)
@@ -83,8 +81,10 @@ class Sources:
         return found
 
 
-def read_sources(sources: Sequence[Path]) -> Sources:
+def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
     """Read the files and package folders that a model is exported with; the shipped package ``Aero`` is among them.
+
+    Of libraries, the files that ``flat`` has something from are read as well.
 
     Raises
     ------
@@ -98,6 +98,10 @@ def read_sources(sources: Sequence[Path]) -> Sources:
         for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
             name = str(path.relative_to(source.parent))
             files[name] = _read(path, name)
+    places = [] if flat is None else [v.place for v in flat.variables] + [e.place for e in flat.equations]
+    for place in dict.fromkeys(p.file for p in places if p is not None):
+        if place not in files and Path(place).is_absolute() and Path(place).is_file():
+            files[place] = _read(Path(place), place)
     return Sources(files)
 
 

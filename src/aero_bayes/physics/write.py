@@ -53,7 +53,7 @@ def write_law(
     InputError
         Where the source has no place for a law that its flat form has, such as an equation of a base class.
     """
-    known = read_sources(sources)
+    known = read_sources(sources, flat)
     file, cls = known.find(model)
     title = name or "_".join([cls.name, *(u.instance for u in uses)])
     writer = Writer(known, (file, cls), flat, uses, title)
