@@ -303,6 +303,25 @@ def test_balances_inside_components_and_of_base_classes(
     assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
 
 
+def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+    """Nothing is written into the library, and it is still needed to load what was written."""
+    library = tmp_path / "library"
+    library.mkdir()
+    (library / "Shaft.mo").write_text((RIGS / "Shaft.mo").read_text(encoding="utf-8"), encoding="utf-8")
+    own = tmp_path / "Mine.mo"
+    own.write_text("model Mine\n  Shaft.Motor motor(V = 1);\nend Mine;\n", encoding="utf-8")
+    flat = load_flat("Shaft.Motor", [own], [library])
+    for id_, head in (("viscous_friction@load.a", "  extends Shaft.Motor;"), ("dead_zone@V", "  Shaft.Resistor")):
+        uses = uses_at(flat, laws, id_)
+        written = write_law([own], "Shaft.Motor", flat, uses, tmp_path / "out")
+        assert head in written.text
+        again = Numbers(explicit(load_flat(written.name, [own, written.path], [library])))
+        composed = Numbers(explicit(compose_laws(flat, uses, models)))
+        point = somewhere(composed.names(), np.random.default_rng(3))
+        assert again(point) == pytest.approx(composed(point), rel=1e-12)
+    assert [p.name for p in library.iterdir()] == ["Shaft.mo"]
+
+
 def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
     path = tmp_path / "Loose.mo"
     path.write_text(
