@@ -13,7 +13,7 @@ from aero_bayes.physics.compose import Models, compose_law, probe, screening
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import candidates, port_table
-from aero_bayes.physics.use import use_of
+from aero_bayes.physics.use import levels_of, use_of
 from aero_bayes.physics.write import write_law
 
 FOUND = {
@@ -62,6 +62,21 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert tanks["h1"].neighbours == ("h2",)
     bodies = {p.id: p for p in ports_of(rig("Bodies.Pair"), laws)}
     assert "radiation" in bodies["one.port"].laws
+
+
+def test_temperatures_count_from_where_they_start(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+    flat = rig("Bodies.Pair")
+    port = next(p for p in ports_of(flat, laws) if p.id == "one.port")
+    assert levels_of(flat, port) == {"h_0": 295.0, "h_z": 0.0}
+    tanks = rig("TankPair")
+    assert [levels_of(tanks, p) for p in ports_of(tanks, laws) if p.kind == "storage"] == [{}, {}]
+    law = next(law for law in laws if law.id == "radiation")
+    taken = [v.name for v in flat.variables]
+    use = use_of(law, port, taken, sizes={"h_n": 301.5, **levels_of(flat, port)}, values={"c": 2e-9})
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+    point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
+    change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
+    assert change == pytest.approx(-2e-9 * (310.0**4 - 295.0**4) / 20, rel=1e-9)
 
 
 def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:

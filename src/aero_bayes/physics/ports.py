@@ -13,7 +13,8 @@ from aero_bayes.physics.laws import Law
 PortKind = Literal["input", "output", "motion", "storage", "electrical"]
 Via = Literal["input", "output", "equation", "node", "series"]
 
-_KELVIN = ("K", "degC", "Cel")
+#: Units of a temperature.
+KELVIN = ("K", "degC", "Cel")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def fits(law: Law, port: Port) -> bool:
     if law.kind != port.kind or not law.uses <= port.signals.keys():
         return False
     return all(
-        port.units.get(signal) == unit or (unit == "K" and port.units.get(signal) in _KELVIN)
+        port.units.get(signal) == unit or (unit == "K" and port.units.get(signal) in KELVIN)
         for signal, unit in law.needs_unit.items()
     )
 
