@@ -322,7 +322,9 @@ def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws: tuple[Law, ...], mo
     assert [p.name for p in library.iterdir()] == ["Shaft.mo"]
 
 
-def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_components_declared_together_part_where_one_changes(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
     path = tmp_path / "Loose.mo"
     path.write_text(
         """model Part
@@ -332,18 +334,42 @@ equation
 end Part;
 
 model Loose
-  Part one, two;
+  Part one, two(x(start = 3)) "both";
   output Real y = one.x;
 end Loose;
 """,
         encoding="utf-8",
     )
     flat = rig("Loose", str(path))
-    with pytest.raises(InputError, match=r"Loose: declare 'one' in a statement of its own"):
-        write_law([path], "Loose", flat, uses_at(flat, laws, "linear_loss@one.x"), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    uses = uses_at(flat, laws, "square_loss@one.x")
+    written = agree("Loose", [path], uses, models, tmp_path / "out", rng)
+    assert '  Part_one one(square_loss_q = square_loss.q);\n  Part two(x(start = 3)) "both";\n' in written.text
+    both = uses_at(flat, laws, "square_loss@one.x", "offset@two.x")
+    agree("Loose", [path], both, models, tmp_path / "out", rng)
+
+
+def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Branch.mo"
+    path.write_text(
+        """model Branch
+  parameter Boolean quick = true;
+  Real x(start = 1, fixed = true);
+  output Real y = x;
+equation
+  if quick then
+    der(x) = -2 * x;
+  else
+    der(x) = -x;
+  end if;
+end Branch;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Branch", str(path))
+    assert {p.id for p in ports_of(flat, laws)} == {"y"}  # a balance in branches is no port
     with pytest.raises(InputError, match="Nowhere: the class was not found"):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

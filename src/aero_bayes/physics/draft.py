@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from aero_bayes.errors import InputError
 from aero_bayes.physics.classes import ClassText, Component, read_classes
 from aero_bayes.physics.component_copy import ComponentCopy, retyped
-from aero_bayes.physics.edit import Edit, add_declarations, add_equations, apply, rename_class, replace_names
+from aero_bayes.physics.edit import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
 from aero_bayes.physics.inline import alone, with_bases
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.sources import SourceFile, Sources
@@ -150,7 +150,7 @@ class Draft:
     def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[Edit]:
         """Declare the components of a class by the copies of their classes."""
         held = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
-        return [e for name, copy in held.items() for e in retyped(cls, name, copy)]
+        return retyped(cls, held, text)
 
     def _about(self) -> str:
         added = " and ".join(
@@ -193,8 +193,3 @@ class Draft:
     def _description(self) -> Edit:
         head = self.cls.name_token.end
         return Edit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')
-
-
-def text_of(text: str, tokens: Sequence[Token]) -> str:
-    """What stands from the first to the last of some tokens."""
-    return text[tokens[0].start : tokens[-1].end] if tokens else ""

@@ -8,8 +8,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.physics.balance import Entry, entry_of, sides_of
 from aero_bayes.physics.classes import ClassText, Component, Statement
-from aero_bayes.physics.draft import Draft, text_of
-from aero_bayes.physics.edit import Edit, insert_in_connect
+from aero_bayes.physics.draft import Draft
+from aero_bayes.physics.edit import Edit, insert_in_connect, text_of
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.find import driver_names, is_driver
 from aero_bayes.physics.law_class import formula
