@@ -187,7 +187,8 @@ def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
     extends Laws.Interfaces.MotionLaw(v(unit = "m/s"));
     parameter Real r(min = 0, max = 5 * f_n, nominal = 0.2 * f_n / v_n ^ 3) = 0 "Drag of the rope";
   equation
-    f = r * cube(v);
+    f = r // a comment within
+      * cube(v);
     annotation (__aero_bayes(refines = "quadratic_drag"));
   end RopeDrag;
   function cube

@@ -9,7 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.physics.classes import ClassText, Component, Statement, read_classes
 from aero_bayes.physics.edit import Edit, add_equations, apply, replace_names
 from aero_bayes.physics.sources import SourceFile, Sources
-from aero_bayes.physics.tokens import Token, find_outside, skip_group, split_outside
+from aero_bayes.physics.tokens import Token, find_outside, one_line, skip_group, split_outside
 
 
 def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:
@@ -35,7 +35,7 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
         declared = _declarations(inner_file.text, inner, arguments)
         edits = [Edit(current.start, current.end, "\n  ".join(declared))]
         stated = _whole(inner)
-        lines = {k: [_clean(inner_file.text[s.start : s.end]) for s in v] for k, v in stated.items()}
+        lines = {k: [one_line(inner_file.text[s.start : s.end]) for s in v] for k, v in stated.items()}
         edits += add_equations(text, own, lines["equation"])
         if lines["initial equation"]:
             at = own.annotation_start if own.annotation_start >= 0 else own.close
@@ -122,7 +122,3 @@ def _modified(c: Component, modifier: Sequence[Token]) -> list[Edit]:
 
 def _words(tokens: Sequence[Token]) -> str:
     return " ".join(t.word for t in tokens).replace(" . ", ".").replace(" (", "(").replace("( ", "(").replace(" )", ")")
-
-
-def _clean(text: str) -> str:
-    return " ".join(text.split())

@@ -9,7 +9,7 @@ from aero_bayes.physics.classes import ClassText, Component, Statement
 from aero_bayes.physics.edit import Edit, apply, indentation, replace_names
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.terms import evaluate, parse_term
-from aero_bayes.physics.tokens import tokenize
+from aero_bayes.physics.tokens import one_line, tokenize
 
 
 def class_text(
@@ -55,7 +55,7 @@ def class_text(
             (hidden if statement.section == "protected" else public).append(line)
         for s in cls.equations:
             if not any(t.word in without for t in s.tokens):
-                laws.append(_clean(text[s.start - offset : s.end - offset]))
+                laws.append(one_line(text[s.start - offset : s.end - offset]))
     lines += [f"  {line}" for line in public]
     if hidden:
         lines += ["protected", *(f"  {line}" for line in hidden)]
@@ -96,7 +96,7 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
     known = {**{k: f"{v:.12g}" for k, v in values.items()}, **names}
     begin, end = core[2].start - law.cls.start, core[-1].end - law.cls.start
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
-    text = re.sub(r"\(([\w.]+) - 0\)", r"\1", _clean(apply(law.text[begin:end], edits)))
+    text = re.sub(r"\(([\w.]+) - 0\)", r"\1", one_line(apply(law.text[begin:end], edits)))
     return f"({text})" if parse_term(tokenize(text)).kind == "sum" else text
 
 
@@ -141,11 +141,7 @@ def _line(
             edits.append(Edit(end, end, f" = {value}"))
     start, end = statement.start - offset, statement.end - offset
     moved = [Edit(e.start - start, e.end - start, e.text) for e in edits]
-    return _clean(apply(text[start:end], moved))
-
-
-def _clean(text: str) -> str:
-    return " ".join(text.split())
+    return one_line(apply(text[start:end], moved))
 
 
 def _documentation(law: Law) -> list[str]:
