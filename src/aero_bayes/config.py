@@ -44,11 +44,12 @@ class ParameterSection(Section):
 
 
 class ModelSection(Section):
-    """``[model]``: a Modelica class (with extra source files) or an FMU."""
+    """``[model]``: a Modelica class (with extra source files and folders of libraries) or an FMU."""
 
     name: str | None = None
     fmu: Path | None = None
     sources: tuple[Path, ...] = ()
+    libraries: tuple[Path, ...] = ()
 
 
 class ColumnSection(Section):
@@ -196,6 +197,7 @@ def _resolve_paths(config: Config, folder: Path) -> Config:
         update={
             "fmu": folder / model.fmu if model.fmu is not None else None,
             "sources": tuple(folder / source for source in model.sources),
+            "libraries": tuple(folder / library for library in model.libraries),
         }
     )
     return config.model_copy(update={"model": resolved})

@@ -26,6 +26,7 @@ from aero_bayes.export.extend import (
     write_probes,
     write_screening,
 )
+from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.library import modelica_root
 
 Compiler = Literal["auto", "omc", "embedded"]
@@ -40,12 +41,17 @@ __all__ = [
     "EffectParameter",
     "EffectUse",
     "ExtendedModel",
+    "FlatEquation",
+    "FlatModel",
+    "FlatVariable",
     "FreeForm",
     "Port",
     "curve_unit",
     "effect_of",
+    "export_flat",
     "export_fmu",
     "first_compiler",
+    "load_flat",
     "modelica_root",
     "write_extension",
     "write_probes",
@@ -80,7 +86,14 @@ def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> P
             raise InputError(f"{refusal}; and OpenModelica: {other}") from None
 
 
-def export_fmu(model: str, out: Path | str, *, compiler: Compiler = "auto", sources: Sequence[Path] = ()) -> Path:
+def export_fmu(
+    model: str,
+    out: Path | str,
+    *,
+    compiler: Compiler = "auto",
+    sources: Sequence[Path] = (),
+    libraries: Sequence[Path] = (),
+) -> Path:
     """Export a Modelica model as an FMI 2.0 FMU for Model Exchange and Co-Simulation.
 
     Parameters
@@ -94,6 +107,9 @@ def export_fmu(model: str, out: Path | str, *, compiler: Compiler = "auto", sour
         model and ``omc`` is on the PATH, that.
     sources : sequence of Path
         Further ``.mo`` files or package folders, loaded beside ``Aero``.
+    libraries : sequence of Path
+        Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
+        names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
 
     Returns
     -------
@@ -107,13 +123,29 @@ def export_fmu(model: str, out: Path | str, *, compiler: Compiler = "auto", sour
     """
     out = Path(out)
     if compiler == "auto":
-        return first_compiler(compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources))
+        return first_compiler(
+            compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
+        )
     if compiler == "omc":
         from aero_bayes.export.openmodelica import export_openmodelica
 
-        return export_openmodelica(model, out, sources)
+        return export_openmodelica(model, out, sources, libraries)
     if compiler != "embedded":
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
     from aero_bayes.export.embedded import export_embedded
 
-    return export_embedded(model, out, sources)
+    return export_embedded(model, out, sources, libraries)
+
+
+def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:
+    """Flatten a Modelica model; :mod:`aero_bayes.export.compose` builds others from it. See :func:`export_fmu`."""
+    from aero_bayes.export.rumoca_front import load_flat as load
+
+    return load(model, sources, libraries)
+
+
+def export_flat(flat: FlatModel, out: Path | str, *, quick: bool = False) -> Path:
+    """Write the FMU of a flat model; ``quick`` compiles faster to code that runs somewhat slower."""
+    from aero_bayes.export.embedded import export_flat as export
+
+    return export(flat, Path(out), quick=quick)

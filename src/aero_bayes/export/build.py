@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import os
 import shlex
@@ -9,17 +10,17 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
 
-_FLAGS = (
-    "-std=gnu11", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math",
-    "-Wl,--build-id=none", "-s",
-)  # fmt: skip
+_FLAGS = ("-std=gnu11", "-fPIC", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math")
+_LINK = ("-shared", "-Wl,--build-id=none", "-s")
+
+_NATIVE = Path(__file__).parent / "native"
 
 
 def c_compiler() -> list[str]:
@@ -52,23 +53,54 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def compile_library(source: str, identifier: str) -> bytes:
-    """Compile one translation unit to a shared library, in a folder of its own."""
+def compile_library(source: str, identifier: str, *, quick: bool = False) -> bytes:
+    """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation."""
     command = c_compiler()
+    runtime = _runtime(command)
     with ScratchFolder() as folder:
         name = f"{identifier}.c"
         (folder / name).write_text(source, encoding="utf-8")
-        done = subprocess.run(
-            [*command, *_FLAGS, f"-I{fmi_headers()}", "-o", f"{identifier}.so", name, "-lm"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode != 0:
-            lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines() or ["?"]
-            raise InputError(f"the C compiler {command[0]!r} failed on the generated source: {lines[0]}")
+        (folder / "runtime.o").write_bytes(runtime)
+        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, f"-I{_NATIVE}"]
+        _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
         return (folder / f"{identifier}.so").read_bytes()
+
+
+def _runtime(command: Sequence[str]) -> bytes:
+    """The compiled runtime, kept per user under a name that tells compiler, flags and sources."""
+    sources = [(_NATIVE / n).read_bytes() for n in ("runtime.c", "model.h")]
+    program = Path(shutil.which(command[0]) or command[0]).resolve()
+    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{fmi_headers()}"
+    key = hashlib.sha256(stamp.encode() + b"".join(sources)).hexdigest()[:24]
+    kept = user_cache() / f"runtime-{key}.o"
+    try:
+        return kept.read_bytes()
+    except OSError:
+        pass
+    with ScratchFolder() as folder:
+        (folder / "runtime.c").write_bytes(sources[0])
+        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", f"-I{fmi_headers()}", "-c", "runtime.c"], folder)
+        made = (folder / "runtime.o").read_bytes()
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(kept) as temporary:
+            temporary.write_bytes(made)
+    except OSError:
+        pass  # no room to keep it: the next export compiles it again
+    return made
+
+
+def user_cache() -> Path:
+    """Folder of what is kept between runs; everything in it can be made again."""
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(home) if home else Path.home() / ".cache") / "aero-bayes"
+
+
+def _compile(command: Sequence[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines() or ["?"]
+        raise InputError(f"the C compiler {command[0]!r} failed on the generated source: {lines[0]}")
 
 
 def write_archive(out: Path, members: Mapping[str, bytes]) -> None:

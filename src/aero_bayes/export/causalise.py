@@ -1,8 +1,8 @@
 """Residuals -> explicit equations: which variables are states, in what order to solve, and each one's expression.
 
-Equations and unknowns are matched, sorted into blocks (Tarjan), and each block is solved symbolically; blocks must be
-linear in their unknowns. Where an equation holds between states only, one of them is expressed by the others and its
-derivative follows by differentiation (index reduction by one).
+Equations and unknowns are matched, sorted into blocks (Tarjan), and each block is solved symbolically where it is
+linear; else what is left of it is solved by Newton's method when the model runs. Where equations say something about
+states only, one of them is expressed by the others and its derivative follows by differentiation (index reduction).
 """
 
 from __future__ import annotations
@@ -12,16 +12,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.discrete import Discrete, resolve
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.linear import linear_solve
+from aero_bayes.export.loops import Loop, eliminate
 from aero_bayes.export.translate import System
+
+_SELECT = ("never", "avoid", "default", "prefer", "always")
 
 
 @dataclass(frozen=True)
 class ExplicitModel:
     """``der(states) = rates``; every other variable's expression in ``solved``.
 
-    ``starts`` are in terms of parameters, and of other states where initial equations tie them together.
+    ``starts`` are in terms of parameters, and of other states where initial equations tie them together. Unknowns of
+    ``loops`` are symbols; ``discrete`` is in terms of states, these, and of what is constant between events.
     """
 
     system: System
@@ -29,6 +34,37 @@ class ExplicitModel:
     rates: tuple[Node, ...]
     solved: dict[str, Node]
     starts: tuple[Node, ...]
+    loops: tuple[Loop, ...]
+    discrete: Discrete
+
+    def timed(self, difference: Node) -> tuple[Node, Node] | None:
+        """When a relation between time and parameters changes, and its slope, where both are known in advance."""
+        b, time = self.system.builder, self.system.time
+        parameters = {b.symbol(p.name) for p in self.system.parameters}
+        slope = b.derivative(difference, time)
+        if time in b.symbols(difference) <= parameters | {time} and b.symbols(slope) <= parameters:
+            return b.neg(b.div(b.substitute(difference, {time: b.zero}), slope)), slope
+        return None
+
+    @property
+    def indicators(self) -> int:
+        """Number of event indicators."""
+        known = sum(self.timed(r.difference) is not None for r in self.discrete.relations)
+        return len(self.discrete.relations) - known + 2 * len(self.discrete.roundings)
+
+    @property
+    def deeper(self) -> tuple[Node, ...]:
+        """Expressions of loops and events, which rates and outputs depend on through symbols."""
+        d = self.discrete
+        return (
+            *(r for loop in self.loops for r in loop.residuals),
+            *d.updates.values(),
+            *(x for r in d.reinits for x in (r.active, r.value)),
+            *(r.difference for r in d.relations),
+            *(r.argument for r in d.roundings),
+            *(x for s in d.samplings for x in (s.start, s.interval)),
+            *(c for c, _ in d.assertions),
+        )
 
 
 def causalise(system: System) -> ExplicitModel:
@@ -37,7 +73,7 @@ def causalise(system: System) -> ExplicitModel:
     Raises
     ------
     InputError
-        For a structurally singular model or an algebraic loop that is not linear; names the variables.
+        For a structurally singular model; names the variables.
     """
     b = system.builder
     whole = system
@@ -48,6 +84,7 @@ def causalise(system: System) -> ExplicitModel:
     for name in system.derivatives:
         if name not in by_name:
             raise InputError(f"model {system.name}: the derivative of the input {name!r} is needed, which is not known")
+    demoted: list[str] = []
     extra: list[Node] = []
     while True:
         states = set(dynamic)
@@ -56,17 +93,24 @@ def causalise(system: System) -> ExplicitModel:
         equations = residuals + extra
         if len(equations) != len(unknowns):
             raise InputError(f"model {system.name}: {len(equations)} equations for {len(unknowns)} unknowns")
-        matched, free = _match(b, equations, unknowns)
-        if free is None:
+        matched, singular, reached = _match(b, equations, unknowns)
+        if not singular:
             break
-        _demote(system, equations[free], dynamic, extra)
-    solved = _solve(system, equations, unknowns, matched)
+        constraint = _constraint(system, [equations[k] for k in singular], [unknowns[u] for u in reached])
+        name, rate = _demote(system, constraint, dynamic)
+        dynamic.remove(name)
+        demoted.append(name)
+        extra.append(rate)
+    solved, loops = _solve(system, equations, unknowns, matched)
     states_in_order = tuple(v.name for v in system.variables if v.name in states)
     rates = tuple(solved[system.derivatives[n]] for n in states_in_order)
-    starts = _starts(system, states_in_order, solved)
+    starts = _starts(system, states_in_order, solved, loops)
     named = {n.name: e for n, e in solved.items()}
     named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
-    return ExplicitModel(whole, states_in_order, rates, named, starts)
+    named |= {v.name: b.symbol(v.name) for v in whole.steps}
+    everything = {b.symbol(n): e for n, e in named.items()}
+    discrete = resolve(whole.name, b, whole.discrete, everything, {b.symbol(n) for n in states_in_order})
+    return ExplicitModel(whole, states_in_order, rates, named, starts, loops, discrete)
 
 
 def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
@@ -120,17 +164,32 @@ def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
     return smaller, aliases
 
 
-def _demote(system: System, equation: Node, dynamic: list[str], extra: list[Node]) -> None:
-    """Take one state of ``equation`` out of ``dynamic``; its derivative becomes the time derivative of the others."""
+def _constraint(system: System, equations: Sequence[Node], unknowns: Sequence[Node]) -> Node:
+    """What equations that have one unknown less than they are many say about states alone."""
+    b = system.builder
+    constants = frozenset(b.symbol(p.name) for p in system.parameters)
+    rest = eliminate(b, equations, unknowns, constants)
+    names = ", ".join(sorted({s.name for e in equations for s in b.symbols(e)} - {p.name for p in constants}))
+    if rest.unknowns or rest.residuals[0] is b.zero:
+        raise InputError(
+            f"model {system.name}: structurally singular: equations that determine nothing new among "
+            f"{names or 'no variable'}"
+        )
+    return rest.residuals[0]
+
+
+def _demote(system: System, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
+    """A state of ``equation`` that need not be one, and the equation of its derivative in terms of the others'."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}
+    constants = frozenset(b.symbol(p.name) for p in system.parameters)
     present = b.symbols(equation)
     candidates = [n for n in dynamic if b.symbol(n) in present]
-    candidates.sort(key=lambda n: by_name[n].fixed)
+    candidates.sort(key=lambda n: (_SELECT.index(by_name[n].state_select), by_name[n].fixed))
     for name in candidates:
         symbol = b.symbol(name)
         slope = b.derivative(equation, symbol)
-        if slope.op != "const" or slope.value == 0.0:
+        if slope is b.zero or not b.symbols(slope) <= constants:
             continue
         others = b.neg(b.div(b.substitute(equation, {symbol: b.zero}), slope))
         inputs = [v.name for v in system.inputs if b.symbol(v.name) in b.symbols(others)]
@@ -140,26 +199,29 @@ def _demote(system: System, equation: Node, dynamic: list[str], extra: list[Node
         for n, d in list(system.derivatives.items()):
             if n != name:
                 rate = b.add(rate, b.mul(b.derivative(others, b.symbol(n)), d))
-        unknown = [s.name for s in b.symbols(others) if s.name in by_name and s.name not in system.derivatives]
-        if unknown:
-            continue
-        dynamic.remove(name)
-        extra.append(b.sub(system.derivatives[name], rate))
-        return
-    names = ", ".join(sorted(s.name for s in present)) or "no variable"
+        return name, b.sub(system.derivatives[name], rate)
+    names = ", ".join(sorted(s.name for s in present - constants)) or "no variable"
+    if not candidates:
+        raise InputError(
+            f"model {system.name}: structurally singular: an equation that determines nothing new among {names}"
+        )
     raise InputError(
-        f"model {system.name}: structurally singular: an equation that determines nothing new among {names}"
+        f"model {system.name}: which of {names} are states changes while the model runs (dynamic state selection)"
     )
 
 
-def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tuple[list[int], int | None]:
-    """Give each equation an unknown (index), by augmenting paths; also the first equation left without, if any."""
+def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tuple[list[int], list[int], list[int]]:
+    """Give each equation an unknown (index), by augmenting paths.
+
+    Where one is left without: the equations of the smallest set that is one unknown short, and its unknowns.
+    """
     index = {u: i for i, u in enumerate(unknowns)}
     incidence = [sorted(index[s] for s in b.symbols(e) if s in index) for e in equations]
     owner: list[int | None] = [None] * len(unknowns)
     for start in range(len(equations)):
         came_from: dict[int, tuple[int, int | None]] = {}
         queue: deque[tuple[int, int | None]] = deque([(start, None)])
+        reached = {start}
         end = None
         while queue and end is None:
             equation, via = queue.popleft()
@@ -171,8 +233,9 @@ def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> t
                         end = u
                         break
                     queue.append((holder, u))
+                    reached.add(holder)
         if end is None:
-            return [], start
+            return [], sorted(reached), sorted(came_from)
         step: int | None = end
         while step is not None:
             equation, via = came_from[step]
@@ -182,32 +245,52 @@ def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> t
     for u, holder in enumerate(owner):
         if holder is not None:
             matched[holder] = u
-    return matched, None
+    return matched, [], []
 
 
 def _solve(
     system: System, equations: Sequence[Node], unknowns: Sequence[Node], matched: Sequence[int]
-) -> dict[Node, Node]:
+) -> tuple[dict[Node, Node], tuple[Loop, ...]]:
     b = system.builder
+    constants = frozenset(b.symbol(p.name) for p in system.parameters)
     equation_of = {unknowns[u]: e for e, u in enumerate(matched)}
     needs = [[equation_of[s] for s in _ordered(b, e) if s in equation_of] for e in equations]
     solved: dict[Node, Node] = {}
     memo: dict[Node, Node] = {}
+    loops: list[Loop] = []
     for block in _components(needs):
         block = sorted(block)
         symbols = [unknowns[matched[e]] for e in block]
-        zeros = {s: b.zero for s in symbols}
-        constants = [b.substitute(equations[e], dict(zeros)) for e in block]
-        matrix = [[b.derivative(equations[e], s) for s in symbols] for e in block]
-        if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
-            names = ", ".join(s.name for s in symbols)
-            raise InputError(f"model {system.name}: the algebraic loop over {names} is not linear")
-        matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
-        right = [b.neg(b.substitute(c, memo)) for c in constants]
-        for symbol, value in zip(symbols, linear_solve(system, matrix, right, symbols), strict=True):
-            solved[symbol] = value
-            memo[symbol] = value
-    return solved
+        found = _linear(system, [equations[e] for e in block], symbols, memo)
+        if found is None:
+            here = [b.substitute(equations[e], dict(memo)) for e in block]
+            rest = eliminate(b, here, symbols, constants)
+            found = {u: u for u in rest.unknowns}
+            found |= rest.back_substituted(b, found)
+            if rest.unknowns:
+                loops.append(Loop(rest.unknowns, rest.residuals))
+        solved |= found
+        memo |= found
+    return solved, tuple(loops)
+
+
+def _linear(
+    system: System, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
+) -> dict[Node, Node] | None:
+    """The solution of a block that is linear in its symbols, or None."""
+    b = system.builder
+    zeros = {s: b.zero for s in symbols}
+    matrix = [[b.derivative(e, s) for s in symbols] for e in equations]
+    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
+        return None
+    try:
+        constants = [b.substitute(e, dict(zeros)) for e in equations]
+    except (ArithmeticError, ValueError):
+        return None
+    matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
+    right = [b.neg(b.substitute(c, memo)) for c in constants]
+    solution = linear_solve(system, matrix, right, symbols)
+    return None if solution is None else dict(zip(symbols, solution, strict=True))
 
 
 def _ordered(b: Builder, node: Node) -> list[Node]:
@@ -255,24 +338,38 @@ def _components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
     return found
 
 
-def _starts(system: System, states: Sequence[str], solved: dict[Node, Node]) -> tuple[Node, ...]:
-    """Initial value of each state: its start attribute, or what the initial equations give."""
+def _starts(system: System, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[Loop]) -> tuple[Node, ...]:
+    """Initial value of each state: its start attribute, or what initial equations and other fixed values give."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}
     starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
     memo = dict(solved)
-    residuals = [r for r in (b.substitute(e, memo) for e in system.initial_residuals) if r is not b.zero]
+    stated = [r for r in (b.substitute(e, memo) for e in system.initial_residuals) if r is not b.zero]
+    fixed = [
+        b.sub(b.substitute(b.symbol(v.name), memo), v.attributes.get("start", b.zero))
+        for v in system.variables
+        if v.fixed and v.name not in states
+    ]
+    in_loops = {u for loop in loops for u in loop.unknowns}
     open_states = [b.symbol(n) for n in states if not by_name[n].fixed]
+    residuals: list[Node] = []
     used: list[Node] = []
-    for r in residuals:
+    for r, must in [(r, True) for r in stated] + [(r, False) for r in fixed]:
         choice = [s for s in open_states if s in b.symbols(r) and s not in used]
-        if not choice:
+        if b.symbols(r) & in_loops:
+            raise InputError(f"model {system.name}: an initial value depends on an algebraic loop, which is not solved")
+        if choice:
+            used.append(choice[0])
+            residuals.append(r)
+        elif must:
             raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
-        used.append(choice[0])
     if residuals:
         matrix = [[b.derivative(r, s) for s in used] for r in residuals]
         if any(b.symbols(a) & set(used) for row in matrix for a in row):
             raise InputError(f"model {system.name}: the initial equations are not linear in the states")
         right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
-        starts.update(zip(used, linear_solve(system, matrix, right, used), strict=True))
+        solution = linear_solve(system, matrix, right, used)
+        if solution is None:
+            raise InputError(f"model {system.name}: the initial equations depend on which branch is taken")
+        starts.update(zip(used, solution, strict=True))
     return tuple(starts[b.symbol(n)] for n in states)

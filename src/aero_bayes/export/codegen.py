@@ -6,13 +6,13 @@ code over local variables. The FMI functions around it are in ``native/runtime.c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Builder, Node, evaluate, topological
 from aero_bayes.export.layout import Layout
+from aero_bayes.export.loops import Loop
 from aero_bayes.export.translate import Variable
 
 _FUNCTIONS = {
@@ -86,25 +86,43 @@ class _Target:
     node: Node
 
 
+class _Memory:
+    """Groups of values behind one another, in the order of ``enum Group`` of native/model.h."""
+
+    def __init__(self) -> None:
+        self.size = 0
+        self.at: dict[str, int] = {}
+
+    def add(self, name: str, count: int) -> None:
+        self.at[name] = self.size
+        self.size += count
+
+    def place(self, group: str, k: int) -> str:
+        return f"m->data[{self.at[group] + k}]"
+
+
 def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
-    """The complete C source of one FMU."""
+    """The complete C source of one model; native/runtime.c is linked to it."""
     b = model.system.builder
+    events = model.discrete
     nx, nu, np_ = len(layout.states), len(layout.inputs), len(layout.parameters)
     nq, ny = len(layout.dependent), len(layout.outputs)
     states = [b.symbol(p) for p in layout.state_paths]
     inputs = [b.symbol(v.name) for v in layout.inputs]
     parameters = [b.symbol(v.name) for v in layout.parameters]
+    unknowns = [u for loop in model.loops for u in loop.unknowns]
+    steps = sorted(events.updates, key=lambda s: s.name.startswith("when#"))
     stage = _Stages(b, frozenset(parameters))
     defaults = {
         p: evaluate([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
     }
     # parameters of inner components that nothing shows keep their value
-    hidden = {
+    hidden: dict[Node, Node] = {
         b.symbol(v.name): v.binding
         for v in model.system.parameters
         if v.binding is not None and v.binding.op == "const" and b.symbol(v.name) not in defaults
     }
-    memo: dict[Node, Node] = dict(hidden)
+    memo = dict(hidden)
 
     def prepare(nodes: Iterable[Node]) -> list[Node]:
         return [stage.reciprocal(b.substitute(n, memo)) for n in nodes]
@@ -113,62 +131,206 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     outputs = prepare(model.solved[v.name] for v in layout.outputs)
     dependent = prepare(v.binding for v in layout.dependent if v.binding is not None)
     starts = prepare(model.starts)
+    loops = [prepare(loop.residuals) for loop in model.loops]
+    flat_loops = [r for loop in loops for r in loop]
     rows = [*rates, *outputs, *dependent]
-    jx = _jacobian(b, rows, [*states, *inputs], stage, "m->jx")
-    jp = _jacobian(b, rows, parameters, stage, "m->jp")
+    nw, nrow, moving = len(unknowns), len(rows), [*states, *inputs]
+
+    memory = _Memory()
+    memory.add("R", layout.first_output + ny)
+    memory.add("K", 0)  # the size is known once all expressions are
     leaves = {model.system.time: "m->time"}
-    leaves |= {s: f"m->r[{i}]" for i, s in enumerate(states)}
-    leaves |= {s: f"m->r[{2 * nx + i}]" for i, s in enumerate(inputs)}
-    leaves |= {s: f"m->r[{layout.first_parameter + i}]" for i, s in enumerate(parameters)}
-    groups = {
-        "dx": [_Target(f"m->r[{nx + i}]", n) for i, n in enumerate(rates)],
-        "y": [_Target(f"m->r[{layout.first_output + i}]", n) for i, n in enumerate(outputs)],
-        "jx": jx,
-        "jp": jp,
-    }
-    saved = stage.saved([t.node for g in groups.values() for t in g])
-    kept = {n: f"m->k[{i}]" for i, n in enumerate(saved)}
-    first = [_Target(place, n) for n, place in kept.items()]
-    first += [_Target(f"m->r[{layout.first_dependent + i}]", n) for i, n in enumerate(dependent)]
-    functions = [_function("k", first, leaves, {})]
-    functions += [_function(name, targets, leaves, kept) for name, targets in groups.items()]
-    fixed_starts = [(i, n.value) for i, n in enumerate(starts) if n.op == "const"]
-    free_starts = [(i, n) for i, n in enumerate(starts) if n.op != "const"]
-    functions.append(_start_function(free_starts, frozenset(states), b, leaves))
-    time_varying = any(model.system.time in b.symbols(t.node) for g in groups.values() for t in g)
-    nominals = [_attribute(v, "nominal", defaults, 1.0) for v in layout.states]
-    set_defaults = [f"    m->r[{i}] = {value!r};" for i, value in fixed_starts]
-    set_defaults += [
-        f"    m->r[{2 * nx + i}] = {_attribute(v, 'start', defaults, 0.0)!r};" for i, v in enumerate(layout.inputs)
-    ]
-    set_defaults += [f"    m->r[{layout.first_parameter + i}] = {v!r};" for i, v in enumerate(defaults.values())]
     sizes = {
-        "NX": nx, "NXX": max(nx, 1), "NU": nu, "NP": np_, "NQ": nq, "NY": ny, "NK": max(len(kept), 1),
-        "NROW": nx + ny + nq, "NREAL": layout.first_output + ny, "TIME_VARYING": int(time_varying),
+        "W": nw, "D": len(steps), "PRE": len(steps), "REL": len(events.relations), "ROUND": len(events.roundings),
+        "SAMPLE": len(events.samplings), "LAST": len(events.samplings), "INITIAL": 1, "STARTED": nx,
+        "JX": nrow * (nx + nu), "JP": nrow * np_, "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
+        "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
+        "DUE": len(events.relations), "SLOPE": len(events.relations),
     }  # fmt: skip
+    for name, size in sizes.items():
+        memory.add(name, size)
+    memory.at["K"] = memory.size
+    values = [
+        ("R", 0, states), ("R", 2 * nx, inputs), ("R", layout.first_parameter, parameters), ("W", 0, unknowns),
+        ("D", 0, steps), ("PRE", 0, [b.symbol(f"pre({s.name})") for s in steps]),
+        ("REL", 0, [r.symbol for r in events.relations]), ("ROUND", 0, [r.symbol for r in events.roundings]),
+        ("SAMPLE", 0, [s.symbol for s in events.samplings]), ("INITIAL", 0, [b.symbol("initial()")]),
+    ]  # fmt: skip
+    for group, first, symbols in values:
+        leaves |= {s: memory.place(group, first + i) for i, s in enumerate(symbols)}
+
+    def targets(group: str, nodes: Sequence[Node], first: int = 0) -> list[_Target]:
+        return [_Target(memory.place(group, first + i), n) for i, n in enumerate(nodes)]
+
+    def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[_Target]:
+        return _jacobian(b, of, by, stage, memory.at[group])
+
+    differences = prepare(r.difference for r in events.relations)
+    instants = {i: t for i, r in enumerate(events.relations) if (t := model.timed(r.difference)) is not None}
+    groups = {
+        "dx": targets("R", rates, nx),
+        "y": targets("R", outputs, layout.first_output),
+        "jx": jacobian("JX", rows, moving),
+        "jp": jacobian("JP", rows, parameters),
+        "jw": [
+            *jacobian("JW", rows, unknowns),
+            *jacobian("FW", flat_loops, unknowns),
+            *jacobian("FX", flat_loops, moving),
+        ],
+        "fp": jacobian("FP", flat_loops, parameters),
+        "discrete": targets("D", prepare(events.updates[s] for s in steps)),
+        "watch": targets("DIFF", [*differences, *prepare(r.argument for r in events.roundings)]),
+        "times": [
+            *targets("TICK", prepare(x for s in events.samplings for x in (s.start, s.interval))),
+            *(_Target(memory.place("DUE", i), prepare([t[0]])[0]) for i, t in instants.items()),
+            *(_Target(memory.place("SLOPE", i), prepare([t[1]])[0]) for i, t in instants.items()),
+        ],
+    }
+    reinits = prepare(x for r in events.reinits for x in (r.active, r.value))
+    assertions = prepare(c for c, _ in events.assertions)
+    loop_rows = _loop_targets(b, model.loops, loops, stage)
+    saved = stage.saved([t.node for g in (*groups.values(), *loop_rows) for t in g] + reinits + assertions)
+    kept = {n: memory.place("K", i) for i, n in enumerate(saved)}
+    memory.size += len(kept)
+    early = [_Target(place, n) for n, place in kept.items()]
+    early += targets("R", dependent, layout.first_dependent)
+    functions = [_function("k", early, leaves, {})]
+    functions += [_function(name, found, leaves, kept) for name, found in groups.items()]
+    functions.append(_reinit_function(model, reinits, {**leaves, **kept}, states))
+    functions.append(_assertion_function(assertions, {**leaves, **kept}))
+    functions += [_loop_function(i, found, {**leaves, **kept}) for i, found in enumerate(loop_rows)]
+    before = _step_starts(model, steps, prepare)
+    functions.append(
+        _start_function(
+            [(memory.place("R", i), memory.place("STARTED", i), n) for i, n in enumerate(starts) if n.op != "const"],
+            [(memory.place("PRE", i), memory.place("D", i), n) for i, n in enumerate(before)],
+            frozenset(states),
+            b,
+            leaves,
+        )
+    )
+    set_defaults = [f"    {memory.place('R', i)} = {n.value!r};" for i, n in enumerate(starts) if n.op == "const"]
+    known = {**{s: n.value for s, n in hidden.items()}, **defaults}
+    guesses = _guesses(model, unknowns, known)
+    for group, at, numbers in (
+        ("R", 2 * nx, [_attribute(v, "start", known, 0.0) for v in layout.inputs]),
+        ("R", layout.first_parameter, list(defaults.values())),
+        ("W", 0, guesses),
+    ):
+        set_defaults += [f"    {memory.place(group, at + i)} = {x!r};" for i, x in enumerate(numbers)]
+    late = [t.node for g in (*groups.values(), *loop_rows) for t in g]
+    counts = {
+        "nx": nx, "nu": nu, "np": np_, "nq": nq, "ny": ny, "nw": nw, "nd": len(steps),
+        "conditions": sum(s.name.startswith("when#") for s in steps), "relations": len(events.relations),
+        "roundings": len(events.roundings), "samples": len(events.samplings), "blocks": len(loops),
+        "assertions": len(assertions), "time_varying": int(any(model.system.time in b.symbols(n) for n in late)),
+        "size": max(memory.size, 1),
+    }  # fmt: skip
+    nominals = [_attribute(v, "nominal", known, 1.0) for v in layout.states]
+    tables = {
+        "double nominal": [repr(x) for x in nominals],
+        "unsigned char below": [str(int(r.below)) for r in events.relations],
+        "unsigned char timed": [str(int(i in instants)) for i in range(len(events.relations))],
+        "Block block": _blocks(loops),
+        "char *const message": [_text(message) for _, message in events.assertions],
+    }
+    names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
     lines = [
-        "#include <math.h>",
-        "#include <stdarg.h>",
-        "#include <stdio.h>",
-        "#include <stdlib.h>",
-        "#include <string.h>",
-        '#include "fmi2Functions.h"',
-        f'#define MODEL_GUID "{guid}"',
-        *(f"#define {name} {value}" for name, value in sizes.items()),
-        "typedef struct {",
-        f"    double r[{max(sizes['NREAL'], 1)}], k[NK], time, tolerance, step;",
-        "    int fresh, phase;",
-        "    unsigned char started[NXX];",
-        f"    double jx[{max(sizes['NROW'] * (nx + nu), 1)}], jp[{max(sizes['NROW'] * np_, 1)}];",
-        "} Model;",
-        f"static const double nominal[NXX] = {{{', '.join(map(repr, nominals)) or '0'}}};",
+        '#include "model.h"',
         "static void set_defaults(Model *m) {",
         *(set_defaults or ["    (void)m;"]),
         "}",
         *functions,
-        files("aero_bayes.export").joinpath("native", "runtime.c").read_text(encoding="utf-8"),
+        *(f"static const {t}[] = {{{', '.join(items) or '0'}}};" for t, items in tables.items() if items),
+        "const Info model_info = {",
+        f'    .guid = "{guid}",',
+        *(f"    .{name} = {count}," for name, count in counts.items()),
+        *(f"    .at[{name}] = {at}," for name, at in memory.at.items()),
+        *(f"    .{t.rpartition(' ')[2]} = {t.rpartition(' ')[2]}," for t, items in tables.items() if items),
+        *(f"    .{name} = {name if name in ('set_defaults', 'start') else f'eval_{name}'}," for name in names),
+        "};",
     ]
-    return "\n".join(lines)
+    return "\n".join(lines) + "\n"
+
+
+def _blocks(loops: Sequence[Sequence[Node]]) -> list[str]:
+    found, at = [], 0
+    for i, loop in enumerate(loops):
+        found.append(f"{{{at}, {len(loop)}, eval_loop_{i}}}")
+        at += len(loop)
+    return found
+
+
+def _guesses(model: ExplicitModel, unknowns: Sequence[Node], values: dict[Node, float]) -> list[float]:
+    """Where Newton's method starts: the start attributes."""
+    by_name = {v.name: v for v in model.system.variables}
+    return [_attribute(by_name[u.name], "start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
+
+
+def _step_starts(
+    model: ExplicitModel, steps: Sequence[Node], prepare: Callable[[Iterable[Node]], list[Node]]
+) -> list[Node]:
+    """Values of the discrete variables before the first event."""
+    b = model.system.builder
+    by_name = {v.name: v for v in model.system.steps}
+    given = model.discrete.before
+    return prepare(
+        given[s] if s in given else by_name[s.name].attributes.get("start", b.zero) if s.name in by_name else b.zero
+        for s in steps
+    )
+
+
+def _loop_targets(
+    b: Builder, loops: Sequence[Loop], residuals: Sequence[Sequence[Node]], stage: _Stages
+) -> list[list[_Target]]:
+    found = []
+    for loop, rows in zip(loops, residuals, strict=True):
+        slopes = _jacobian(b, rows, loop.unknowns, stage, 0)
+        here = [_Target(f"f[{i}]", r) for i, r in enumerate(rows)]
+        found.append(here + [_Target(t.place.replace("m->data", "j"), t.node) for t in slopes])
+    return found
+
+
+def _loop_function(k: int, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
+    writer = _Writer(leaves)
+    writer.write([t.node for t in targets])
+    stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
+    head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
+    return "\n".join([head, "    (void)m;", *writer.lines, *stores, "}"])
+
+
+def _assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
+    writer = _Writer(leaves)
+    writer.write(conditions)
+    lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
+    head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
+    return "\n".join([*head, *writer.lines, *lines, "    return any;", "}"])
+
+
+def _text(message: str) -> str:
+    plain = message.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")
+    return f'"{plain}"'
+
+
+def _reinit_function(
+    model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
+) -> str:
+    writer = _Writer(leaves)
+    writer.write(prepared)
+    lines = [
+        f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
+        for r, active, value in zip(model.discrete.reinits, prepared[::2], prepared[1::2], strict=True)
+    ]
+    return "\n".join(
+        [
+            "static int eval_reinit(Model *m) {",
+            "    int any = 0; (void)m;",
+            *writer.lines,
+            *lines,
+            "    return any;",
+            "}",
+        ]
+    )
 
 
 def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: float) -> float:
@@ -176,7 +338,7 @@ def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: floa
     return otherwise if node is None else evaluate([node], values)[0]
 
 
-def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, place: str) -> list[_Target]:
+def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, at: int) -> list[_Target]:
     targets = []
     for j, symbol in enumerate(columns):
         memo: dict[Node, Node] = {}
@@ -184,7 +346,7 @@ def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: 
             if symbol in b.symbols(row):
                 slope = stage.reciprocal(b.derivative(row, symbol, memo))
                 if slope is not b.zero:
-                    targets.append(_Target(f"{place}[{j * len(rows) + i}]", slope))
+                    targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
     return targets
 
 
@@ -197,17 +359,24 @@ def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], ke
 
 
 def _start_function(
-    starts: Sequence[tuple[int, Node]], states: frozenset[Node], b: Builder, leaves: dict[Node, str]
+    starts: Sequence[tuple[str, str, Node]],
+    steps: Sequence[tuple[str, str, Node]],
+    states: frozenset[Node],
+    b: Builder,
+    leaves: dict[Node, str],
 ) -> str:
     """Initial values that depend on parameters, then those that depend on other states' initial values."""
     lines: list[str] = []
     for later in (False, True):
-        group = [(i, n) for i, n in starts if bool(b.symbols(n) & states) is later]
+        group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
         writer = _Writer(leaves)
-        writer.write([n for _, n in group])
-        stores = [f"    if (!m->started[{i}]) m->r[{i}] = {writer.term(n)};" for i, n in group]
+        writer.write([n for _, _, n in group])
+        stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
         lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    return "\n".join(["static void eval_start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
+    writer = _Writer(leaves)
+    writer.write([n for _, _, n in steps])
+    lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
+    return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
 
 
 class _Stages:

@@ -25,7 +25,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
                 values[b.symbol(path)] = _number(start, values)
     root = ET.Element(
         "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
-        variableNamingConvention="structured", numberOfEventIndicators="0",
+        variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
     )  # fmt: skip
     common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
     ET.SubElement(
@@ -69,8 +69,9 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
         )
     outputs: list[int] = []
     for i, v in enumerate(layout.outputs):
+        kind = "continuous" if v.variability == "continuous" else "discrete"
         outputs.append(
-            writer.add(v, layout.first_output + i, causality="output", variability="continuous", initial="calculated")
+            writer.add(v, layout.first_output + i, causality="output", variability=kind, initial="calculated")
         )
     top = {v.name: v for v in model.system.variables}
     for name, vr in layout.aliases.items():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
 from aero_bayes.export.arrays import Value, numbers
 from aero_bayes.export.events import Events, Relation, Rounding, Sampling
-from aero_bayes.export.expression import Node
+from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatModel, When
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.syntax import (
@@ -42,6 +43,10 @@ class Discrete:
     reinits : tuple of Reinit
     relations, roundings, samplings : tuple
         Whose symbols are known between events.
+    assertions : tuple
+        Conditions that should hold, and what to say where they do not.
+    before : dict
+        Values of discrete symbols before the first event, where initial equations give them.
     """
 
     updates: dict[Node, Node]
@@ -49,10 +54,8 @@ class Discrete:
     relations: tuple[Relation, ...] = ()
     roundings: tuple[Rounding, ...] = ()
     samplings: tuple[Sampling, ...] = ()
-
-    @property
-    def empty(self) -> bool:
-        return not (self.updates or self.reinits or self.relations or self.roundings or self.samplings)
+    assertions: tuple[tuple[Node, str], ...] = ()
+    before: Mapping[Node, Node] = field(default_factory=dict)
 
 
 def assigned_in_events(model: FlatModel) -> set[str]:
@@ -134,6 +137,16 @@ class EventActions:
 
     def algorithm(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
         """Runs an algorithm; gives the pairs (variable, value) of outputs that are not discrete."""
+        found = []
+        for s, new in self.run(statements, outputs):
+            if s in self.events.held:
+                self.assign(s, new)
+            else:
+                found.append((s, new))
+        return found
+
+    def run(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
+        """The variables that an algorithm assigns, and their values after it."""
         scope = self.scope
         saved = scope.values
         symbols = {n: saved[n] for n in outputs}
@@ -143,13 +156,7 @@ class EventActions:
                 lambda s: self.events.pre(s) if s in self.events.held else scope.builder.zero, value
             )
         self.statements(statements)
-        found = []
-        for n, value in symbols.items():
-            for s, new in zip(numbers(value), numbers(scope.values[n]), strict=True):
-                if s in self.events.held:
-                    self.assign(s, new)
-                else:
-                    found.append((s, new))
+        found = [p for n, value in symbols.items() for p in arrays.pairs(value, scope.values[n])]
         scope.values = saved
         return found
 
@@ -189,8 +196,11 @@ def _like(value: Value, count: int) -> list[Node]:
 
 def match_discrete(
     scope: Scope, pairs: Sequence[tuple[Node, Node]], actions: EventActions, symbols: Sequence[Node]
-) -> None:
-    """Give each discrete equation ``left = right`` the variable that it determines (one of its sides)."""
+) -> list[tuple[Node, Node]]:
+    """Give each discrete equation ``left = right`` the variable that it determines (one of its sides).
+
+    Equations that determine none of them are given back: they determine something continuous.
+    """
     free = [s for s in symbols if s not in actions.updates]
     owner: dict[Node, int] = {}
 
@@ -204,12 +214,56 @@ def match_discrete(
         return False
 
     candidates = set(free)
-    for k, (left, right) in enumerate(pairs):
-        if not place(k, set()):
-            raise scope.fail(f"a discrete equation that determines none of its sides ({left!r} = {right!r})")
+    rest = [pairs[k] for k in range(len(pairs)) if not place(k, set())]
     for s, k in owner.items():
         left, right = pairs[k]
         actions.assign(s, right if s is left else left)
     for s in free:
         if s not in owner:
             raise scope.fail(f"the discrete variable {s.name!r}, which no equation determines")
+    return rest
+
+
+def resolve(model: str, b: Builder, part: Discrete, solved: Mapping[Node, Node], states: set[Node]) -> Discrete:
+    """The discrete part in terms of states, and each discrete value without the others.
+
+    Raises
+    ------
+    InputError
+        For discrete equations that need each other, or a reinit of something that is no state.
+    """
+    first = {d: b.substitute(e, dict(solved)) for d, e in part.updates.items()}
+    done: dict[Node, Node] = {}
+
+    def settle(d: Node, above: tuple[Node, ...]) -> None:
+        if d in done:
+            return
+        if d in above:
+            names = ", ".join(s.name for s in above[above.index(d) :])
+            raise InputError(f"model {model}: the discrete variables {names} depend on each other in one instant")
+        needed = sorted((s for s in b.symbols(first[d]) if s in first), key=lambda s: s.index)
+        for s in needed:
+            settle(s, (*above, d))
+        done[d] = b.substitute(first[d], {s: done[s] for s in needed})
+
+    for d in first:
+        settle(d, ())
+    memo = dict(solved)
+    reinits = []
+    for r in part.reinits:
+        state = b.substitute(r.state, memo)
+        value = b.substitute(r.value, memo)
+        if state.op == "neg":
+            state, value = state.args[0], b.neg(value)
+        if state not in states:
+            raise InputError(f"model {model}: reinit({r.state.name}) of a variable that is no state")
+        reinits.append(Reinit(state, b.substitute(r.active, memo), value))
+    return Discrete(
+        {d: done[d] for d in first},
+        tuple(reinits),
+        tuple(replace(r, difference=b.substitute(r.difference, memo)) for r in part.relations),
+        tuple(replace(r, argument=b.substitute(r.argument, memo)) for r in part.roundings),
+        part.samplings,
+        tuple((b.substitute(c, memo), message) for c, message in part.assertions),
+        {s: b.substitute(e, memo) for s, e in part.before.items()},
+    )

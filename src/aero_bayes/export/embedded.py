@@ -51,8 +51,6 @@ def export_flat(flat: FlatModel, out: Path, *, quick: bool = False) -> Path:
         For a construct that the exporter cannot translate.
     """
     solved = causalise(translate(flat))
-    if not solved.system.discrete.empty:
-        raise InputError(f"{flat.name}: something makes an event; use noEvent() or smooth(), or OpenModelica")
     layout = lay_out(solved)
     name = identifier(flat.name)
     if not layout.states and not layout.outputs:
@@ -61,7 +59,7 @@ def export_flat(flat: FlatModel, out: Path, *, quick: bool = False) -> Path:
     description = describe(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     digest = hashlib.sha256(source.encode() + description).hexdigest()
     guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
-    library = compile_library(source.replace(_NO_GUID, guid), name)
+    library = compile_library(source.replace(_NO_GUID, guid), name, quick=quick)
     write_archive(
         out,
         {

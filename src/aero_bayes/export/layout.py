@@ -65,18 +65,21 @@ def lay_out(model: ExplicitModel) -> Layout:
             )
         states.append(inner)
     used = frozenset[Node]().union(
-        *(b.symbols(e) for e in (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts))
+        *(
+            b.symbols(e)
+            for e in (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts, *model.deeper)
+        )
     )
     free, dependent = [], []
     for p in model.system.parameters:
-        if p.type != "Real" or p.variability == "constant" or p.binding is None:
+        if p.type != "Real" or p.final or p.variability == "constant" or p.binding is None:
             continue
         if p.binding.op == "const":
             if "." not in p.name or b.symbol(p.name) in used:
                 free.append(p)
         elif "." not in p.name:
             dependent.append(p)
-    outputs = [o for o in top if o.name not in position]
+    outputs = [o for o in (*top, *(v for v in model.system.steps if v.shown)) if o.name not in position]
     return Layout(
         tuple(states), model.states, model.system.inputs, tuple(free), tuple(dependent), tuple(outputs), aliases
     )

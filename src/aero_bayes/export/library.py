@@ -1,13 +1,20 @@
-"""Where the Modelica package ``Aero`` is, and how a model's sources are laid out for a compiler."""
+"""Where Modelica packages are, and how a model's sources are laid out for a compiler."""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import os
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.build import user_cache
+
+_OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
+_FIRST = re.compile(r'(?<![\w."])([A-Z]\w*)(?=\.[A-Za-z_])')
 
 
 def modelica_root() -> Path:
@@ -52,6 +59,82 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
             shutil.copyfile(source, target)
             loaded.append(target)
     return loaded
+
+
+def library_roots(named: Sequence[Path] = ()) -> list[Path]:
+    """Folders that may hold packages: those named, those of MODELICAPATH, and OpenModelica's own.
+
+    Raises
+    ------
+    InputError
+        For a named folder that is not there.
+    """
+    for folder in named:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder of Modelica packages")
+    found = [*named, *(Path(p) for p in os.environ.get("MODELICAPATH", "").split(os.pathsep) if p)]
+    home = os.environ.get("OPENMODELICAHOME", "")
+    found += [Path(home) / "lib" / "omlibrary"] if home else []
+    found += [Path(p).expanduser() for p in _OWN]
+    return list(dict.fromkeys(p.resolve() for p in found if p.is_dir()))
+
+
+def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -> dict[str, Path]:
+    """The packages that the sources mention and ``roots`` hold: name and folder (or file).
+
+    A package folder may carry its version (``Modelica 4.1.0``); of several the latest is taken. The standard
+    library comes with the packages that it needs.
+
+    Raises
+    ------
+    InputError
+        For the standard library, where it is needed and not found; says where to get it.
+    """
+    mentioned = set(_FIRST.findall(model))
+    staged = set()
+    for file in files:
+        staged.add(file.parent.name if file.name == "package.mo" else file.stem)
+        own = file.parent.rglob("*.mo") if file.name == "package.mo" else [file]
+        for path in own if file.parent.name != "Aero" else []:
+            mentioned |= set(_FIRST.findall(path.read_text("utf-8", "replace")))
+    if "Modelica" in mentioned:
+        mentioned |= {"ModelicaServices", "Complex"}
+    found = {name: target for name in sorted(mentioned - staged) if (target := _package(name, roots)) is not None}
+    if "Modelica" in mentioned - staged and "Modelica" not in found:
+        raise InputError(
+            f"{model}: needs the Modelica Standard Library, which was not found; get it from "
+            "https://github.com/modelica/ModelicaStandardLibrary and name its folder by --library, "
+            "[model] libraries or MODELICAPATH"
+        )
+    return found
+
+
+def linked(packages: Mapping[str, Path]) -> Path:
+    """A folder that holds just these packages under their plain names.
+
+    It stays where it is for the same packages, since a compiler may keep what it has read by its path.
+    """
+    key = hashlib.sha256(repr(sorted(packages.items())).encode()).hexdigest()[:16]
+    folder = user_cache() / "libraries" / key
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, target in packages.items():
+        link = folder / (name if target.is_dir() else f"{name}.mo")
+        if not link.is_symlink():
+            with contextlib.suppress(FileExistsError):
+                link.symlink_to(target)
+    return folder
+
+
+def _package(name: str, roots: Sequence[Path]) -> Path | None:
+    def version(path: Path) -> list[int]:
+        return [int(n) for n in re.findall(r"\d+", path.name.removeprefix(name))]
+
+    for root in roots:
+        found = [root / name, *sorted(root.glob(f"{name} [0-9]*"), key=version, reverse=True), root / f"{name}.mo"]
+        for option in found:
+            if option.is_file() if option.suffix == ".mo" else (option / "package.mo").is_file():
+                return option
+    return None
 
 
 def check_model_name(model: str) -> str:

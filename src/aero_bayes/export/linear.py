@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.expression import BOOLEAN, Builder, Node, topological
 from aero_bayes.export.translate import System
 
 
-def linear_solve(system: System, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]) -> list[Node]:
-    """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone."""
+def linear_solve(
+    system: System, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]
+) -> list[Node] | None:
+    """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone.
+
+    None where a pivot may vanish when a branch is switched, so that only numbers can tell which pivot to take.
+    """
     b = system.builder
     n = len(right)
     parameters = {b.symbol(p.name) for p in system.parameters}
@@ -32,6 +37,8 @@ def linear_solve(system: System, matrix: list[list[Node]], right: list[Node], sy
             raise InputError(f"model {system.name}: singular equations for {names}")
         fill = {(i, j): _fill(b, matrix, rows, columns, i, j) for _, i, j in options}
         _, i, j = min(options, key=lambda o: (o[0], fill[o[1], o[2]], o[1], o[2]))
+        if n > 1 and switches(matrix[i][j]):
+            return None
         rows.remove(i)
         columns.remove(j)
         pivots.append((i, j))
@@ -52,6 +59,11 @@ def linear_solve(system: System, matrix: list[list[Node]], right: list[Node], sy
         solution[j] = b.div(total, matrix[i][j])
         known.append(j)
     return solution
+
+
+def switches(node: Node) -> bool:
+    """Whether an expression has branches."""
+    return any(n.op in ("select", "sign", "min", "max") or n.op in BOOLEAN for n in topological([node], {}))
 
 
 def _fill(b: Builder, matrix: list[list[Node]], rows: list[int], columns: list[int], i: int, j: int) -> int:

@@ -16,7 +16,13 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import write_archive
-from aero_bayes.export.library import check_model_name, identifier, stage
+from aero_bayes.export.library import (
+    check_model_name,
+    identifier,
+    library_roots,
+    needed_libraries,
+    stage,
+)
 from aero_bayes.scratch import ScratchFolder
 
 FLAGS = "--fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
@@ -25,7 +31,7 @@ TIME_LIMIT = 600.0
 C_ERROR = re.compile(r":\d+(?::\d+)?: (?:fatal )?error: (?P<message>[^\n]+)")
 
 
-def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = ()) -> Path:
+def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> Path:
     """Write the FMU of ``model`` to ``out`` with ``omc``.
 
     Raises
@@ -38,7 +44,11 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = ()) -> 
         raise InputError("omc (OpenModelica) is not on the PATH; install it or use the embedded exporter")
     check_model_name(model)
     with ScratchFolder() as folder:
-        files = [f.relative_to(folder).as_posix() for f in stage(folder, sources)]
+        staged = stage(folder, sources)
+        # without any the compiler looks for libraries itself, where a model says which ones it uses
+        packages = needed_libraries(model, staged, library_roots(libraries)) if libraries else {}
+        files = [str(p / "package.mo" if p.is_dir() else p) for p in packages.values()]
+        files += [f.relative_to(folder).as_posix() for f in staged]
         made = folder / f"{identifier(model)}.fmu"
         text = _run(compiler, folder, model, script(model, files, DERIVATIVES + FLAGS))
         if not made.is_file() and C_ERROR.search(text):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library import check_model_name, stage
+from aero_bayes.export.library import check_model_name, library_roots, linked, needed_libraries, stage
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.scratch import ScratchFolder
@@ -54,7 +55,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
     sources : sequence of Path
         Further ``.mo`` files or package folders.
     libraries : sequence of Path
-        Folders that hold packages, such as the Modelica Standard Library.
+        Folders that hold packages, such as the Modelica Standard Library, besides those that are found by themselves.
 
     Raises
     ------
@@ -66,9 +67,10 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
     with ScratchFolder() as root:
         files = stage(root, sources)
+        packages = needed_libraries(model, files, library_roots(libraries))
         added = [p for f in files[1:] for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
-        answer = _run(model, root, files, libraries)
+        answer = _run(model, root, files, [linked(packages)] if packages else [])
         try:
             return read_structured(model, answer["flat"], answer["files"])
         except InputError as error:
@@ -76,11 +78,15 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
-    roots = ":".join(map(str, (root, *libraries)))
+    roots = os.pathsep.join(map(str, (root, *libraries)))
     own = [str(f.relative_to(root)) for f in files[1:]]
+    # what MODELICAPATH names is linked where it is needed; rumoca would read all of it
+    environment = {k: v for k, v in os.environ.items() if k != "MODELICAPATH"}
     command = [sys.executable, "-c", _WORK, roots, str(_file_of(model, files)), model, *own]
     try:
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=TIME_LIMIT)
+        done = subprocess.run(
+            command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+        )
     except subprocess.TimeoutExpired:
         raise InputError(f"{model}: rumoca did not finish within {TIME_LIMIT:g} s") from None
     try:

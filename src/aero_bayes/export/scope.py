@@ -27,10 +27,12 @@ from aero_bayes.export.syntax import (
     Name,
     Number,
     Range,
+    Refused,
     Statement,
     Text,
     show,
 )
+from aero_bayes.export.tables import call_table
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
@@ -68,6 +70,7 @@ class Scope:
         self.events = events
         self.records = records or {}
         self.derivatives: dict[str, Node] = {}
+        self.left_limits: set[Node] = set()
         self.place: Place | None = None
         self.depth = 0
         self._families: dict[str, list[str]] | None = None
@@ -215,6 +218,10 @@ class Scope:
         special = self._special(function, args)
         if special is not None:
             return special
+        if "Table1D" in function:
+            found = call_table(self.builder, function, [self.value(a) for a in args])
+            if found is not None:
+                return found
         if function in self.functions:
             return self._user(self.functions[function], args)
         if function in _ARRAY_FUNCTIONS:
@@ -248,6 +255,10 @@ class Scope:
         """Operators that are no functions of their arguments' values."""
         b = self.builder
         match function, args:
+            case (("and" | "or"), (first, _)):
+                left = self.value(first)
+                if isinstance(left, Node) and left.op == "const" and bool(left.value) is (function == "or"):
+                    return left  # the other side may have no value then
             case "der", (tree,):
                 return self._der(tree)
             case "noEvent", (tree,):
@@ -291,9 +302,10 @@ class Scope:
         return None
 
     def _pre(self, node: Node) -> Node:
-        if node.op == "symbol" and self.events is not None:
-            return self.events.pre(node)
-        if node.op == "const":
+        if self.events is not None and self.events.constant_between(node):
+            return self.events.pre(node) if node.op == "symbol" else node
+        if node.op == "symbol":
+            self.left_limits.add(node)
             return node
         raise self.fail("pre() of something that is not a variable")
 
@@ -470,6 +482,8 @@ class Scope:
                     self._branch(branches, otherwise)
                 case AssertStatement():
                     pass  # a check of the arguments, not a part of the result
+                case Refused(what):
+                    raise self.fail(what)
                 case _:
                     raise self.fail(f"{type(statement).__name__.removesuffix('Statement').lower()!r} in an algorithm")
 

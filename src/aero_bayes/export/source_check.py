@@ -19,6 +19,10 @@ _DROPPED = (
         re.compile(r"\bconstrainedby\s+([\w.]+)\s*\(\s*[^)\s]"),
         "modifiers of the constraining class {0!r} would be dropped; give them at the declaration",
     ),
+    (
+        re.compile(r"\bextends\s+([\w.]+)\s*\((?:[^;]*?[(,])?\s*break\b"),
+        "'break' in the modification of {0!r} would be ignored",
+    ),
 )
 
 

@@ -44,6 +44,7 @@ from aero_bayes.export.syntax import (
     Name,
     Number,
     Range,
+    Refused,
     ReinitStatement,
     Statement,
     Text,
@@ -256,11 +257,10 @@ class _Reader:
 
     def assertion(self, a: Json) -> Assertion:
         self.here = self.place(a["span"])
-        message = self.expression(a["message"])
         level = self.expression(a["level"]) if a.get("level") is not None else Number(2.0)
         return Assertion(
             self.expression(a["condition"]),
-            message.value if isinstance(message, Text) else "an assertion of the model",
+            _message(a["message"]),
             level == Number(1.0),
             self.here,
         )
@@ -304,7 +304,7 @@ class _Reader:
         if isinstance(s, str):
             if s == "Empty":
                 return ()
-            raise self.fail(f"the statement {s.lower()!r}")
+            return (Refused(f"the statement {s.lower()!r}"),)
         kind, d = next(iter(s.items()))
         match kind:
             case "Empty":
@@ -329,13 +329,8 @@ class _Reader:
             case "Reinit":
                 return (ReinitStatement(self.target(d.get("variable") or d["state"]), self.expression(d["value"])),)
             case "Assert":
-                message = self.expression(d["message"])
-                return (
-                    AssertStatement(
-                        self.expression(d["condition"]), message.value if isinstance(message, Text) else ""
-                    ),
-                )
-        raise self.fail(f"the statement {kind.lower()!r}")
+                return (AssertStatement(self.expression(d["condition"]), _message(d["message"])),)
+        return (Refused(f"the statement {kind.lower()!r}"),)
 
     def optional(self, o: Any) -> Name | None:
         if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
@@ -444,6 +439,15 @@ class _Reader:
         if name in self.enumerations and name not in self.flat["variables"]:
             return Number(float(self.enumerations[name]))
         return Name(name, subscripts)
+
+
+def _message(tree: Json) -> str:
+    """The literal parts of a message; what is computed in it is left out."""
+    if "Literal" in tree:
+        return str(tree["Literal"]["value"].get("String", ""))
+    if "Binary" in tree:
+        return f"{_message(tree['Binary']['lhs'])}...{_message(tree['Binary']['rhs'])}".replace("......", "...")
+    return ""
 
 
 def _word(tagged: Any) -> str:

@@ -124,7 +124,14 @@ class AssertStatement:
     message: str
 
 
-Statement = Assign | IfStatement | ForStatement | WhenStatement | ReinitStatement | AssertStatement
+@dataclass(frozen=True)
+class Refused:
+    """A statement that cannot be translated: an error once it is needed, not where a function merely has it."""
+
+    what: str
+
+
+Statement = Assign | IfStatement | ForStatement | WhenStatement | ReinitStatement | AssertStatement | Refused
 
 
 def show(tree: Expression) -> str:
@@ -215,3 +222,5 @@ def rebuilt_statement(s: Statement, change: Callable[[Name], Expression], target
             return ReinitStatement(target(state), rebuilt(value, change))
         case AssertStatement(condition, message):
             return AssertStatement(rebuilt(condition, change), message)
+        case Refused():
+            return s

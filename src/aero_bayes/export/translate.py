@@ -15,6 +15,7 @@ from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import Causality, FlatModel, FlatVariable, Variability
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.syntax import names_in
+from aero_bayes.export.tables import is_table_type
 
 
 @dataclass(frozen=True)
@@ -98,25 +99,24 @@ def translate(model: FlatModel) -> System:
     events.held |= set(symbols)
     scope.place, scope.events = None, events
     actions = EventActions(scope, events)
-    residuals: list[Node] = []
-    pairs: list[tuple[Node, Node]] = []
-    discrete = set(symbols)
-    for left, right in scope.sides(model.equations):
-        if left in discrete or right in discrete:
-            pairs.append((left, right))
-        else:
-            residuals.append(builder.sub(right, left))
     for clause in model.whens:
         actions.clause(clause)
+    residuals: list[Node] = []
     for algorithm in model.algorithms:
         scope.place = algorithm.place
         residuals += [builder.sub(new, s) for s, new in actions.algorithm(algorithm.statements, algorithm.outputs)]
-    scope.place = None
-    match_discrete(scope, pairs, actions, symbols)
-    initial = [builder.sub(right, left) for left, right in scope.sides(model.initial_equations)]
-    if model.initial_algorithms:
-        scope.place = model.initial_algorithms[0].place
-        raise scope.fail("an initial algorithm")
+    open_ = set(symbols) - actions.updates.keys()
+    pairs: list[tuple[Node, Node]] = []
+    for left, right in scope.sides(model.equations):
+        if left in open_ or right in open_:
+            pairs.append((left, right))
+        else:
+            residuals.append(builder.sub(right, left))
+    residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
+    for symbol in scope.left_limits:
+        if symbol.name not in scope.derivatives:
+            raise scope.fail(f"pre({symbol.name}) of a variable that is neither discrete nor a state")
+    before, initial = _initial(model, scope, actions, symbols)
     return System(
         model.name,
         builder,
@@ -125,7 +125,7 @@ def translate(model: FlatModel) -> System:
         tuple(inputs),
         tuple(variables),
         tuple(residuals),
-        tuple(initial),
+        initial,
         tuple(steps),
         Discrete(
             actions.updates,
@@ -133,9 +133,46 @@ def translate(model: FlatModel) -> System:
             tuple(events.relations.values()),
             tuple(events.roundings.values()),
             tuple(events.samplings.values()),
+            _assertions(model, scope),
+            before,
         ),
         scope.derivatives,
     )
+
+
+def _initial(
+    model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]
+) -> tuple[dict[Node, Node], tuple[Node, ...]]:
+    """What initial equations and algorithms say: values of discrete variables before the start, and residuals."""
+    events, scope.events = scope.events, None
+    of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
+    pairs: list[tuple[Node, Node]] = []
+    for algorithm in model.initial_algorithms:
+        scope.place = algorithm.place
+        pairs += actions.run(algorithm.statements, algorithm.outputs)
+    scope.events = events
+    pairs += scope.sides(model.initial_equations)
+    before: dict[Node, Node] = {}
+    residuals = []
+    for left, right in pairs:
+        if left in of or right in of:
+            known, value = (left, right) if left in of else (right, left)
+            before[of[known]] = value
+        else:
+            residuals.append(scope.builder.sub(right, left))
+    scope.place = None
+    return before, tuple(residuals)
+
+
+def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
+    """Assertions that may fail; they are looked at in events and make none themselves."""
+    found = []
+    scope.events = None
+    for a in model.assertions:
+        scope.place = a.place
+        found += [(c, a.message) for c in numbers(scope.value(a.condition)) if c.op != "const" or not c.value]
+    scope.place = None
+    return tuple(found)
 
 
 def _symbols(builder: Builder, name: str, sizes: Sequence[int]) -> Value:
@@ -201,7 +238,7 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
     if binding is None:
         raise scope.fail(f"the parameter {v.name!r} without a value")
     value = scope.value(binding)
-    if isinstance(value, str):
+    if isinstance(value, str) or is_table_type(v.type):
         scope.values[v.name] = value
         return []
     names = _names(v.name, v.sizes)

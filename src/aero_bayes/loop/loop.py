@@ -94,7 +94,7 @@ def close_loop(
 def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
     if not model.startswith("Aero."):
         narrowed = Narrowed(settings.exclude, settings.ports, settings.laws or settings.effects)
-        return RigFamily(model, tuple(sources), folder, narrowed=narrowed)
+        return RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
     unknown = [id_ for id_ in (*(settings.effects or ()), *settings.exclude) if id_ not in CATALOGUE]
     if unknown:
         raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")

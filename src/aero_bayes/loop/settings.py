@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
@@ -41,6 +42,8 @@ class LoopSettings:
         Ids of the catalogue to consider; all by default.
     exclude : tuple of str
         Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
+    libraries : tuple of Path
+        Folders that hold packages which the model uses.
     held_out : float
         Share of each recording, at its end, that is kept from the fit where no test recording is given.
     fixed : mapping of str to float
@@ -77,6 +80,7 @@ class LoopSettings:
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
     held_out: float = 0.3
+    libraries: tuple[Path, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None

@@ -19,9 +19,10 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics import ports as found_ports
 from aero_bayes.physics.compose import Models, compose_laws, law_models
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude
 from aero_bayes.physics.laws import Law, general_laws, laws_of
-from aero_bayes.physics.ports import Port, candidates, ports_of
+from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of

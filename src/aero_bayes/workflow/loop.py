@@ -52,6 +52,7 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         ports=section.ports,
         laws=section.laws,
         held_out=section.held_out,
+        libraries=job.config.model.libraries,
         fixed=job.fixed,
         overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
         free=tuple(p.name for p in job.parameters if not p.auto),

@@ -1,0 +1,49 @@
+/* What a generated model gives to the FMI 2.0 runtime: sizes, where each group of values lies, and functions.
+ *
+ * Value references index the group R: states, derivatives, inputs, free parameters, dependent parameters, outputs.
+ * The Jacobian is dense, by columns: inputs and states in JX, free parameters in JP; what is structurally zero is
+ * never written. W are the unknowns of algebraic loops, D the discrete values (conditions of when clauses last).
+ */
+#ifndef AERO_BAYES_MODEL_H
+#define AERO_BAYES_MODEL_H
+#include <math.h>
+
+enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, GROUPS };
+
+typedef struct Model {
+    double time, tolerance, step, next_event;
+    int fresh, phase, failed;
+    double data[];
+} Model;
+
+typedef struct {
+    int first, n;
+    void (*residual)(const Model *m, double *f, double *j); /* j by columns, cleared before */
+} Block;
+
+typedef struct {
+    const char *guid;
+    int nx, nu, np, nq, ny, nw, nd, conditions, relations, roundings, samples, blocks, assertions, time_varying, size;
+    int at[GROUPS];
+    const double *nominal;
+    const unsigned char *below, *timed; /* of relations: which side of zero they hold on; known in advance */
+    const Block *block;
+    const char *const *message;
+    void (*set_defaults)(Model *m);
+    void (*start)(Model *m);
+    void (*k)(Model *m);
+    void (*dx)(Model *m);
+    void (*y)(Model *m);
+    void (*jx)(Model *m);
+    void (*jp)(Model *m);
+    void (*jw)(Model *m);   /* JW, FW and FX */
+    void (*fp)(Model *m);
+    void (*discrete)(Model *m); /* D anew */
+    int (*reinit)(Model *m);    /* states anew; whether any is */
+    void (*watch)(Model *m);    /* DIFF: differences of relations, arguments of roundings */
+    void (*times)(Model *m);    /* TICK: start and interval of samples; DUE, SLOPE: instants of timed relations */
+    int (*violated)(Model *m, unsigned char *bad);
+} Info;
+
+extern const Info model_info;
+#endif

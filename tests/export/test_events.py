@@ -1,0 +1,279 @@
+"""Events and algebraic loops of exported models, against closed forms, in Model Exchange and Co-Simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import exp, log, sqrt
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from export_driver import driven
+from fmpy.validation import validate_fmu
+from numpy.typing import NDArray
+
+from aero_bayes.export import export_fmu
+
+Write = Callable[[str, str], Path]
+KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+
+
+def simulated(
+    path: Path, kind: str, stop: float, outputs: list[str], step: float = 0.01, **options: object
+) -> dict[str, NDArray[np.float64]]:
+    """Values of outputs on the grid, the last row of an instant (after its event)."""
+    found = fmpy.simulate_fmu(
+        str(path),
+        fmi_type=kind,
+        stop_time=stop,
+        output_interval=step,
+        relative_tolerance=1e-10,
+        output=outputs,
+        **options,
+    )
+    last = np.r_[np.diff(found["time"]) > 0, True]
+    return {n: np.asarray(found[n][last]) for n in ("time", *outputs)}
+
+
+@KINDS
+def test_bouncing_ball(kind: str, modelica: Write, tmp_path: Path) -> None:
+    source = modelica(
+        "Ball",
+        """within ;
+model Ball
+  parameter Real e = 0.8;
+  output Real h(start = 1, fixed = true);
+  Real v(start = 0, fixed = true);
+  output Integer n(start = 0, fixed = true);
+equation
+  der(h) = v;
+  der(v) = -9.81;
+  when h < 0 then
+    reinit(v, -e * pre(v));
+    n = pre(n) + 1;
+  end when;
+end Ball;
+""",
+    )
+    path = export_fmu("Ball", tmp_path / "b.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 2.5, ["h", "n"])
+    g, first = 9.81, sqrt(2 / 9.81)
+    for t, h, n in zip(found["time"], found["h"], found["n"], strict=True):
+        at, speed, count = first, 0.8 * g * first, 0
+        if t <= first:
+            assert h == pytest.approx(1 - g * t**2 / 2, abs=1e-7)
+            continue
+        while t > at + 2 * speed / g:
+            at, speed, count = at + 2 * speed / g, 0.8 * speed, count + 1
+        assert h == pytest.approx(speed * (t - at) - g * (t - at) ** 2 / 2, abs=1e-7)
+        if min(t - at, at + 2 * speed / g - t) > 1e-6:
+            assert n == count + 1
+
+
+@KINDS
+def test_relay_with_hysteresis(kind: str, modelica: Write, tmp_path: Path) -> None:
+    source = modelica(
+        "Relay",
+        """within ;
+model Relay
+  parameter Real low = 0.3, high = 0.7;
+  output Real x(start = 0.5, fixed = true);
+  output Boolean on(start = true, fixed = true);
+equation
+  on = x < low or (pre(on) and x <= high);
+  der(x) = (if on then 1 else 0) - x;
+end Relay;
+""",
+    )
+    path = export_fmu("Relay", tmp_path / "r.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 6.0, ["x", "on"])
+    up, down = log(0.7 / 0.3), log(0.7 / 0.3)
+    first = log(0.5 / 0.3)
+    for t, x, on in zip(found["time"], found["x"], found["on"], strict=True):
+        if t < first:
+            expected, rising, left = 1 - 0.5 * exp(-t), True, first - t
+        else:
+            phase = (t - first) % (up + down)
+            rising = phase >= down
+            expected = 1 - 0.7 * exp(-(phase - down)) if rising else 0.7 * exp(-phase)
+            left = min(abs(phase), abs(phase - down), up + down - phase)
+        assert x == pytest.approx(expected, abs=1e-7)
+        if left > 1e-6:
+            assert on == rising
+
+
+@KINDS
+def test_sampling_and_time_events(kind: str, modelica: Write, tmp_path: Path) -> None:
+    source = modelica(
+        "Sampled",
+        """within ;
+model Sampled
+  parameter Real T = 0.25;
+  Real x(start = 1, fixed = true);
+  discrete Real held(start = 0, fixed = true), total(start = 0, fixed = true);
+  output Real y, sum, step, wave;
+equation
+  der(x) = -x;
+  when sample(0, T) then
+    held = x;
+    total = pre(total) + pre(held);
+  end when;
+  y = held;
+  sum = total;
+  step = if time < 0.6 then 1 else 2;
+  wave = mod(time, 0.3);
+end Sampled;
+""",
+    )
+    path = export_fmu("Sampled", tmp_path / "s.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 1.95, ["y", "sum", "step", "wave"], step=0.11)
+    for k, t in enumerate(found["time"]):
+        tick = int(t / 0.25 + 1e-9)
+        assert found["y"][k] == pytest.approx(exp(-0.25 * tick), abs=1e-7)
+        assert found["sum"][k] == pytest.approx(sum(exp(-0.25 * j) for j in range(tick)), abs=1e-6)
+        assert found["step"][k] == (1.0 if t < 0.6 else 2.0)
+        assert found["wave"][k] == pytest.approx(t % 0.3, abs=1e-7)
+
+
+@KINDS
+def test_dry_friction_sticks(kind: str, modelica: Write, tmp_path: Path) -> None:
+    # a block on a rough table under a force that grows and falls: it sticks, slides, and sticks again
+    source = modelica(
+        "Friction",
+        """within ;
+model Friction
+  parameter Real m = 2, F_c = 3;
+  output Real v(start = 0, fixed = true);
+  output Real x(start = 0, fixed = true);
+  Real F, f, a, s;
+  Boolean locked, forward(start = false), backward(start = false);
+  Integer mode(start = 0, fixed = true);
+equation
+  F = if time < 2 then 2 * time else 0;
+  der(x) = v;
+  der(v) = a;
+  m * a = F - f;
+  forward = pre(mode) == 0 and s > 1;
+  backward = pre(mode) == 0 and s < -1;
+  locked = not (pre(mode) == 1 or forward or pre(mode) == -1 or backward);
+  f = F_c * (if locked then s else if forward or pre(mode) == 1 then 1 else -1);
+  a = if locked then 0 else if forward or pre(mode) == 1 then s - 1 else s + 1;
+  mode = if (pre(mode) == 1 or forward) and v > 0 then 1 else if (pre(mode) == -1 or backward) and v < 0 then -1 else 0;
+end Friction;
+""",
+    )
+    path = export_fmu("Friction", tmp_path / "f.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 3.0, ["v", "x"])
+    # sliding begins where 2 t = 3; v = (t - 1.5)^2 / 2 until t = 2, then falls by 1.5 a second to zero
+    top = 0.5**2 / 2
+    end = 2 + top / 1.5
+    for t, v in zip(found["time"], found["v"], strict=True):
+        expected = 0.0 if t < 1.5 or t > end else (t - 1.5) ** 2 / 2 if t < 2 else top - 1.5 * (t - 2)
+        assert v == pytest.approx(expected, abs=1e-6)
+    assert found["x"][-1] == pytest.approx(0.5**3 / 6 + top**2 / 3, abs=1e-6)
+
+
+@KINDS
+def test_rectifier_with_an_ideal_diode(kind: str, modelica: Write, tmp_path: Path) -> None:
+    # half-wave rectifier with an inductance: L di/dt = sin t while the diode conducts, i = 1 - cos t up to t = 2 pi
+    source = modelica(
+        "Diode",
+        """within ;
+model Diode
+  output Real i(start = 0, fixed = true);
+  output Real power;
+  Real s(start = 0), v, u;
+  Boolean off(start = true);
+equation
+  u = sin(time) - 0.2;
+  off = s < 0;
+  v = if off then s else 0;
+  i_d = if off then 0 else s;
+  u = v + r * i_d;
+  der(i) = i_d - i;
+  power = u * i_d;
+  r = 2;
+end Diode;
+""".replace("Real s(start = 0), v, u;", "Real s(start = 0), v, u, i_d, r;"),
+    )
+    path = export_fmu("Diode", tmp_path / "d.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 6.0, ["i", "power"])
+    u = np.sin(found["time"]) - 0.2
+    np.testing.assert_allclose(found["power"], np.where(u > 0, u * u / 2, 0.0), atol=1e-7)
+
+
+@KINDS
+def test_loops_that_are_not_linear(kind: str, modelica: Write, tmp_path: Path) -> None:
+    source = modelica(
+        "Loop",
+        """within ;
+model Loop
+  parameter Real a = 2;
+  Real x(start = 1, fixed = true), p(start = 1), q(start = 1);
+  output Real y(start = 1), r;
+equation
+  der(x) = -x;
+  y ^ 3 + a * y = x;
+  p * q = 4 + x;
+  p - q = exp(-q) + x;
+  r = p + q;
+end Loop;
+""",
+    )
+    path = export_fmu("Loop", tmp_path / "l.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    found = simulated(path, kind, 3.0, ["y", "r"])
+    x = np.exp(-found["time"])
+    np.testing.assert_allclose(found["y"] ** 3 + 2 * found["y"], x, atol=1e-8)
+    # q solves q^2 + q (exp(-q) + x) = 4 + x
+    q = np.full_like(x, 2.0)
+    for _ in range(60):
+        f, slope = q**2 + q * (np.exp(-q) + x) - 4 - x, 2 * q + np.exp(-q) + x - q * np.exp(-q)
+        q = q - f / slope
+    np.testing.assert_allclose(found["r"], q + (4 + x) / q, atol=1e-7)
+    with driven(path) as fmu:
+        fmu.begin()
+        y = fmu.get("y")[0]
+        assert fmu.slope(["y"], "x")[0] == pytest.approx(1 / (3 * y**2 + 2), rel=1e-10)
+        assert fmu.slope(["y"], "a")[0] == pytest.approx(-y / (3 * y**2 + 2), rel=1e-10)
+        step = 1e-6
+        above, below = (fmu.rhs(np.array([1 + d])) is not None and fmu.get("r")[0] for d in (step, -step))
+        fmu.rhs(np.array([1.0]))
+        assert fmu.slope(["r"], "x")[0] == pytest.approx((above - below) / (2 * step), rel=1e-6)
+
+
+def test_an_assertion_warns_and_makes_no_event(modelica: Write, tmp_path: Path) -> None:
+    source = modelica(
+        "Watched",
+        """within ;
+model Watched
+  Real x(start = 1, fixed = true);
+  output Real y;
+equation
+  der(x) = -x;
+  y = 2 * x;
+  assert(x > 0.5, "x is small");
+  when y < 0.2 then
+    reinit(x, 1);
+  end when;
+end Watched;
+""",
+    )
+    path = export_fmu("Watched", tmp_path / "w.fmu", compiler="embedded", sources=[source])
+    said: list[str] = []
+
+    def logger(component: object, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        said.append(message.decode())
+
+    found = simulated(path, "ModelExchange", 3.0, ["y"], logger=logger, debug_logging=True)
+    assert int(fmpy.read_model_description(str(path)).numberOfEventIndicators) == 1
+    np.testing.assert_allclose(
+        found["y"][found["time"] < log(10)], 2 * np.exp(-found["time"][found["time"] < log(10)]), atol=1e-7
+    )
+    assert any("x is small" in message for message in said)

@@ -1,0 +1,100 @@
+"""Small models on the Modelica Standard Library, against rumoca's own simulator. Skipped where there is no library."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from aero_bayes.errors import InputError
+from aero_bayes.export import export_fmu
+from aero_bayes.export.library import library_roots, linked, needed_libraries
+
+SOURCE = Path(__file__).parent / "MslModels.mo"
+MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)
+STOP = 2.0
+
+REFERENCE = """
+import json, sys, rumoca
+root, source, model, stop, *outputs = sys.argv[1:]
+config = rumoca.SimConfig(rtol=1e-10, atol=1e-12, max_wall_seconds=120)
+found = rumoca.Session(roots=[root]).load(source, model=model).simulate((0, float(stop)), dt=0.01, config=config)
+print(json.dumps([list(map(float, found[n])) for n in outputs] + [list(map(float, found.time))]))
+"""
+
+
+@cache
+def libraries() -> Path | None:
+    """Folder of the standard library as the exporter finds it."""
+    try:
+        return linked(needed_libraries("Modelica.Any", [], library_roots()))
+    except InputError:
+        return None
+
+
+def outputs_of(model: str) -> list[str]:
+    text = SOURCE.read_text(encoding="utf-8").split(f"  model {model} ")[1].split(f"  end {model};")[0]
+    return re.findall(r"(\w+) = ", re.findall(r"output Real (.*);", text)[0])
+
+
+def test_there_are_thirty_models_of_six_domains() -> None:
+    assert len(MODELS) == 30
+    assert {re.sub(r"\d+", "", m) for m in MODELS} == {
+        "Blocks", "Analog", "Rotational", "Translational", "Heat", "Magnetic",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_agrees_with_the_front_ends_simulator(model: str, tmp_path: Path) -> None:
+    root = libraries()
+    if root is None:
+        pytest.skip("the Modelica Standard Library is not in MODELICAPATH or beside OpenModelica")
+    outputs = outputs_of(model)
+    environment = {k: v for k, v in os.environ.items() if k != "MODELICAPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", REFERENCE, str(root), str(SOURCE), f"MslModels.{model}", str(STOP), *outputs],
+        capture_output=True, text=True, check=True, env=environment,
+    )  # fmt: skip
+    *expected, time = json.loads(done.stdout)
+    path = export_fmu(f"MslModels.{model}", tmp_path / "m.fmu", compiler="embedded", sources=[SOURCE])
+    found = fmpy.simulate_fmu(
+        str(path),
+        fmi_type="CoSimulation",
+        stop_time=STOP,
+        output_interval=0.01,
+        relative_tolerance=1e-10,
+        output=outputs,
+    )
+    for name, values in zip(outputs, expected, strict=True):
+        at = np.interp(found["time"], time, values)
+        assert np.max(np.abs(found[name] - at)) <= 1e-6 * max(np.ptp(values), 1e-12), name
+
+
+def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aero_bayes.export.library._OWN", ())
+    monkeypatch.delenv("MODELICAPATH", raising=False)
+    monkeypatch.delenv("OPENMODELICAHOME", raising=False)
+    with pytest.raises(InputError, match=r"needs the Modelica Standard Library.*--library"):
+        export_fmu("MslModels.Heat1", tmp_path / "m.fmu", compiler="embedded", sources=[SOURCE])
+    with pytest.raises(InputError, match="no such folder of Modelica packages"):
+        library_roots([tmp_path / "nowhere"])
+
+
+def test_libraries_are_found_by_name_and_version(tmp_path: Path) -> None:
+    for folder in ("Tanks 1.2.0", "Tanks 1.10.0", "Pumps"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "package.mo").write_text("package P end P;", encoding="utf-8")
+    source = tmp_path / "Rig.mo"
+    source.write_text(
+        "model Rig\n  Tanks.Open tank;\n  Pumps.Small pump;\n  Nowhere.Else x;\nend Rig;\n", encoding="utf-8"
+    )
+    found = needed_libraries("Rig", [source], [tmp_path])
+    assert {n: p.name for n, p in found.items()} == {"Tanks": "Tanks 1.10.0", "Pumps": "Pumps"}
