@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -67,14 +68,14 @@ class Assembly:
         Laws that add to balances, and those that hold a state; these come after all others.
     actuators : dict
         What an input makes of its command; by default it holds it.
-    shares : dict
-        Per output the index of a state that stands in for a share of it (1 where a sensor lags).
-    delays : dict
-        Per output its delay in s.
+    lags, delays : dict
+        Per output its time constant or delay in s.
     readings : list of callable
-        What else sensors do to the outputs, in place: (time, outputs).
-    extra : list of callable
-        Initial values of the states that laws bring, from the rig's states and outputs.
+        What else sensors do to the outputs, in place: (time, outputs, all states).
+    extra : list of int or None
+        For each state that laws bring the state whose initial value it shares; None starts at zero.
+    longest : float
+        Longest integration step in s that the laws allow.
     """
 
     plant: Plant
@@ -87,18 +88,19 @@ class Assembly:
     terms: list[Law] = field(default_factory=list)
     holds: list[Law] = field(default_factory=list)
     actuators: dict[str, Actuator] = field(default_factory=dict)
-    readings: list[Callable[[FloatArray, FloatArray], None]] = field(default_factory=list)
-    shares: dict[str, tuple[int, float]] = field(default_factory=dict)
+    readings: list[Callable[[FloatArray, FloatArray, FloatArray], object]] = field(default_factory=list)
+    lags: dict[str, float] = field(default_factory=dict)
     delays: dict[str, float] = field(default_factory=dict)
-    extra: list[Callable[[Values, Values], float]] = field(default_factory=list)
+    extra: list[int | None] = field(default_factory=list)
+    longest: float = inf
 
     def state(self, name: str) -> int:
         """Index of a state."""
         return self.states.index(name)
 
-    def add_state(self, start: Callable[[Values, Values], float] = lambda x, y: 0.0) -> int:
-        """Index of a new state whose initial value follows from the first states and outputs."""
-        self.extra.append(start)
+    def add_state(self, like: int | None = None) -> int:
+        """Index of a new state that starts at zero, or where the state ``like`` starts."""
+        self.extra.append(like)
         return len(self.states) + len(self.extra) - 1
 
     def term(self, add: Callable[[float, Values, Values, list[float]], None]) -> None:
@@ -113,30 +115,49 @@ class Assembly:
         ``commands`` has shape (n, inputs); each value holds to the next sample. No step is longer than ``longest`` s.
         """
         signals = [self.actuators.get(name, hold)(time, commands[:, k]) for k, name in enumerate(self.inputs)]
-        late = {delay: np.maximum(time - delay, time[0]) for delay in {0.0, *self.delays.values()}}
-        grid = _union([*late.values(), *(signal.breaks for signal in signals)], time[0], time[-1])
-        first = self.plant.read(start, commands[0].tolist())
-        begin = [*start, *(value(start, first) for value in self.extra)]
-        integrator = Integrator(self.plant, [*self.terms, *self.holds], len(self.extra), signals, longest)
-        states = integrator.run(grid, begin)
-        pieces = [signal.pieces(grid) for signal in signals]
-
-        def read(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-            index = np.searchsorted(grid, at - 1e-9 * (time[1] - time[0]))
-            u = [[piece.at(k, float(grid[k])) for piece in pieces] for k in index.tolist()]
-            rows = [self.plant.read(x, v) for x, v in zip(states[index].tolist(), u, strict=True)]
-            return np.array(rows), states[index]
-
-        shown, at_samples = read(time)
-        for name, delay in self.delays.items():
+        late = {name: np.maximum(time - delay, time[0]) for name, delay in self.delays.items()}
+        grid = _union([time, *late.values(), *(signal.breaks for signal in signals)], time[0], time[-1])
+        begin = [*start, *(0.0 if like is None else start[like] for like in self.extra)]
+        laws = [*self.terms, *self.holds]
+        integrator = Integrator(self.plant, laws, len(self.extra), signals, min(longest, self.longest))
+        slopes = np.empty((grid.size - 1, 2, len(begin))) if self.lags else None
+        found = integrator.run(grid, begin, slopes)
+        apart = 1e-9 * (time[1] - time[0])
+        at = np.searchsorted(grid, time - apart)
+        outputs = found[np.ix_(at, self.plant.shown)]
+        for name, times in late.items():
             column = self.outputs.index(name)
-            shown[:, column] = read(late[delay])[0][:, column]
-        for name, (index, share) in self.shares.items():
+            outputs[:, column] = found[np.searchsorted(grid, times - apart), self.plant.shown[column]]
+        for name, constant in self.lags.items():
+            assert slopes is not None
             column = self.outputs.index(name)
-            shown[:, column] += share * (at_samples[:, index] - shown[:, column])
+            of = self.plant.shown[column]
+            outputs[:, column] = _lagged(grid, found[:, of], slopes[:, :, of], constant)[at]
         for reading in self.readings:
-            reading(time, shown)
-        return shown, at_samples[:, : len(self.states)]
+            reading(time, outputs, found[at])
+        return outputs, found[at, : len(self.states)]
+
+
+def _lagged(grid: FloatArray, values: FloatArray, slopes: FloatArray, constant: float) -> FloatArray:
+    """A first-order lag of a signal with known slopes, shape (n,), settled at the first value.
+
+    Exact for the cubic p through values and slopes of an interval, to which the lag T answers by the polynomial
+    p - T Dp + T^2 DDp - T^3 DDDp and a decaying exponential.
+    """
+    h, jump = np.diff(grid), np.diff(values)
+    first, last = slopes[:, 0], slopes[:, 1]
+    # Of p(s) = v + first s + c2 s^2 + c3 s^3:
+    c3 = (first + last - 2.0 * jump / h) / h**2
+    c2 = (jump / h - first) / h - c3 * h
+    begin = values[:-1] - constant * (first - constant * (2.0 * c2 - constant * 6.0 * c3))
+    end = values[1:] - constant * (last - constant * (2.0 * c2 + 6.0 * c3 * h - constant * 6.0 * c3))
+    keep = np.exp(-h / constant)
+    shown = float(values[0])
+    out = [shown]
+    for a, b, factor in zip(begin.tolist(), end.tolist(), keep.tolist(), strict=True):
+        shown = b + (shown - a) * factor
+        out.append(shown)
+    return np.array(out)
 
 
 def _union(parts: Sequence[FloatArray], first: float, last: float) -> FloatArray:

@@ -67,7 +67,10 @@ class Yardstick:
     noise: Mapping[str, Noise]
 
     def outputs(self, laws: Sequence[LawTruth], change: FloatArray | None = None) -> FloatArray:
-        """Outputs, shape (n, outputs), with changes of the free parameters (of their logarithm), then of the start (in sizes)."""
+        """Outputs, shape (n, outputs), after changes of the free parameters and of the start.
+
+        ``change`` holds changes of the parameters' logarithms, then of the initial states in units of their sizes.
+        """
         values, start = dict(self.parameters), list(self.start)
         if change is not None:
             for name, factor in zip(self.kind.free, change, strict=False):
@@ -94,8 +97,8 @@ class Yardstick:
     def distance(self, laws: Sequence[LawTruth], known: Sequence[LawTruth], basis: FloatArray) -> float:
         """Distance of the rig with ``laws`` from every model that has only those ``known``.
 
-        ``basis`` is what :meth:`sensitivities` returned; the model is refitted with it until nothing more is gained. NaN for a rig that
-        the laws make unstable.
+        ``basis`` is what :meth:`sensitivities` returned; the model is refitted with it until nothing more is gained.
+        NaN for a rig that the laws make unstable.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             there = self.white(self.outputs(laws))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import ceil
+from math import ceil, exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,10 @@ from aero_bayes.bench.rigs.signals import Pieces, Signal
 FloatArray = NDArray[np.float64]
 #: Halvings of a step until an event counts as located.
 DEPTH = 26
+#: First step after a jump of an input that decays exponentially, in its time constants.
+GRADE = 0.4
+#: What no state of a rig ever is.
+RUNAWAY = 1e9
 
 
 class Integrator:
@@ -45,8 +49,12 @@ class Integrator:
         self._k = 0
         self._now: Values | None = None
 
-    def run(self, grid: FloatArray, start: Sequence[float]) -> FloatArray:
-        """States at ``grid`` (increasing, s; holds every break of the signals), shape (n, states)."""
+    def run(self, grid: FloatArray, start: Sequence[float], slopes: FloatArray | None = None) -> FloatArray:
+        """States at ``grid`` (increasing, s; holds every break of the signals), shape (n, states).
+
+        ``slopes``, shape (n - 1, 2, states), is filled with the rates at the beginning and end of every interval.
+        Raises OverflowError for a rig that runs away.
+        """
         out = np.empty((grid.size, len(start)))
         x = list(start)
         out[0] = x
@@ -58,12 +66,33 @@ class Integrator:
             self._k, self._now = k, held[k] if self._all_held else None
             if self._switching:
                 self._settle(t, x, first=k == 0)
-            count = max(1, ceil((end - t) / self._longest - 1e-6))
-            h = (end - t) / count
-            for j in range(count):
-                x = self._advance(t + j * h, x, h, 0)
+            if slopes is not None:
+                slopes[k, 0] = self._slopes(t, x)
+            for h in self._steps(k, t, end):
+                x = self._advance(t, x, h, 0)
+                t += h
+            if slopes is not None:
+                slopes[k, 1] = self._slopes(end, x)
+            if not all(abs(value) < RUNAWAY for value in x):
+                raise OverflowError("a simulated rig runs away")
             out[k + 1] = x
         return out
+
+    def _steps(self, k: int, t: float, end: float) -> list[float]:
+        """Step lengths that fill an interval, graded where an input still decays."""
+        length, longest = end - t, self._longest
+        decaying = [piece for piece in self._pieces if piece.rate and piece.decay[k]]
+        if not decaying:
+            count = max(1, ceil(length / longest - 1e-6))
+            return [length / count] * count
+        piece = max(decaying, key=lambda piece: piece.rate)
+        steps, since = [], t - piece.start[k]
+        while length > 0.0:
+            h = min(longest, GRADE / piece.rate * exp(min(0.2 * piece.rate * since, 50.0)))
+            h = length if length < 1.2 * h else h
+            steps.append(h)
+            length, since = length - h, since + h
+        return steps
 
     def _efforts(self, t: float, x: Values, without: Law | None = None) -> list[float]:
         u = self._now if self._now is not None else [piece.at(self._k, t) for piece in self._pieces]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from math import sin, sqrt
 
 from aero_bayes.bench.rigs.assembly import Assembly, Balance, Coupling
-from aero_bayes.bench.rigs.plant import Equations, Plant, Values
+from aero_bayes.bench.rigs.plant import Plant, Values
 
 Parameters = Mapping[str, float]
 
@@ -94,10 +94,6 @@ def _zeros(count: int) -> Callable[[Parameters], list[float]]:
     return lambda p: [0.0] * count
 
 
-def _pick(*indices: int) -> Equations:
-    return lambda x, u: [x[index] for index in indices]
-
-
 FRICTION = "coulomb_friction friction_by_direction stribeck_friction presliding_friction"
 ACTUATOR = "dead_zone saturation rate_limit square_law lag delay"
 
@@ -108,7 +104,7 @@ def _pendulum(p: Parameters) -> Plant:
     def efforts(x: Values, u: Values) -> list[float]:
         return [x[1], u[0] - damping * x[1] - gravity * sin(x[0])]
 
-    return Plant((1.0, inertia), efforts, _pick(0))
+    return Plant((1.0, inertia), efforts, (0,))
 
 
 PENDULUM = RigKind(
@@ -139,7 +135,7 @@ def _cart(p: Parameters) -> Plant:
     def efforts(x: Values, u: Values) -> list[float]:
         return [x[1], u[0] - stiffness * x[0] - damping * x[1]]
 
-    return Plant((1.0, mass), efforts, _pick(0))
+    return Plant((1.0, mass), efforts, (0,))
 
 
 CART = RigKind(
@@ -169,11 +165,11 @@ def _shaft(p: Parameters) -> Plant:
     k, c, d = p["shaft.c"], p["shaft.d"], p["bearing.d"]
 
     def efforts(x: Values, u: Values) -> list[float]:
-        w1, w2, twist = x
-        torque = k * twist + c * (w1 - w2)
-        return [u[0] - torque, torque - d * w2, w1 - w2]
+        slip = x[0] - x[1]
+        torque = k * x[2] + c * slip
+        return [u[0] - torque, torque - d * x[1], slip]
 
-    return Plant((j1, j2, 1.0), efforts, _pick(0, 1))
+    return Plant((j1, j2, 1.0), efforts, (0, 1))
 
 
 SHAFT = RigKind(
@@ -206,10 +202,9 @@ def _motor(p: Parameters) -> Plant:
     r, k, d = p["R"], p["k_m"], p["d"]
 
     def efforts(x: Values, u: Values) -> list[float]:
-        i, w = x
-        return [u[0] - r * i - k * w, k * i - d * w]
+        return [u[0] - r * x[0] - k * x[1], k * x[0] - d * x[1]]
 
-    return Plant((p["L"], p["J"]), efforts, _pick(0, 1))
+    return Plant((p["L"], p["J"]), efforts, (0, 1))
 
 
 MOTOR = RigKind(
@@ -239,10 +234,9 @@ def _circuit(p: Parameters) -> Plant:
     conductance = 1.0 / p["load.R"]
 
     def efforts(x: Values, u: Values) -> list[float]:
-        i, v = x
-        return [u[0] - v, i - conductance * v]
+        return [u[0] - x[1], x[0] - conductance * x[1]]
 
-    return Plant((p["coil.L"], p["capacitor.C"]), efforts, _pick(1, 0))
+    return Plant((p["coil.L"], p["capacitor.C"]), efforts, (1, 0))
 
 
 CIRCUIT = RigKind(
@@ -263,7 +257,7 @@ CIRCUIT = RigKind(
         "coil.i": "series_resistance contact_drop heating",
         "capacitor.v": "square_loss offset",
         "out:v_out": "gain offset lag delay",
-        "out:i_in": "gain offset lag delay",
+        "out:i_in": "offset lag delay",
     },
 )
 
@@ -275,7 +269,7 @@ def _tanks(p: Parameters) -> Plant:
         upper, lower = sqrt(max(x[0], 0.0)), sqrt(max(x[1], 0.0))
         return [k3 * u[0] - k1 * upper, k2 * upper - k4 * lower]
 
-    return Plant((1.0, 1.0), efforts, _pick(1))
+    return Plant((1.0, 1.0), efforts, (1,))
 
 
 def _tanks_rest(p: Parameters) -> list[float]:
@@ -300,7 +294,7 @@ TANKS = RigKind(
         "in:u": "saturation rate_limit square_law lag delay offset",
         "h1": "linear_loss square_loss overflow offset exchange",
         "h2": "linear_loss square_loss overflow offset",
-        "out:y": "gain offset lag delay",
+        "out:y": "offset lag delay",
     },
     pieces=2,
     linear=False,
@@ -316,7 +310,7 @@ def _heat(p: Parameters) -> Plant:
         flow = between * (x[0] - x[1])
         return [u[0] - flow, flow - loss * (x[1] - AMBIENT)]
 
-    return Plant((p["heater.C"], p["plate.C"]), efforts, _pick(0, 1))
+    return Plant((p["heater.C"], p["plate.C"]), efforts, (0, 1))
 
 
 HEAT = RigKind(
@@ -352,7 +346,7 @@ def _reservoirs(p: Parameters) -> Plant:
         flow = pipe * (x[0] - x[1])
         return [u[0] - flow, flow - outlet * x[1]]
 
-    return Plant((p["first.A"], p["second.A"]), efforts, _pick(0, 1))
+    return Plant((p["first.A"], p["second.A"]), efforts, (0, 1))
 
 
 RESERVOIRS = RigKind(
@@ -384,7 +378,7 @@ def _oscillator(p: Parameters) -> Plant:
     def efforts(x: Values, u: Values) -> list[float]:
         return [x[1], u[0] - d * x[1] - k * x[0]]
 
-    return Plant((1.0, m), efforts, _pick(0))
+    return Plant((1.0, m), efforts, (0,))
 
 
 OSCILLATOR = RigKind(
@@ -413,11 +407,10 @@ def _carriages(p: Parameters) -> Plant:
     k1, k2, d1, d2 = p["k1"], p["k2"], p["d1"], p["d2"]
 
     def efforts(x: Values, u: Values) -> list[float]:
-        s1, v1, s2, v2 = x
-        pull = k2 * (s2 - s1) + d2 * (v2 - v1)
-        return [v1, u[0] - k1 * s1 - d1 * v1 + pull, v2, -pull]
+        pull = k2 * (x[2] - x[0]) + d2 * (x[3] - x[1])
+        return [x[1], u[0] - k1 * x[0] - d1 * x[1] + pull, x[3], -pull]
 
-    return Plant((1.0, p["m1"], 1.0, p["m2"]), efforts, _pick(0, 2))
+    return Plant((1.0, p["m1"], 1.0, p["m2"]), efforts, (0, 2))
 
 
 CARRIAGES = RigKind(

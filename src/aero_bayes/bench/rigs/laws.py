@@ -126,24 +126,16 @@ def _delay_in(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 def _gain_out(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     column = a.outputs.index(name)
-    a.readings.append(lambda t, y: np.multiply(y[:, column], 1.0 + p["g"], out=y[:, column]))
+    a.readings.append(lambda t, y, x: np.multiply(y[:, column], 1.0 + p["g"], out=y[:, column]))
 
 
 def _offset_out(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     column = a.outputs.index(name)
-    a.readings.append(lambda t, y: np.add(y[:, column], p["b"], out=y[:, column]))
+    a.readings.append(lambda t, y, x: np.add(y[:, column], p["b"], out=y[:, column]))
 
 
 def _lag_out(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    column, rate = a.outputs.index(name), 1.0 / p["T"]
-    index = a.add_state(lambda x, y: y[column])
-    read = a.plant.read
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[index] += rate * (read(x, u)[column] - x[index])
-
-    a.term(add)
-    a.shares[name] = (index, 1.0)
+    a.lags[name] = p["T"]
 
 
 def _delay_out(a: Assembly, name: str, p: Parameters, slack: float) -> None:
@@ -187,6 +179,8 @@ def _presliding(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     """Dahl's model: a spring that yields at ``F_c``."""
     index, level, stiffness = a.state(name), p["F_c"], p["F_c"] / p["x_s"]
     force = a.add_state()
+    # The force settles within x_s / |v|, and v reaches some 2e9 slacks.
+    a.longest = min(a.longest, 0.4 * p["x_s"] / (2e9 * slack))
 
     def add(region: int, t: float, x: Values, u: Values, e: list[float]) -> None:
         v = x[index]
@@ -218,6 +212,7 @@ def _cubic_stiffness(a: Assembly, name: str, p: Parameters, slack: float) -> Non
 
 def _end_stop(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     index, position = a.state(name), a.state(a.balances[name].position or "")
+    a.longest = min(a.longest, 0.1 * sqrt(a.plant.capacity[index] / p["k_s"]))
 
     def add(region: int, t: float, x: Values, u: Values, e: list[float]) -> None:
         if region:
@@ -339,7 +334,7 @@ LAWS: dict[tuple[str, str], LawKind] = {
             LawKind(
                 "presliding_friction",
                 "balance",
-                lambda g, z, s: {"F_c": z * s.effort, "x_s": s.spread * s.time * float(g.uniform(0.03, 0.3))},
+                lambda g, z, s: {"F_c": z * s.effort, "x_s": s.spread * s.time * float(g.uniform(0.1, 0.5))},
                 _presliding,
             ),
         ),

@@ -19,8 +19,8 @@ def run_linear(
 ) -> tuple[FloatArray, FloatArray]:
     """Outputs, shape (n, outputs), and states, shape (n, states), at samples ``step`` s apart.
 
-    The equations dx/dt = A x + B u + c, y = C x are read off by unit vectors. Over a sample x becomes Phi x + Gamma (u, 1); in the
-    basis of Phi's eigenvectors each state is a first-order filter of its own.
+    The equations dx/dt = A x + B u + c are read off by unit vectors. Over a sample x becomes Phi x + Gamma (u, 1); in
+    the basis of Phi's eigenvectors each state is a first-order filter of its own.
     """
     states, inputs = len(start), commands.shape[1]
     capacity = np.array(plant.capacity)
@@ -43,5 +43,4 @@ def run_linear(
         found[k, 0] = first[k]
         found[k, 1:] = lfilter([1.0], [1.0, -mode], driven[k, :-1], zi=[mode * first[k]])[0]
     x = (basis @ found).real.T
-    reading = np.array([plant.read(unit, [0.0] * inputs) for unit in np.eye(states).tolist()])
-    return x @ reading, x
+    return x[:, list(plant.shown)], x

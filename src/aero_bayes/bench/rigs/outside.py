@@ -7,7 +7,7 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from aero_bayes.bench.rigs.assembly import Assembly
+from aero_bayes.bench.rigs.assembly import Assembly, FloatArray
 from aero_bayes.bench.rigs.laws import LawKind, Parameters
 from aero_bayes.bench.rigs.plant import Values
 from aero_bayes.bench.rigs.signals import hold, play, static
@@ -28,15 +28,18 @@ def _wave(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 def _resonance(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     """A weakly damped mode of the sensor's mount that its reading excites and adds to it."""
     column, w, damping = a.outputs.index(name), p["w_0"], p["zeta"]
-    position, speed, read = a.add_state(lambda x, y: y[column]), a.add_state(), a.plant.read
+    shown = a.plant.shown[column]
+    position, speed = a.add_state(shown), a.add_state()
 
     def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        shown = read(x, u)[column]
         e[position] += x[speed]
-        e[speed] += w * w * (shown - x[position]) - 2.0 * damping * w * x[speed]
+        e[speed] += w * w * (x[shown] - x[position]) - 2.0 * damping * w * x[speed]
+
+    def reading(t: FloatArray, y: FloatArray, x: FloatArray) -> None:
+        y[:, column] += p["g"] * (x[:, position] - x[:, shown])
 
     a.term(add)
-    a.shares[name] = (position, p["g"])
+    a.readings.append(reading)
 
 
 def _cogging(a: Assembly, name: str, p: Parameters, slack: float) -> None:
@@ -63,7 +66,7 @@ def _vibration(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 def _drift(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     column = a.outputs.index(name)
-    a.readings.append(lambda t, y: np.add(y[:, column], p["a"] * ((t - t[0]) / p["T"]) ** 2, out=y[:, column]))
+    a.readings.append(lambda t, y, x: np.add(y[:, column], p["a"] * ((t - t[0]) / p["T"]) ** 2, out=y[:, column]))
 
 
 OUTSIDE: dict[tuple[str, str], LawKind] = {

@@ -1,8 +1,8 @@
 """What a rig is to the integrator: balances, and laws that add to them or constrain them.
 
-Every state x_i obeys c_i dx_i/dt = e_i: a mass and the sum of its forces, an area and the sum of its flows; c_i = 1 and
-e_i a rate for a state that only follows others. A law adds to e_i, holds its state (friction that sticks, a tank that is
-full) or brings states of its own.
+Every state x_i obeys c_i dx_i/dt = e_i: a mass and the sum of its forces, an area and the sum of its flows; c_i = 1
+and e_i a rate for a state that only follows others. A law adds to e_i, holds its state (friction that sticks, a tank
+that is full) or brings states of its own.
 """
 
 from __future__ import annotations
@@ -11,17 +11,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 Values = Sequence[float]
-#: (state, input) -> e_i of every state, or the outputs.
-Equations = Callable[[Values, Values], list[float]]
 
 
 @dataclass(frozen=True)
 class Plant:
-    """The equations of one rig with its parameters in them."""
+    """The equations of one rig with its parameters in them.
+
+    Parameters
+    ----------
+    capacity : tuple of float
+        c_i of every state.
+    efforts : callable
+        (states, inputs) -> e_i of every state.
+    shown : tuple of int
+        The states that are measured.
+    """
 
     capacity: tuple[float, ...]
-    efforts: Equations
-    read: Equations
+    efforts: Callable[[Values, Values], list[float]]
+    shown: tuple[int, ...]
 
 
 class Law:

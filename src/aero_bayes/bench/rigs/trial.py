@@ -143,7 +143,7 @@ def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "la
         name: value * (1.0 if name in rig.known else float(rng.uniform(1.0 - SPREAD, 1.0 + SPREAD)))
         for name, value in rig.parameters.items()
     }
-    time = np.arange(rig.rows) * rig.step
+    time: FloatArray = np.arange(rig.rows, dtype=np.float64) * rig.step
     commands = {run: _commands(rng, rig, time) for run in ("train", "test")}
     starts = {run: _start(rng, rig, parameters) for run in ("train", "test")}
     quiet = simulate(rig, parameters, [], time, commands["train"], starts["train"])
@@ -178,16 +178,16 @@ def write_trial(trial: RigTrial, folder: Path | str, truth: Path | str | None = 
     return seen
 
 
-def _design(rng: Generator, height: float, duration: float) -> InputDesign:
-    """A signal within ``height``; times in units of the rig's clock."""
+def _design(rng: Generator, duration: float) -> InputDesign:
+    """A signal within -1 and 1; times in units of the rig's clock."""
     which = int(rng.integers(4))
     if which == 0:
-        return random_levels(rng, height, duration)
+        return random_levels(rng, 1.0, duration)
     if which == 1:
-        return prbs(rng, height, duration)
+        return prbs(rng, 1.0, duration)
     if which == 2:
-        return multi_sine(rng, height, 0.03, 0.6)
-    return Chirp(height, 0.02, 0.6, duration / 2.0)
+        return multi_sine(rng, 1.0, 0.03, 0.6)
+    return Chirp(1.0, 0.02, 0.6, duration / 2.0)
 
 
 def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
@@ -195,7 +195,7 @@ def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
     for drive in kind.inputs.values():
         duration = float(time[-1]) / drive.clock
         height = drive.height * float(rng.uniform(0.7, 1.0))
-        values = drive.centre + _design(rng, height, duration).volts(time / drive.clock)
+        values = drive.centre + height * _design(rng, duration).volts(time / drive.clock)
         values[: max(2, round(LEAD * time.size))] = drive.centre
         columns.append(values)
     return np.column_stack(columns)
@@ -276,7 +276,7 @@ def sized(
         truth = LawTruth(law, place, formula.draw(np.random.default_rng(entropy), size, scale))
         try:
             d = yardstick.distance([truth], [], basis)
-        except (OverflowError, ValueError):
+        except OverflowError:
             d = float("nan")
         return replace(truth, d=d)
 
