@@ -54,6 +54,8 @@ class RigTruth:
         Initial states of the recordings ``train`` and ``test``.
     noise : mapping of str to Noise
         Per output.
+    aliases : mapping of str to str
+        States that an output shows, and that output: a compiler may call the state by either name.
     seed : tuple of int
     """
 
@@ -63,6 +65,7 @@ class RigTruth:
     parameters: Mapping[str, float]
     starts: Mapping[str, Mapping[str, float]]
     noise: Mapping[str, Noise]
+    aliases: Mapping[str, str]
     seed: tuple[int, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -157,10 +160,17 @@ def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "la
         for run in ("train", "test")
     }
     measured = {run: _measure(stream, silent[run], noise) for run, stream in zip(silent, rng.spawn(2), strict=True)}
+    states, shown = tuple(rig.states), rig.plant(parameters).shown
     truth = RigTruth(
-        kind, what, tuple(laws), parameters,
-        {run: dict(zip(rig.states, start, strict=True)) for run, start in starts.items()}, noise, seed,
-    )  # fmt: skip
+        kind=kind,
+        what=what,
+        laws=tuple(laws),
+        parameters=parameters,
+        starts={run: dict(zip(states, start, strict=True)) for run, start in starts.items()},
+        noise=noise,
+        aliases={states[index]: output for index, output in zip(shown, rig.outputs, strict=True)},
+        seed=seed,
+    )
     folder = models_folder() / kind
     return RigTrial(measured["train"], measured["test"], silent, truth, folder / "Rig.mo", folder / "rig.toml")
 
