@@ -110,7 +110,8 @@ def _rate_limit(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _square_law(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.actuators[name] = static(lambda u: u + p["a"] * u * np.abs(u))
+    """Between the command itself and its square, which are equal at ``u_n``."""
+    a.actuators[name] = static(lambda u: u + p["a"] * (u * np.abs(u) / p["u_n"] - u))
 
 
 def _lag_in(a: Assembly, name: str, p: Parameters, slack: float) -> None:
@@ -307,7 +308,7 @@ LAWS: dict[tuple[str, str], LawKind] = {
             "input",
             LawKind("rate_limit", "input", lambda g, z, s: {"r_max": s.spread / (z * s.time)}, _rate_limit, 30.0),
         ),
-        ("input", LawKind("square_law", "input", lambda g, z, s: {"a": z / s.largest}, _square_law, 3.0)),
+        ("input", LawKind("square_law", "input", lambda g, z, s: {"a": z, "u_n": s.largest}, _square_law, 1.5)),
         ("input", LawKind("lag", "input", lambda g, z, s: {"T": z * s.time}, _lag_in, 20.0)),
         ("input", LawKind("delay", "input", lambda g, z, s: {"T": z * s.time}, _delay_in, 10.0)),
         ("output", LawKind("gain", "output", lambda g, z, s: {"g": z * _signed(g)}, _gain_out, 0.6)),
