@@ -21,10 +21,12 @@ def times(kind, rows: int) -> np.ndarray:
 
 
 def steps(kind, rows: int, seed: int = 0) -> np.ndarray:
-    """Levels within the drive, held for its clock."""
-    (drive,) = kind.inputs.values()
-    levels = np.random.default_rng(seed).uniform(-1.0, 1.0, rows)
-    return (drive.centre + drive.height * levels[(times(kind, rows) / drive.clock).astype(int)])[:, None]
+    """Levels within each drive, held for its clock."""
+    rng, columns = np.random.default_rng(seed), []
+    for drive in kind.inputs.values():
+        levels = rng.uniform(-1.0, 1.0, rows)
+        columns.append(drive.centre + drive.height * levels[(times(kind, rows) / drive.clock).astype(int)])
+    return np.column_stack(columns)
 
 
 def balance(law: str, name: str, **parameters: float) -> LawTruth:

@@ -408,7 +408,7 @@ def _carriages(p: Parameters) -> Plant:
 
     def efforts(x: Values, u: Values) -> list[float]:
         pull = k2 * (x[2] - x[0]) + d2 * (x[3] - x[1])
-        return [x[1], u[0] - k1 * x[0] - d1 * x[1] + pull, x[3], -pull]
+        return [x[1], u[0] - k1 * x[0] - d1 * x[1] + pull, x[3], u[1] - pull]
 
     return Plant((1.0, p["m1"], 1.0, p["m2"]), efforts, (0, 2))
 
@@ -416,7 +416,7 @@ def _carriages(p: Parameters) -> Plant:
 CARRIAGES = RigKind(
     "carriages",
     {"m1": 2.0, "m2": 1.0, "k1": 80.0, "k2": 50.0, "d1": 3.0, "d2": 0.8},
-    {"f": Drive(0.0, 15.0, 1.0)},
+    {"f1": Drive(0.0, 15.0, 1.0), "f2": Drive(0.0, 6.0, 1.7)},
     {
         "s1": Balance("rate"),
         "v1": Balance("motion", position="s1"),
@@ -424,7 +424,7 @@ CARRIAGES = RigKind(
         "v2": Balance("motion", position="s2"),
     },
     ("x1", "x2"),
-    {"f": "N", "x1": "m", "x2": "m"},
+    {"f1": "N", "f2": "N", "x1": "m", "x2": "m"},
     0.01,
     6001,
     _carriages,
@@ -432,7 +432,8 @@ CARRIAGES = RigKind(
     (0.14, 0.5, 0.18, 0.7),
     (0.01, 0.0, 0.01, 0.0),
     {
-        "in:f": f"{ACTUATOR} offset",
+        "in:f1": f"{ACTUATOR} gain offset",
+        "in:f2": f"{ACTUATOR} gain offset",
         "v1": f"{FRICTION} quadratic_drag offset cubic_stiffness end_stop",
         "v2": f"{FRICTION} viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness",
         "out:x1": "gain offset lag delay",

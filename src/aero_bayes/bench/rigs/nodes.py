@@ -1,9 +1,10 @@
-"""Under which names a law's place may be reported: the state, what shows it, and connectors of its component."""
+"""Under which names a law's place may be reported: its own, and connectors of its component."""
 
 from __future__ import annotations
 
 import re
 
+from aero_bayes.bench.rigs.kinds import KINDS
 from aero_bayes.bench.rigs.trial import RigTrial
 from aero_bayes.bench.rigs.truth import LawTruth
 
@@ -21,19 +22,19 @@ def connected(source: str) -> list[set[str]]:
 def same_places(trial: RigTrial, law: LawTruth) -> list[str]:
     """Ids ``law@port`` that name this law at this place.
 
-    A balance goes by its state, by the output that is that state, or, where the state belongs to a component, by any
-    connector that is joined to that component.
+    A balance goes by its state or, where the state belongs to a component, by any connector that is joined to it. What
+    is in series with a component is at its own connectors, or at the other end of a joint of two.
     """
-    name = law.place.name
-    if law.place.kind == "output":
-        # An output that is a state is told from that state's balance.
-        return [f"{law.law}@{name}", f"{law.law}@output_{name}"]
+    name, kind = law.place.name, law.place.kind
     names = [name]
-    if law.place.kind in ("balance", "coupling"):
-        names += [trial.truth.aliases[name]] if name in trial.truth.aliases else []
-        component = name.rpartition(".")[0]
-        if component:
-            for node in connected(trial.model.read_text(encoding="utf-8")):
-                if any(connector.startswith(f"{component}.") for connector in node):
-                    names += sorted(node)
+    if kind == "output":
+        # So called where it is a state itself, whose name stands for the balance.
+        names.append(f"output_{name}")
+    component = name.rpartition(".")[0]
+    if component and kind in ("balance", "coupling"):
+        series = kind == "coupling" or KINDS[trial.truth.kind].states[name].family == "electrical"
+        for node in connected(trial.model.read_text(encoding="utf-8")):
+            own = {connector for connector in node if connector.startswith(f"{component}.")}
+            if own:
+                names += sorted(own if series and len(node) > 2 else node)
     return [f"{law.law}@{one}" for one in dict.fromkeys(names)]
