@@ -99,28 +99,20 @@ def lagged(time: FloatArray, values: FloatArray, constant: float) -> Signal:
 
 def rate_limited(time: FloatArray, values: FloatArray, fastest: float) -> Signal:
     """Follows the command, but by no more than ``fastest`` a second."""
-    breaks: list[float] = []
-    base: list[float] = []
-    slope: list[float] = []
-    at = float(values[0])
-    step = float(time[-1] - time[-2])
-    for t, end, target in zip(
-        time.tolist(), [*time[1:].tolist(), float(time[-1]) + step], values.tolist(), strict=True
-    ):
+    at, step = float(values[0]), float(time[-1] - time[-2])
+    pieces: list[tuple[float, float, float]] = [(float(time[0]), at, 0.0)]
+    ends = [*time[1:].tolist(), float(time[-1]) + step]
+    for t, end, target in zip(time.tolist(), ends, values.tolist(), strict=True):
         gap = target - at
-        needed = abs(gap) / fastest
-        if gap:
-            breaks.append(t)
-            base.append(at)
-            slope.append(fastest if gap > 0.0 else -fastest)
-        if needed < end - t:
-            at = target
-            breaks.append(t + needed)
-            base.append(at)
-            slope.append(0.0)
-        else:
-            at += slope[-1] * (end - t)
-    return Signal(np.array(breaks), np.array(base), np.array(slope), np.zeros(len(breaks)))
+        if not gap:
+            continue
+        speed = fastest if gap > 0.0 else -fastest
+        pieces.append((t, at, speed))
+        at = target if gap / speed < end - t else at + speed * (end - t)
+        if at == target:
+            pieces.append((t + gap / speed, at, 0.0))
+    breaks, base, slope = np.array(pieces).T
+    return Signal(breaks, base, slope, np.zeros(len(pieces)))
 
 
 def play(time: FloatArray, values: FloatArray, half_width: float, share: float) -> Signal:
