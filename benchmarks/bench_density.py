@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aero_bayes.inference import Fit
-from aero_bayes.inference.noise import noise_array
-from aero_bayes.inference.target import Target
+from aero_bayes.estimate import Fit
+from aero_bayes.estimate.target import Target
+from aero_bayes.sensors.noise import noise_array
 
 
 def density(fit: Fit, target: Target) -> Callable[[np.ndarray], np.ndarray]:

@@ -17,10 +17,10 @@ import numpy as np
 from bench_density import density
 from harness import Row, missing
 
-from aero_bayes.inference import Fit
-from aero_bayes.inference.diagnostics import diagnose
-from aero_bayes.inference.pso import SwarmSettings, minimise
-from aero_bayes.inference.target import Target
+from aero_bayes.estimate import Fit
+from aero_bayes.estimate.swarm import SwarmSettings, minimise
+from aero_bayes.estimate.target import Target
+from aero_bayes.sample.diagnostics import diagnose
 from aero_bayes.simulation import DelayTarget, ParameterTarget, StartTarget, open_simulator
 
 GROUPS = ("swarm", "pints")

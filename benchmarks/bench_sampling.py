@@ -27,12 +27,13 @@ from bench_density import density
 from harness import Row, ratio, update
 
 from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
+from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
+from aero_bayes.estimate.target import Target
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import CalibrationSettings, Fit, FitSettings, NoiseModel, SampleSettings, fit
-from aero_bayes.inference.mcmc import Chain
-from aero_bayes.inference.mcmc import run as run_chain
-from aero_bayes.inference.moves import HeavyTail
-from aero_bayes.inference.target import Target
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import Chain
+from aero_bayes.sample.mcmc import run as run_chain
+from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.simulation import Model, open_simulator
 
 GROUPS = ("sampling", *bench_pints.GROUPS)

@@ -36,8 +36,7 @@ from tqdm import tqdm
 
 from aero_bayes import bench
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.export import export_fmu
-from aero_bayes.inference import (
+from aero_bayes.estimate import (
     CalibrationSettings,
     Fit,
     FitSettings,
@@ -46,11 +45,12 @@ from aero_bayes.inference import (
     fit,
     parameters_from_model,
 )
-from aero_bayes.inference.evidence import importance_posterior, joint_target
-from aero_bayes.inference.identifiability import Status
-from aero_bayes.inference.importance import Weighted
-from aero_bayes.inference.mcmc import SampleSettings, run
-from aero_bayes.inference.moves import HeavyTail
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.export import export_fmu
+from aero_bayes.sample.evidence import importance_posterior, joint_target
+from aero_bayes.sample.importance import Weighted
+from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.simulation import (
     DelayTarget,
     Model,

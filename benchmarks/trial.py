@@ -35,9 +35,9 @@ from trial_table import summarise
 
 from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
-from aero_bayes.discrepancy import close_loop
-from aero_bayes.discrepancy.family import KNOTS, ModelFamily
 from aero_bayes.export import CURVE_STATES, Port
+from aero_bayes.loop import close_loop
+from aero_bayes.physics.family import KNOTS, ModelFamily
 
 TABLE, DEVELOPMENT = 7001, 1001
 KINDS = ("single", "none", "pair", "outside")

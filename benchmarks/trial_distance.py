@@ -12,19 +12,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from aero_bayes.estimate.refit import RefitSettings, refit
+from aero_bayes.loop.baseline import fit_base, nuisance_parameters, prepare
 
 from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
-from aero_bayes.discrepancy.baseline import fit_base, nuisance_parameters, prepare
-from aero_bayes.discrepancy.catalogue import candidates_of
-from aero_bayes.discrepancy.family import ModelFamily
-from aero_bayes.discrepancy.refit import RefitSettings, refit
-from aero_bayes.discrepancy.study import Study, problem_of
-from aero_bayes.discrepancy.whitening import OutputNoise
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.objective import Study, problem_of
+from aero_bayes.estimate.parameters import parameters_from_model
 from aero_bayes.export import CATALOGUE
-from aero_bayes.inference.aero import aero_overrides
-from aero_bayes.inference.parameters import parameters_from_model
+from aero_bayes.physics.catalogue import candidates_of
+from aero_bayes.physics.family import ModelFamily
+from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from aero_bayes.data import Recording, read_recording, summarise
     from aero_bayes.design import propose_experiment
-    from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
     from aero_bayes.errors import CannotFinishError, InputError
+    from aero_bayes.estimate import Fit, FitSettings, fit
     from aero_bayes.export import export_fmu
-    from aero_bayes.inference import Fit, FitSettings, Posterior, SampleSettings, fit, sample
     from aero_bayes.library import load_model
+    from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.report import write_report
+    from aero_bayes.sample import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model
 
 #: The public names and where each lives; they are imported when first used, so that one command pays for one stage.
@@ -30,18 +31,18 @@ _HOME = {
     "read_recording": "data",
     "summarise": "data",
     "propose_experiment": "design",
-    "LoopResult": "discrepancy",
-    "LoopSettings": "discrepancy",
-    "close_loop": "discrepancy",
+    "LoopResult": "loop",
+    "LoopSettings": "loop",
+    "close_loop": "loop",
     "CannotFinishError": "errors",
     "InputError": "errors",
     "export_fmu": "export",
-    "Fit": "inference",
-    "FitSettings": "inference",
-    "Posterior": "inference",
-    "SampleSettings": "inference",
-    "fit": "inference",
-    "sample": "inference",
+    "Fit": "estimate",
+    "FitSettings": "estimate",
+    "Posterior": "sample",
+    "SampleSettings": "sample",
+    "fit": "estimate",
+    "sample": "sample",
     "load_model": "library",
     "write_report": "report",
     "Model": "simulation",

@@ -100,7 +100,7 @@ class FitSection(Section):
     method: Literal["pso+local", "pso", "local"] = "pso+local"
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
-    max_input_delay: Annotated[float, Field(ge=0)] = 0.02
+    max_input_delay: Annotated[float, Field(ge=0)] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
@@ -135,6 +135,9 @@ class LoopSection(Section):
     max_effects: Count = 3
     held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
     effects: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
 
 
 class SolverSection(Section):

@@ -18,7 +18,9 @@ def _session() -> ScratchFolder:
     return ScratchFolder()
 
 
-def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path | None = None) -> Model:
+def load_model(
+    name: str | Path, *, sources: Sequence[Path] = (), libraries: Sequence[Path] = (), folder: Path | None = None
+) -> Model:
     """Open an FMU, or build one from a Modelica class.
 
     Parameters
@@ -27,6 +29,8 @@ def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path |
         Path of an ``.fmu`` file, or a class such as ``Aero.Systems.OneDof``.
     sources : sequence of Path
         Further Modelica files that the class needs.
+    libraries : sequence of Path
+        Folders of Modelica packages that these use.
     folder : Path, optional
         Where a built FMU is kept; a temporary folder that lasts as long as the process by default.
 
@@ -39,4 +43,5 @@ def load_model(name: str | Path, *, sources: Sequence[Path] = (), folder: Path |
         return Model.load(Path(name))
     target = folder if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
     target.mkdir(parents=True, exist_ok=True)
-    return Model.load(export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources))
+    built = export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources, libraries=libraries)
+    return Model.load(built)

@@ -102,7 +102,7 @@ def test_paper_recording() -> None:
 
 def test_nothing_that_fits_imports_the_bench_and_it_imports_nothing_of_theirs() -> None:
     root = Path(aero_bayes.__file__).parent
-    for stage in ("export", "simulation", "data", "inference", "discrepancy"):
+    for stage in ("export", "simulation", "data", "inference", "loop"):
         for path in (root / stage).rglob("*.py"):
             assert not any(name.startswith("aero_bayes.bench") for name in imports(path)), path
     for path in (root / "bench").rglob("*.py"):

@@ -20,7 +20,7 @@ import bench_plot
 import bench_sampling
 from harness import Goal, Route, Row, measure, missing, ratio, update
 
-from aero_bayes.inference.target import Target
+from aero_bayes.estimate.target import Target
 from aero_bayes.simulation import open_simulator
 
 

@@ -12,9 +12,9 @@ from aero_bayes.design import FAMILIES, Limits, check_gain, propose_experiment, 
 from aero_bayes.design.information import Forecaster, posterior_sd
 from aero_bayes.design.optimise import SearchSettings
 from aero_bayes.errors import InputError
+from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import FitSettings, fit
-from aero_bayes.inference.evidence import laplace_evidence
+from aero_bayes.sample.evidence import laplace_evidence
 from aero_bayes.simulation import Model
 
 QUICK = SearchSettings(start=6, rounds=2, candidates=6, families=1)

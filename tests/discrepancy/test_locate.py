@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.discrepancy.locate import (
+from aero_bayes.physics.locate import (
     LinearResponse,
     find_moment,
     gaussian_evidence,

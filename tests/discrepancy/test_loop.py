@@ -9,8 +9,8 @@ import pytest
 
 from aero_bayes.bench import effect, random_levels, real, simulate_recording, white
 from aero_bayes.bench.truth import Parameters, Truth
-from aero_bayes.discrepancy import AttributeSettings, LoopSettings, close_loop
 from aero_bayes.errors import InputError
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
 
 SETTINGS = LoopSettings(attribute=AttributeSettings(max_effects=2))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.discrepancy.prepare import alias, quantum, remove_ripple, thin_standstill
+from aero_bayes.sensors.counts import alias, quantum, remove_ripple, thin_standstill
 
 
 def test_quantum_is_found_on_counts_and_nowhere_else():

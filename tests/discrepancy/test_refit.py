@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from aero_bayes.estimate.refit import RefitSettings, refit
 from scipy.stats import multivariate_normal
 
-from aero_bayes.discrepancy.attribute import AttributeSettings, Candidate, select, threshold
-from aero_bayes.discrepancy.refit import RefitSettings, refit
-from aero_bayes.discrepancy.study import Study
-from aero_bayes.discrepancy.whitening import OutputNoise
-from aero_bayes.inference.parameters import Parameter, ParameterSet
-from aero_bayes.inference.priors import Normal
+from aero_bayes.estimate.objective import Study
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.priors import Normal
+from aero_bayes.loop.attribute import AttributeSettings, Candidate, select, threshold
+from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
 
 TIME = np.arange(600) * 0.05

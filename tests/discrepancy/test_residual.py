@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.discrepancy.judge import rms_error
-from aero_bayes.discrepancy.residual import autocorrelation, portmanteau, slow_structure, smooth_structure
-from aero_bayes.discrepancy.study import Series
-from aero_bayes.discrepancy.whitening import OutputNoise, Sampling, whiten
+from aero_bayes.check.structure import autocorrelation, portmanteau, slow_structure, smooth_structure
+from aero_bayes.estimate.objective import Series
+from aero_bayes.loop.judge import rms_error
+from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
 
 N = 4000
 TIME = np.arange(N) * 0.01

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.discrepancy.whitening import (
+from aero_bayes.sensors.noise import (
     BinnedPower,
     OutputNoise,
     Sampling,

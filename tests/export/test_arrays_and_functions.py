@@ -155,7 +155,8 @@ REFUSED = [
 
 @pytest.mark.parametrize(("lines", "message"), REFUSED)
 def test_what_is_not_translated_is_one_line(lines: str, message: str, modelica: Write, tmp_path: Path) -> None:
-    text = f"within ;\nmodel Bad\n  Real x(start = {exp(-1)}, fixed = true);\n  Real y, z;\nequation\n  der(x) = -x;\n{lines}end Bad;\n"
+    head = f"within ;\nmodel Bad\n  Real x(start = {exp(-1)}, fixed = true);\n  Real y, z;\nequation\n  der(x) = -x;\n"
+    text = f"{head}{lines}end Bad;\n"
     with pytest.raises(InputError, match=message) as caught:
         export_fmu("Bad", tmp_path / "b.fmu", compiler="embedded", sources=[modelica("Bad", text)])
     assert "\n" not in str(caught.value)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.inference import Calibration, NoiseModel, Parameter, ParameterSet, Prior
+from aero_bayes.estimate import Calibration, NoiseModel, Parameter, ParameterSet, Prior
 from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
 from aero_bayes.simulation.model import Model, Variable
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.inference.mcmc import SampleSettings, run
-from aero_bayes.inference.moves import HeavyTail
+from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
 
 SETTINGS = SampleSettings(
     walkers=8, burn_in=(10, 20), settle=5, max_steps=150, checkpoint_seconds=0.0, time_limit=1e9, ess=1e9

@@ -11,10 +11,11 @@ import pytest
 
 from aero_bayes.bench import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_step, simulate_recording, white
 from aero_bayes.data import Recording, read_recording
+from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import Fit, FitSettings, Posterior, SampleSettings, Status, SwarmSettings, fit, sample
-from aero_bayes.inference.noise import NoiseEstimate, log_density
-from aero_bayes.inference.predictive import sequential_log_density
+from aero_bayes.sample import Posterior, SampleSettings, sample
+from aero_bayes.sample.predictive import sequential_log_density
+from aero_bayes.sensors.noise import OutputNoise, log_density
 from aero_bayes.simulation import Model
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
@@ -115,7 +116,7 @@ def test_one_step_densities_add_up_to_the_joint_one() -> None:
     steps = sequential_log_density(time, residual, noise)
     for k in range(2):
         for m in range(2):
-            joint = log_density(time, residual[k, :, m], NoiseEstimate(*noise[k, m]))
+            joint = log_density(time, residual[k, :, m], OutputNoise(*noise[k, m]))
             assert steps[k, :, m].sum() == pytest.approx(joint, rel=1e-9)
 
 

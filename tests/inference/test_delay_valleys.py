@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from aero_bayes import bench
+from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
+from aero_bayes.estimate.climb import LocalResult, Stop
+from aero_bayes.estimate.delays import log_mass
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import CalibrationSettings, FitSettings, fit
-from aero_bayes.inference.delays import log_mass
-from aero_bayes.inference.local import LocalResult, Stop
 from aero_bayes.simulation import Model
 
 

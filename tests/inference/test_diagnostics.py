@@ -6,7 +6,8 @@ import arviz as az
 import numpy as np
 import pytest
 
-from aero_bayes.inference.diagnostics import autocorrelation_time, diagnose, r_hat, whiteness
+from aero_bayes.sample.diagnostics import autocorrelation_time, diagnose, r_hat
+from aero_bayes.sensors.whiteness import whiteness
 
 
 def ar1(rng: np.random.Generator, rho: float, shape: tuple[int, int, int]) -> np.ndarray:

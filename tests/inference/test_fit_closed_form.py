@@ -8,7 +8,7 @@ from closed_form import FormulaSimulator, calibration, parameter
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference import (
+from aero_bayes.estimate import (
     FitSettings,
     LogUniform,
     NoiseModel,

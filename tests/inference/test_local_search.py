@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from aero_bayes.inference.local import LocalSettings, Products, Stop, bounded_step, search
+from aero_bayes.estimate.climb import LocalSettings, Products, Stop, bounded_step, search
 
 
 def test_bounded_step_agrees_with_bvls() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, StretchMove
+from aero_bayes.sample.moves import DifferentialMove, HeavyTail, IndependenceMove, StretchMove
 
 ENSEMBLES, STEPS = 40, 60
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.inference import NoiseEstimate, estimate_noise, innovations
-from aero_bayes.inference.noise import Covariance, log_density
+from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
+from aero_bayes.sensors.noise import Covariance, log_density
 
 
-def dense(t: np.ndarray, n: NoiseEstimate) -> np.ndarray:
+def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:
     k = n.sd_ou**2 * np.exp(-np.abs(t[:, None] - t) / n.tau) if n.sd_ou else 0.0
     return k + n.sd_white**2 * np.eye(t.size)
 
 
-def draw(rng: np.random.Generator, t: np.ndarray, n: NoiseEstimate) -> np.ndarray:
+def draw(rng: np.random.Generator, t: np.ndarray, n: OutputNoise) -> np.ndarray:
     x = np.empty(t.size)
     z = rng.normal(size=t.size)
     x[0] = n.sd_ou * z[0]
@@ -27,9 +27,9 @@ def draw(rng: np.random.Generator, t: np.ndarray, n: NoiseEstimate) -> np.ndarra
 
 @pytest.mark.parametrize(
     "noise",
-    [NoiseEstimate(0.3), NoiseEstimate(0.3, 0.8, 0.5), NoiseEstimate(0.01, 1.0, 30.0), NoiseEstimate(1.0, 0.01, 1e-3)],
+    [OutputNoise(0.3), OutputNoise(0.3, 0.8, 0.5), OutputNoise(0.01, 1.0, 30.0), OutputNoise(1.0, 0.01, 1e-3)],
 )
-def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: NoiseEstimate) -> None:
+def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: OutputNoise) -> None:
     rng = np.random.default_rng(6)
     t = np.sort(rng.uniform(0.0, 5.0, 60))
     r = draw(rng, t, noise)
@@ -49,8 +49,8 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: N
     )
 
 
-@pytest.mark.parametrize("truth", [NoiseEstimate(0.2), NoiseEstimate(0.1, 0.4, 0.3), NoiseEstimate(0.5, 0.4, 2.0)])
-def test_known_noise_is_found_and_its_kind_too(truth: NoiseEstimate) -> None:
+@pytest.mark.parametrize("truth", [OutputNoise(0.2), OutputNoise(0.1, 0.4, 0.3), OutputNoise(0.5, 0.4, 2.0)])
+def test_known_noise_is_found_and_its_kind_too(truth: OutputNoise) -> None:
     rng = np.random.default_rng(7)
     t = np.arange(6000) * 0.01
     r = [draw(rng, t, truth), draw(rng, t, truth)]
@@ -71,7 +71,7 @@ def test_white_noise_is_rarely_taken_for_correlated() -> None:
 
 
 def test_lag_one_correlation_of_the_sum() -> None:
-    n = NoiseEstimate(0.3, 0.4, 2.0)
+    n = OutputNoise(0.3, 0.4, 2.0)
     k = dense(np.array([0.0, 0.1]), n)
     assert n.rho(0.1) == pytest.approx(k[0, 1] / k[0, 0])
     assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
@@ -80,7 +80,7 @@ def test_lag_one_correlation_of_the_sum() -> None:
 def test_slow_noise_of_the_right_kind_is_suspected_but_searched_and_smooth_errors_are_held() -> None:
     time = np.arange(3000) * 0.01
     rng = np.random.default_rng(8)
-    truth = NoiseEstimate(0.01, 0.02, 1.2)
+    truth = OutputNoise(0.01, 0.02, 1.2)
     step = np.exp(-0.01 / truth.tau)
     values = np.empty(time.size)
     values[0] = truth.sd_ou * rng.standard_normal()

@@ -10,7 +10,7 @@ from closed_form import parameter
 from scipy import integrate, stats
 
 from aero_bayes.errors import InputError
-from aero_bayes.inference import LogNormal, LogUniform, Normal, ParameterSet, Uniform
+from aero_bayes.estimate import LogNormal, LogUniform, Normal, ParameterSet, Uniform
 
 PRIORS = [
     Uniform(-1.0, 3.0),

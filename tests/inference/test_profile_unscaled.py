@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from aero_bayes.inference.unscaled import Eq6Cost, unscaled_local, unscaled_swarm
 from closed_form import FormulaSimulator, calibration, parameter
 
+from aero_bayes.check.profile import profile
 from aero_bayes.errors import InputError
-from aero_bayes.inference import FitSettings, LogUniform, Normal, SwarmSettings, fit_calibration
-from aero_bayes.inference.profile import profile
-from aero_bayes.inference.unscaled import Eq6Cost, unscaled_local, unscaled_swarm
+from aero_bayes.estimate import FitSettings, LogUniform, Normal, SwarmSettings, fit_calibration
 
 T = np.linspace(0.0, 4.0, 120)
 

@@ -12,17 +12,17 @@ from scipy.stats import norm
 from aero_bayes import bench
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
+from aero_bayes.estimate import FitSettings, NoiseModel, OutputNoise, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import FitSettings, NoiseEstimate, NoiseModel, fit
-from aero_bayes.inference.evidence import joint_target
-from aero_bayes.inference.quantisation import (
+from aero_bayes.sample.evidence import joint_target
+from aero_bayes.sensors.counts import (
     counts_of,
     describe_counts,
     encoder_density,
     interval_log_density,
     rounding_error,
 )
-from aero_bayes.inference.ripple import find_ripple, without_ripple
+from aero_bayes.sensors.ripple import find_ripple, without_ripple
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.curves import ripple_series
 
@@ -206,7 +206,7 @@ def test_exact_likelihood_of_counts_replaces_the_gaussian_one(counted):
 
 def test_counts_of_correlated_noise_have_no_exact_likelihood(counted):
     fitted, step = counted
-    noise = {**fitted.noise, "theta": NoiseEstimate(0.01, 0.02, 0.3)}
+    noise = {**fitted.noise, "theta": OutputNoise(0.01, 0.02, 0.3)}
     with open_simulator(fitted.calibration.problem(), workers=0) as simulator:
         joint = joint_target(replace(fitted, noise=noise), simulator)
     with pytest.raises(InputError, match="white"):

@@ -17,8 +17,8 @@ import pytest
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.mcmc import SampleSettings, run
-from aero_bayes.inference.moves import HeavyTail
+from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
 
 
 def test_long_chain_of_a_banana_has_its_moments() -> None:

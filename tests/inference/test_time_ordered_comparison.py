@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes import bench
+from aero_bayes.check.blocks import block_edges, block_log_likelihood, sample_log_density
+from aero_bayes.check.comparison import compare, leave_future_out, leave_one_out, pool, waic
+from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
 from aero_bayes.errors import InputError
+from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import CalibrationSettings, FitSettings, fit
-from aero_bayes.inference.blocks import block_edges, block_log_likelihood, sample_log_density
-from aero_bayes.inference.comparison import compare, leave_future_out, leave_one_out, pool, waic
-from aero_bayes.inference.crossvalidation import leave_one_recording_out, time_ordered
-from aero_bayes.inference.evidence import joint_target
+from aero_bayes.sample.evidence import joint_target
 from aero_bayes.simulation import Model, open_simulator
 
 BLOCKS, EACH = 12, 8

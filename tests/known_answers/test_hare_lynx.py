@@ -13,20 +13,12 @@ import pytest
 from scipy.optimize import approx_fprime, minimize
 
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import (
-    CalibrationSettings,
-    FitSettings,
-    NoiseModel,
-    Normal,
-    Parameter,
-    ParameterSet,
-    calibrate,
-)
-from aero_bayes.inference.fit import fit_calibration
-from aero_bayes.inference.mcmc import SampleSettings, run
-from aero_bayes.inference.moves import HeavyTail
-from aero_bayes.inference.target import JointTarget, NoiseLayout, Target
+from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 
 HARE = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1, 40.3, 57, 76.6, 52.3, 19.5, 11.2, 7.6, 14.6, 16.2)

@@ -11,22 +11,14 @@ import pytest
 from scipy.stats import kstest, multivariate_normal
 
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import (
-    CalibrationSettings,
-    FitSettings,
-    NoiseModel,
-    Normal,
-    Parameter,
-    ParameterSet,
-    calibrate,
-)
-from aero_bayes.inference.evidence import importance_posterior, joint_target, laplace_evidence
-from aero_bayes.inference.fit import fit_calibration
-from aero_bayes.inference.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.inference.mcmc import SampleSettings, run
-from aero_bayes.inference.moves import HeavyTail
-from aero_bayes.inference.target import NoiseLayout
+from aero_bayes.sample.evidence import importance_posterior, joint_target, laplace_evidence
+from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
+from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 
 TIME = np.linspace(0.0, 8.0, 201)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.inference.local import LocalSettings, Products, search
+from aero_bayes.estimate.climb import LocalSettings, Products, search
 
 STRD = json.loads((Path(__file__).parent / "nist_strd.json").read_text())["problems"]
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from aero_bayes.bench import paper_recording
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.staged import PAPER_STAGES
+from aero_bayes.estimate.staged import PAPER_STAGES
 from aero_bayes.replay.descent import coarse_gradient, coarse_stage, coarse_step, exact_stage
 from aero_bayes.replay.notes import number
 from aero_bayes.replay.published import BOX, FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, UNOPTIMISED

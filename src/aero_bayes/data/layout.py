@@ -131,7 +131,7 @@ AERO = Layout(
     outputs=(
         Quantity("i_m", "A", 20.0, (3e-4, 5.0), True, "is it in mA?"),
         Quantity("omega_m", "rad/s", 1500.0, (0.2, 1500.0), True, "is it in rpm, deg/s or mrad/s?"),
-        Quantity("theta", "rad", math.pi, hints="is it in degrees, mrad or encoder counts?"),
+        Quantity("theta", "rad", 4.0 * math.pi, hints="is it in degrees, mrad or encoder counts?"),
     ),
     rates=(2.0, 2e5),
 )

@@ -12,8 +12,8 @@ from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.optimise import Progress
 from aero_bayes.design.propose import Design
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference import Fit, NoiseEstimate, ParameterSet
-from aero_bayes.inference.local import LocalSettings, Products, search
+from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
 from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -124,7 +124,7 @@ def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator
 
 
 def fit_again(
-    forecaster: Forecaster, experiment: Experiment, noise: list[NoiseEstimate]
+    forecaster: Forecaster, experiment: Experiment, noise: list[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
     """Most probable search coordinates of the shared parameters, from what was known and a new recording.
 
@@ -136,16 +136,17 @@ def fit_again(
     precision[:count, :count] = forecaster.precision()
     centre = np.append(shared.to_search(forecaster.values), np.zeros(len(free) - count))
     rows = np.array([[[n.as_row() for n in noise]]])
+    known = (centre, precision)
     with forecaster.open(forecaster.problem([experiment])) as simulator:
 
-        def products(points: FloatArray) -> Products:
-            return _posterior(simulator, free, points, centre, precision, rows, forecaster.delay_value)
+        def ground(point: FloatArray) -> Ground | None:
+            return _posterior(simulator, free, point, known, rows, forecaster.delay_value)
 
         start = centre.copy()
         if forecaster.delay is not None:
             start = _best_delay(simulator, free, centre, rows)
-        result = search(products, start[None], *free.box, LocalSettings(tolerance=1e-4))
-    return (np.asarray(result.points[0, :count]), float(result.cost[0])) if result.reasons[0].converged else None
+        result = search(Plain(ground), start, *free.box, LocalSettings(tolerance=1e-4))
+    return (result.point[:count], result.cost) if result.reason.converged else None
 
 
 def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, noise: FloatArray) -> FloatArray:
@@ -160,30 +161,26 @@ def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, no
 def _posterior(
     simulator: Simulator,
     free: ParameterSet,
-    points: FloatArray,
-    centre: FloatArray,
-    precision: FloatArray,
+    point: FloatArray,
+    known: tuple[FloatArray, FloatArray],
     noise: FloatArray,
     delay: float,
-) -> Products:
-    values = free.from_search(points)
-    full = (
-        values
-        if len(free) == len(simulator.problem.targets[0])
-        else np.column_stack([values, np.full(len(values), delay)])
-    )
+) -> Ground | None:
+    """Negative log-posterior at a point (p,), from the centre and the precision of what was ``known``."""
+    centre, precision = known
+    values = free.from_search(point[None])
+    full = values if len(free) == len(simulator.problem.targets[0]) else np.append(values, [[delay]], axis=1)
     data = simulator.gauss_newton(full, noise, active=range(len(free)))
-    slope = free.jacobian(values)
-    away = points - centre
-    cost = -np.asarray(data.log_likelihood) + 0.5 * np.einsum("ki,ij,kj->k", away, precision, away)
-    return Products(
-        np.where(np.isfinite(cost), cost, np.inf),
-        data.gradient * slope + away @ precision,
-        data.hessian * slope[:, :, None] * slope[:, None, :] + precision,
-    )
+    slope = free.jacobian(values)[0]
+    away = point - centre
+    cost = -float(data.log_likelihood[0]) + 0.5 * float(away @ precision @ away)
+    if not np.isfinite(cost):
+        return None
+    hessian = data.hessian[0] * np.outer(slope, slope) + precision
+    return Ground(cost, data.gradient[0] * slope + away @ precision, hessian)
 
 
-def draw_noise(time: FloatArray, noise: NoiseEstimate, rng: np.random.Generator) -> FloatArray:
+def draw_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
     """White and Ornstein-Uhlenbeck noise at increasing times (n,)."""
     out = noise.sd_white * rng.standard_normal(time.size)
     if noise.sd_ou > 0.0:

@@ -12,7 +12,7 @@ from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.optimise import Progress
 from aero_bayes.design.separate import Separation
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference import Fit
+from aero_bayes.estimate import Fit
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.workers import WorkerPool
 

@@ -11,7 +11,7 @@ from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.propose import Design
 from aero_bayes.design.separate import Separation
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference import Fit
+from aero_bayes.estimate import Fit
 
 FloatArray = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
-from aero_bayes.inference import Fit, NoiseEstimate, Parameter, ParameterSet
-from aero_bayes.inference.noise import Covariance
+from aero_bayes.estimate import Fit, OutputNoise, Parameter, ParameterSet
+from aero_bayes.sensors.noise import Sampling, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -111,7 +111,8 @@ class Forecaster:
         self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
         every = -(-time.size // MOST_SAMPLES)
         self.time = time[::every]
-        self._covariances = [Covariance(self.time, _thinned(fit.noise[name], every)) for name in calibration.outputs]
+        self._noise = [_thinned(fit.noise[name], every) for name in calibration.outputs]
+        self._sampling = Sampling.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
         """What is known already of the shared parameters, shape (p, p), in search coordinates."""
@@ -180,8 +181,9 @@ class Forecaster:
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Products of columns weighed by the noise of the measured outputs, (n, m, a) with (n, m, b) to (a, b)."""
         total = np.zeros((left.shape[2], right.shape[2]))
-        for k, covariance in enumerate(self._covariances):
-            total += left[:, k].T @ covariance.solve(np.ascontiguousarray(right[:, k]))
+        for k, noise in enumerate(self._noise):
+            rows, _ = whiten(np.concatenate((left[:, k], right[:, k]), axis=1).T, self._sampling, noise)
+            total += rows[: len(total)] @ rows[len(total) :].T
         return total
 
     def without_delay(self, joint: FloatArray) -> FloatArray:
@@ -208,7 +210,7 @@ class Forecaster:
         return None
 
 
-def _thinned(noise: NoiseEstimate, every: int) -> NoiseEstimate:
+def _thinned(noise: OutputNoise, every: int) -> OutputNoise:
     """Noise with which every n-th sample tells as much as all of them do: only the white part averages out."""
     return replace(noise, sd_white=noise.sd_white / every**0.5)
 

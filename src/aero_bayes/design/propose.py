@@ -19,7 +19,7 @@ from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted,
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.inference import Fit, Status
+from aero_bayes.estimate import Fit, Status
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]

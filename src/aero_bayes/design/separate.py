@@ -18,7 +18,7 @@ from aero_bayes.design.optimise import Progress, SearchSettings, best_signals
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, sample_times, within_travel
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.inference import Fit
+from aero_bayes.estimate import Fit
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
-from aero_bayes.inference.local import LocalSettings, Products, search
-from aero_bayes.inference.staged import PAPER_STAGES, Stage
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
+from aero_bayes.estimate.staged import PAPER_STAGES, Stage
 from aero_bayes.replay.published import BOX
 from aero_bayes.replay.runner import Runner
 from aero_bayes.replay.swarm import axis_box
@@ -120,19 +120,20 @@ def exact_stage(runner: Runner, stage: Stage, base: Mapping[str, float]) -> Desc
     output, columns = stage.outputs[0], [runner.names.index(name) for name in stage.parameters]
     low, high = axis_box(runner, stage.parameters, "log")
 
-    def products(points: FloatArray) -> Products:
-        values = np.tile(runner.vector(base), (len(points), 1))
-        values[:, columns] = np.exp(points)
+    def ground(point: FloatArray) -> Ground | None:
+        values = runner.vector(base)[None].copy()
+        slope = values[0, columns] = np.exp(point)
         cost, gradient, hessian = runner.products(values, output, columns)
-        slope = np.exp(points)
-        return Products(cost, gradient * slope, hessian * slope[:, :, None] * slope[:, None, :])
+        if not np.isfinite(cost[0]):
+            return None
+        return Ground(float(cost[0]), gradient[0] * slope, hessian[0] * np.outer(slope, slope))
 
     x0 = np.clip(np.log(runner.vector(base)[columns]), low, high)
     start_cost = float(runner.cost(runner.vector(base)[None, :], output)[0])
-    found = search(products, x0[None, :], low, high, LocalSettings(tolerance=1e-9, relative_tolerance=1e-9))
-    x = np.exp(found.points[0])
+    found = search(Plain(ground), x0, low, high, LocalSettings(tolerance=1e-9, relative_tolerance=1e-9))
+    x = np.exp(found.point)
     values = dict(base) | dict(zip(stage.parameters, x.tolist(), strict=True))
-    return Descent(stage, values, start_cost, 2.0 * float(found.cost[0]), (), found.evaluations, found.reasons[0].value)
+    return Descent(stage, values, start_cost, 2.0 * found.cost, (), found.evaluations, found.reason.value)
 
 
 def descend(

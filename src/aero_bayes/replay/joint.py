@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 from aero_bayes.data import Recording
-from aero_bayes.inference import Fit, FitSettings, fit
-from aero_bayes.inference.aero import aero_overrides
-from aero_bayes.inference.noise import NoiseModel
-from aero_bayes.inference.parameters import Override, ParameterSet, parameters_from_model
-from aero_bayes.inference.priors import LogNormal
+from aero_bayes.estimate import Fit, FitSettings, fit
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.replay.published import UNOPTIMISED
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation.model import Model
 
 Law = Literal["linear", "quadratic"]
@@ -38,8 +38,7 @@ def fit_right(
     White residuals are assumed: the table compares sums of squares, and a fit that may call a misfit correlated noise
     does not lower them.
     """
-    settings = FitSettings(noise=NoiseModel("white"))
+    settings = FitSettings(noise=NoiseModel("white"), engine=engine)
     return fit(
-        [recording], model, parameters=parameters_for(model, law), settings=settings, seed=seed, engine=engine,
-        workers=workers,
+        [recording], model, parameters=parameters_for(model, law), settings=settings, seed=seed, workers=workers,
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.bench import paper_recording
-from aero_bayes.inference.staged import PAPER_STAGES
+from aero_bayes.estimate.staged import PAPER_STAGES
 from aero_bayes.replay import table
 from aero_bayes.replay.descent import coarse_stage, descend, exact_stage
 from aero_bayes.replay.facts import Facts

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.inference import Fit
+from aero_bayes.estimate import Fit
 from aero_bayes.replay.descent import Descent
 from aero_bayes.replay.swarm import StageEnd
 from aero_bayes.replay.visibility import Visibility

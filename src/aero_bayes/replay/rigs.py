@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, input_jumps, noise_floor, to_experiment
+from aero_bayes.estimate import Fit
 from aero_bayes.export import export_fmu
-from aero_bayes.inference import Fit
 from aero_bayes.replay import visibility
 from aero_bayes.replay.published import TABLE_PARAMETERS, TRANSFER_GAIN, UNOPTIMISED
 from aero_bayes.replay.runner import Runner, problem_of

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.cost import eq6
+from aero_bayes.estimate.cost import eq6
 from aero_bayes.simulation.interface import (
     Experiment,
     Outcome,

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.inference.pso import Swarm, SwarmSettings
-from aero_bayes.inference.staged import PAPER_STAGES, Stage
+from aero_bayes.estimate.staged import PAPER_STAGES, Stage
+from aero_bayes.estimate.swarm import Swarm, SwarmSettings
 from aero_bayes.replay.published import BOX
 from aero_bayes.replay.runner import Runner
 

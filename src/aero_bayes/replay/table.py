@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.inference import Fit
+from aero_bayes.estimate import Fit
 from aero_bayes.replay.published import (
     FMINCON,
     PSO,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.identifiability import assess
+from aero_bayes.estimate.identifiability import assess
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,

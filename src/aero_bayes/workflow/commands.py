@@ -13,11 +13,11 @@ import click
 from aero_bayes.bench import default_recordings
 from aero_bayes.config import load_config
 from aero_bayes.data import read_recording, summarise
-from aero_bayes.inference.fit import fit
-from aero_bayes.inference.posterior import Posterior, sample
-from aero_bayes.inference.result import Fit
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.result import Fit
 from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
+from aero_bayes.sample.posterior import Posterior, sample
 from aero_bayes.workflow.curves import (
     Series,
     band_series,
@@ -169,7 +169,6 @@ def fit_job(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
         fixed=job.fixed,
         settings=replace(settings, method="local") if again else settings,
         seed=job.options.seed,
-        engine=job.engine,
         workers=job.options.workers,
         progress=progress,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording
-from aero_bayes.inference.result import Fit
+from aero_bayes.estimate.result import Fit
 
 FloatArray = NDArray[np.float64]
 Series = dict[str, FloatArray]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, input_jumps, noise_floor
-from aero_bayes.inference.diagnostics import whiteness
-from aero_bayes.inference.noise import innovations
-from aero_bayes.inference.result import Fit
+from aero_bayes.estimate.result import Fit
+from aero_bayes.sensors.noise import innovations
+from aero_bayes.sensors.whiteness import whiteness
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
 

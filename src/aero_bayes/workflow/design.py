@@ -27,11 +27,11 @@ from aero_bayes.design import (
 )
 from aero_bayes.design.propose import default_limits
 from aero_bayes.design.signal import HeldSignal
-from aero_bayes.discrepancy.catalogue import effect_parameter
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.result import Fit
 from aero_bayes.export import CATALOGUE, EffectUse, effect_of, export_fmu, write_extension
-from aero_bayes.inference.fit import fit
-from aero_bayes.inference.result import Fit
+from aero_bayes.physics.catalogue import effect_parameter
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.commands import fit_job, fit_part
@@ -178,7 +178,6 @@ def _with_effect(job: Job, base: Fit, name: str, common: Sequence[str], progress
                 fixed=job.fixed,
                 settings=replace(fit_settings(job), method="local"),
                 seed=job.options.seed,
-                engine=job.engine,
                 workers=job.options.workers,
             )
         )

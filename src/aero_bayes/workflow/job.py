@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import Literal
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import AERO, ColumnMap, Layout, Recording, read_recording
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import export_fmu
-from aero_bayes.inference.aero import aero_overrides
-from aero_bayes.inference.parameters import Override, ParameterSet, parameters_from_model
-from aero_bayes.inference.priors import LogNormal, LogUniform, Normal, Prior, Uniform
+from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.timescale import check_duration
@@ -21,6 +23,8 @@ from aero_bayes.workflow.timescale import check_duration
 Engine = Literal["native", "fmpy"]
 
 DEFAULT_MODEL = "Aero.Systems.OneDof"
+#: The package that comes with the program, whose columns and their believable sizes are known.
+PACKAGE = "Aero"
 
 
 @dataclass(frozen=True)
@@ -82,18 +86,29 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     """
     config = load_config(options.config)
     name, fmu = _which_model(config, options)
-    model = Model.load(fmu) if fmu is not None else None
+    own = fmu is None and not name.startswith(f"{PACKAGE}.")
+    # The columns of a model of the user's own are those that it declares.
+    sources, libraries = config.model.sources, config.model.libraries
+    model = None
+    if fmu is not None or own:
+        model = Model.load(fmu) if fmu is not None else load_model(name, sources=sources, libraries=libraries)
     layout = layout_of(config, model)
     columns = columns_of(config)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
-    if model is None:
+    if fmu is None:
         options.out.mkdir(parents=True, exist_ok=True)
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
-        model = Model.load(export_fmu(name, built, sources=config.model.sources, libraries=config.model.libraries))
+        if model is not None:
+            shutil.copyfile(model.path, built)
+        else:
+            export_fmu(name, built, sources=sources, libraries=libraries)
+        model = Model.load(built)
+    assert model is not None
     parameters = _parameters(model, config)
     fixed = _fixed(model, config, parameters)
-    check_duration(recordings, model, fixed)
+    if aero_overrides(model):
+        check_duration(recordings, model, fixed)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
 

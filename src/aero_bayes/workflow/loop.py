@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.discrepancy import LoopResult, LoopSettings, close_loop
-from aero_bayes.discrepancy.catalogue import effect_parameter
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE, export_fmu
-from aero_bayes.inference.aero import FIXED
-from aero_bayes.inference.identifiability import status_of
-from aero_bayes.inference.parameters import Override, Parameter, ParameterSet
+from aero_bayes.estimate.aero import FIXED, aero_overrides
+from aero_bayes.estimate.identifiability import status_of
+from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
+from aero_bayes.export import export_fmu
+from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.progress import ProgressBar
+from aero_bayes.workflow.settings import fit_settings
 
 Json = dict[str, Any]
 
@@ -33,11 +33,25 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
     if not job.modelica:
         raise InputError(
             f"{job.model.path}: the loop writes the missing effect into Modelica source; "
-            "expected --model to name a class of the Aero package, not an FMU"
+            "expected --model to name a Modelica class, not an FMU"
         )
+    section, aero = job.config.loop, bool(aero_overrides(job.model))
+    fitting = fit_settings(job)
+    defaults = LoopSettings()
+    calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
+    if aero:
+        calibration = replace(calibration, solver=defaults.calibration.solver)
+    swarm = None if aero or fitting.method == "local" else fitting.swarm
     settings = LoopSettings(
-        effects=job.config.loop.effects,
-        held_out=job.config.loop.held_out,
+        attribute=replace(defaults.attribute, max_effects=section.max_effects),
+        ascent=replace(defaults.ascent, swarm=swarm, staged=aero),
+        calibration=calibration,
+        seed=job.options.seed,
+        effects=section.effects,
+        exclude=section.exclude,
+        ports=section.ports,
+        laws=section.laws,
+        held_out=section.held_out,
         fixed=job.fixed,
         overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
         free=tuple(p.name for p in job.parameters if not p.auto),
@@ -46,6 +60,8 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         job.recordings,
         job.tests,
         model=job.name,
+        sources=job.config.model.sources,
+        libraries=job.config.model.libraries,
         settings=settings,
         workers=job.options.workers,
         out_dir=job.options.out,
@@ -62,9 +78,10 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
     if not added:
         return job
     out = job.options.out
-    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=[out / loop.modelica_path]))
-    new = [effect_parameter(item) for effect in added for item in CATALOGUE[effect.id].parameters]
-    parameters = job.parameters.extended(new)
+    sources = [*job.config.model.sources, out / loop.modelica_path]
+    libraries = job.config.model.libraries
+    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=sources, libraries=libraries))
+    parameters = job.parameters.extended(loop.added)
     found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
     return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))
 
@@ -80,8 +97,8 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             output: {
                 "sd": noise.sd,
                 "rho": noise.rho(interval),
-                "sd_white": noise.white,
-                "sd_ou": noise.drift,
+                "sd_white": noise.sd_white,
+                "sd_ou": noise.sd_ou,
                 "tau_s": noise.tau,
             }
             for output, noise in loop.noise.items()
@@ -94,7 +111,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
     """Every parameter of the model that came out: estimates with their status, and what was held with the reason."""
-    new = {item.name: effect_parameter(item) for effect in CATALOGUE.values() for item in effect.parameters}
+    new = {item.name: item for item in loop.added}
     table: Json = {}
     for name, estimate in loop.parameters.items():
         item = job.parameters[name] if name in job.parameters else new.get(name)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.crossvalidation import leave_one_recording_out, time_ordered
-from aero_bayes.inference.result import Fit
+from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation import open_simulator
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.progress import ProgressBar

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.check.profile import DROP_90, profile
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.inference.identifiability import Status
-from aero_bayes.inference.local import LocalSettings
-from aero_bayes.inference.parameters import ParameterSet
-from aero_bayes.inference.profile import DROP_90, profile
-from aero_bayes.inference.result import Fit
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.job import Job

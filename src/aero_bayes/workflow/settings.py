@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from aero_bayes.inference.calibration import CalibrationSettings
-from aero_bayes.inference.fit import FitSettings
-from aero_bayes.inference.local import LocalSettings
-from aero_bayes.inference.mcmc import SampleSettings
-from aero_bayes.inference.pso import SwarmSettings
-from aero_bayes.inference.staged import Stage
+from aero_bayes.estimate.aero import RESTING, aero_overrides
+from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.sample.mcmc import SampleSettings
 from aero_bayes.workflow.job import Job
 
 
 def fit_settings(job: Job) -> FitSettings:
     """How the job wants its fits done."""
     section = job.config.fit
-    delay = section.max_input_delay
+    aero = bool(aero_overrides(job.model))
+    # A model of the user's own gets a delay where it is asked for; that of a rig that is known, where it has one.
+    delay = section.max_input_delay if section.max_input_delay is not None else CalibrationSettings.delay_limit * aero
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
         cost=section.cost,
@@ -26,11 +29,13 @@ def fit_settings(job: Job) -> FitSettings:
         local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         ripple=section.ripple,
+        engine=job.engine,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
             delay="auto" if delay > 0.0 else "none",
             delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
             start=section.initial_states,
+            resting=RESTING if aero else None,
             solver=job.solver,
         ),
     )

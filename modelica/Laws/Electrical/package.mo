@@ -1,0 +1,3 @@
+within Laws;
+package Electrical "Voltages in series with a current"
+end Electrical;

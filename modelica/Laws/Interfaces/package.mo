@@ -1,0 +1,3 @@
+within Laws;
+package Interfaces "Partial models: what a law is given and what it gives"
+end Interfaces;

@@ -1,0 +1,17 @@
+within Laws.Outputs;
+model Lag "Reading that follows as a first-order lag"
+  extends Laws.Interfaces.OutputLaw;
+  parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
+  Real q(start = 0, fixed = true, nominal = u_n / t_n) "Rate of change of the reading";
+protected
+  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
+  parameter Real T = sqrt(T_l ^ 2 + T_min ^ 2) "Time constant in use";
+equation
+  T * der(q) = der(u) - q;
+  y = u - T_l * q;
+  annotation (Documentation(info = "<html>
+<p>A filter in the instrument: <code>T_l dy/dt = u - y</code>, written by the rate so that it starts in its steady state whatever the quantity is. A lag
+shorter than <code>T_min</code> is taken to first order in <code>T_l</code>; at zero nothing is left of it.</p>
+<p>Source: L. Ljung, System Identification (Prentice Hall, 1999), ch. 4.</p>
+</html>"));
+end Lag;

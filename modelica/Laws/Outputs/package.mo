@@ -1,0 +1,3 @@
+within Laws;
+package Outputs "What an instrument does to a reading"
+end Outputs;

@@ -1,0 +1,3 @@
+within Laws;
+package Storage "Flows that leave a storage"
+end Storage;

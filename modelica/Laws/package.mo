@@ -1,0 +1,17 @@
+within ;
+package Laws "What a model may lack: general laws, by what they act on"
+  annotation (
+    version = "1.0.0",
+    Documentation(info = "<html>
+<p>Each law extends the partial model of its kind in <b>Interfaces</b> and vanishes where its first own parameter has its default. No other library is needed. To
+add a law, write such a model in a package of your own:</p>
+<ul>
+<li>The first parameter that the law declares switches it off at its default; the others are its shape.</li>
+<li><code>min</code>, <code>max</code> and <code>nominal</code> are written in the port's sizes, such as <code>0.1 * f_n / v_n</code>. <code>nominal</code> is where a search starts, and its sizes
+give the parameter's unit. The sizes (<code>f_n</code>, <code>v_n</code>, ...) are set to the largest magnitudes that occur; <code>t_n</code> is the time in which the port's signals change.</li>
+<li>Widths of rounding are protected expressions in the sizes.</li>
+<li><code>annotation (__aero_bayes(refines = \"coulomb_friction\"))</code> marks a finer law of another one.</li>
+<li>The law's id is the model's name in snake case: <code>CoulombFriction</code> is <code>coulomb_friction</code>.</li>
+</ul>
+</html>"));
+end Laws;

@@ -1,0 +1,100 @@
+"""Log-densities of stretches of time, each given everything before it: what time-ordered comparison is made of.
+
+With noise that is white plus Ornstein-Uhlenbeck the density of a recording factorises over its samples by a scalar
+Kalman filter; a stretch's factor is the density of its readings given all earlier ones of the same recording.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.target import JointTarget
+from aero_bayes.simulation.interface import Outcome
+
+FloatArray = NDArray[np.float64]
+_LOG_2PI = math.log(2.0 * math.pi)
+
+#: Numbers of trajectory held at once.
+_MOST_NUMBERS = 4_000_000
+
+
+def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
+    """Times that split each recording into so many stretches of equal length, each shape (blocks + 1,)."""
+    return tuple(np.linspace(e.time[0], e.time[-1], blocks + 1) for e in joint.target.calibration.experiments)
+
+
+def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
+    """Log-density of every stretch of every recording given what came before it.
+
+    Parameters
+    ----------
+    joint : JointTarget
+    points : ndarray, shape (s, d)
+        Draws: search coordinates of the free parameters, then logarithms of the noise parameters.
+    edges : sequence of ndarray, one a recording, shape (b + 1,)
+        Increasing times in s; readings before the first edge belong to the first stretch, after the last to the last.
+
+    Returns
+    -------
+    list of ndarray, one a recording, shape (s, b)
+        Minus infinity where a simulation failed.
+    """
+    experiments = joint.target.calibration.experiments
+    size = sum(e.time.size * len(e.outputs) for e in experiments)
+    batch = max(1, _MOST_NUMBERS // size)
+    parts = [_batch(joint, points[k : k + batch], edges) for k in range(0, len(points), batch)]
+    return [np.concatenate([part[e] for part in parts]) for e in range(len(experiments))]
+
+
+def _batch(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
+    target, f = joint.target, len(joint.target.free)
+    result = target.simulator.simulate(target.values(points[:, :f]))
+    noise = joint.layout.unpack(points[:, f:])[:, 0]
+    found = []
+    for e, experiment in enumerate(target.calibration.experiments):
+        measured, count = target.calibration.measured[e], edges[e].size - 1
+        block = np.clip(np.searchsorted(edges[e], experiment.time, side="right") - 1, 0, count - 1)
+        total = np.zeros((len(points), count))
+        for k in range(measured.shape[1]):
+            seen = np.isfinite(measured[:, k])
+            if seen.any():
+                residual = measured[seen, k] - result.outputs[e][:, seen, k]
+                density = sample_log_density(experiment.time[seen], residual, noise[:, k])
+                np.add.at(total.T, block[seen], density.T)
+        failed = result.outcomes[:, e] != Outcome.OK
+        total[failed | ~np.all(np.isfinite(total), axis=1)] = -np.inf
+        found.append(total)
+    return found
+
+
+def sample_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
+    """Log-density of each sample given the earlier ones, for many residuals at once.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Increasing times in s.
+    residual : ndarray, shape (s, n)
+        Without gaps.
+    noise : ndarray, shape (s, 3)
+        Standard deviation of white noise, that of an Ornstein-Uhlenbeck process, and its correlation time in s.
+    """
+    s2, q2, tau = noise[:, 0] ** 2, noise[:, 1] ** 2, noise[:, 2]
+    if not np.any(q2 > 0.0):
+        return np.asarray(-0.5 * (residual**2 / s2[:, None] + np.log(s2)[:, None] + _LOG_2PI))
+    rate = np.where(tau > 0.0, 1.0 / np.where(tau > 0.0, tau, 1.0), np.inf)
+    mean, variance = np.zeros(len(noise)), q2.copy()
+    out = np.empty((time.size, len(noise)))
+    for n, step in enumerate(np.diff(time, prepend=-np.inf).tolist()):
+        rho = np.exp(-step * rate)
+        mean, variance = rho * mean, rho * rho * variance + q2 * (1.0 - rho * rho)
+        total = variance + s2
+        error = residual[:, n] - mean
+        out[n] = -0.5 * (error**2 / total + np.log(total) + _LOG_2PI)
+        gain = variance / total
+        mean, variance = mean + gain * error, variance * (1.0 - gain)
+    return out.T

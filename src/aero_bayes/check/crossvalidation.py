@@ -1,0 +1,246 @@
+"""Predicting what was left out: later stretches of a recording, or a whole recording."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from aero_bayes.check.blocks import block_edges, block_log_likelihood
+from aero_bayes.check.comparison import Predictive, leave_future_out, leave_one_out, waic
+from aero_bayes.errors import InputError
+from aero_bayes.estimate import cost as costs
+from aero_bayes.estimate.ascent import OpenSimulator
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.fit import FitSettings, fit_calibration
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.search import search
+from aero_bayes.estimate.target import NoiseLayout, Target
+from aero_bayes.sample.evidence import importance_posterior
+from aero_bayes.simulation.interface import DelayTarget
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, float, str], None]
+_REFIT = FitSettings(method="local", staged=False)
+#: Points at which the delay of a recording is tried before it is refined.
+_DELAYS = 21
+
+
+@dataclass(frozen=True, eq=False)
+class TimeOrdered:
+    """Criteria of one fit over stretches of time, all from the same draws."""
+
+    waic: Predictive
+    leave_one_out: Predictive
+    leave_future_out: Predictive
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "waic": self.waic.to_dict(),
+            "leave_one_out": self.leave_one_out.to_dict(),
+            "leave_future_out": self.leave_future_out.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """A recording predicted by the others.
+
+    ``rms`` is the prediction's error by output and ``rms_fitted`` that of the fit which had seen it; ``elpd`` is its
+    log-density under the posterior of the others, its own delay and start integrated out.
+    """
+
+    recording: str
+    rms: Mapping[str, float]
+    rms_fitted: Mapping[str, float]
+    elpd: float
+
+    def to_dict(self) -> dict[str, object]:
+        return {"rms": dict(self.rms), "rms_fitted": dict(self.rms_fitted), "elpd": self.elpd}
+
+
+def time_ordered(
+    fit: Fit,
+    open_simulator: OpenSimulator,
+    rng: np.random.Generator,
+    *,
+    blocks: int = 12,
+    first: int = 4,
+    draws: int = 400,
+    refits: bool = True,
+    progress: Progress | None = None,
+) -> TimeOrdered:
+    """WAIC, leave-one-out and leave-future-out of a fit over stretches of its recordings.
+
+    Parameters
+    ----------
+    fit : Fit
+    open_simulator : callable
+        Makes a simulator of a problem.
+    rng : Generator
+    blocks : int
+        Stretches each recording is split into; each should be long against the noise's correlation time.
+    first : int
+        Stretches of each recording that leave-future-out learns from before it predicts.
+    draws : int
+        Posterior draws.
+    refits : bool
+        Compute posteriors anew where re-weighting is unreliable; without, such stretches are only said to be so.
+
+    Notes
+    -----
+    With several recordings leave-future-out goes stretch by stretch through all of them at once: the k-th stretches of
+    all recordings are predicted from the stretches before in all of them.
+    """
+    densities = _densities(fit, fit.calibration, open_simulator, rng, blocks, draws)
+
+    def refit(known: int) -> FloatArray:
+        if progress is not None:
+            progress("refits", 1.0 - known / blocks, f"first {known} of {blocks} stretches")
+        seen = _until(fit.calibration, known / blocks)
+        start = replace(seen, parameters=seen.parameters.with_start(fit.values))
+        earlier = fit_calibration(start, open_simulator, _REFIT, rng)
+        return np.asarray(np.sum(_densities(earlier, fit.calibration, open_simulator, rng, blocks, draws), axis=0))
+
+    pooled = np.concatenate(densities, axis=1)
+    together = np.sum(densities, axis=0)
+    return TimeOrdered(
+        waic(pooled), leave_one_out(pooled), leave_future_out(together, first, refit if refits else None)
+    )
+
+
+def leave_one_recording_out(
+    fit: Fit,
+    open_simulator: OpenSimulator,
+    rng: np.random.Generator,
+    *,
+    draws: int = 40,
+    time_limit: float = math.inf,
+    progress: Progress | None = None,
+) -> tuple[LeftOut, ...]:
+    """Predict each recording from a fit to the others.
+
+    A recording's own nuisances (its delay, its start) are no prediction of the others: for every draw they are fitted
+    to it within their priors and integrated by Laplace's approximation.
+
+    No recording is begun that, by the time the others took, would end after ``time_limit`` s.
+
+    Raises
+    ------
+    InputError
+        If there is only one recording.
+    """
+    began = time.perf_counter()
+    calibration = fit.calibration
+    if len(calibration.experiments) < 2:
+        raise InputError("leaving a recording out needs at least two")
+    found: list[LeftOut] = []
+    for index, name in enumerate(calibration.names):
+        if found and (time.perf_counter() - began) * (index + 1) / index > time_limit:
+            break
+        if progress is not None:
+            progress("recordings", index / len(calibration.names), name)
+        others = _select(calibration, [e for e in range(len(calibration.names)) if e != index], fit.values)
+        rest = fit_calibration(others, open_simulator, _REFIT, rng)
+        with open_simulator(others.problem()) as simulator:
+            sample = importance_posterior(rest, simulator, 8 * draws, rng).resample(draws, rng)
+        alone = _select(calibration, [index], fit.values)
+        found.append(_predict(fit, rest, alone, index, sample, open_simulator))
+    return tuple(found)
+
+
+def _densities(
+    fit: Fit,
+    calibration: Calibration,
+    open_simulator: OpenSimulator,
+    rng: np.random.Generator,
+    blocks: int,
+    draws: int,
+) -> list[FloatArray]:
+    """Log-densities of every stretch of a calibration's recordings over draws of a fit's posterior, (s, b) each."""
+    with open_simulator(fit.calibration.problem()) as simulator:
+        sample = importance_posterior(fit, simulator, 8 * draws, rng).resample(draws, rng)
+    with open_simulator(calibration.problem()) as simulator:
+        joint = replace(fit, calibration=calibration).joint_target(simulator)
+        return block_log_likelihood(joint, sample, block_edges(joint, blocks))
+
+
+def _until(calibration: Calibration, share: float) -> Calibration:
+    """The same problem with only the first share of each recording's time."""
+    kept = []
+    for e, measured in zip(calibration.experiments, calibration.measured, strict=True):
+        end = int(np.searchsorted(e.time, e.time[0] + share * (e.time[-1] - e.time[0]), side="left"))
+        kept.append(replace(e, time=e.time[:end], measured=measured[:end]))
+    return replace(calibration, experiments=tuple(kept))
+
+
+def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> Calibration:
+    """The problem of some of the recordings, with the parameters that act in them, started at ``values``."""
+    items = []
+    for item, value in zip(calibration.parameters, values, strict=True):
+        if item.recording is None:
+            items.append(replace(item, start=float(value)))
+        elif item.recording in chosen:
+            items.append(replace(item, start=float(value), recording=chosen.index(item.recording)))
+    return replace(
+        calibration,
+        experiments=tuple(calibration.experiments[e] for e in chosen),
+        names=tuple(calibration.names[e] for e in chosen),
+        recordings=tuple(calibration.recordings[e] for e in chosen if calibration.recordings),
+        parameters=type(calibration.parameters)(tuple(items)),
+    )
+
+
+def _predict(
+    fit: Fit, rest: Fit, alone: Calibration, index: int, sample: FloatArray, open_simulator: OpenSimulator
+) -> LeftOut:
+    """One recording under draws of the others' posterior (s, d)."""
+    own = [j for j, p in enumerate(alone.parameters) if p.recording is not None]
+    layout = NoiseLayout.of(rest.calibration, rest.noise)
+    split = rest.laplace.parameters
+    densities: list[float] = []
+    fitted = np.empty(0)
+    with open_simulator(alone.problem()) as simulator:
+        for point in np.vstack([rest.laplace.mean, sample]):
+            target = Target(alone, simulator, _values(alone, rest, point[:split]), own)
+            density, values = _integrated(target, layout.unpack(point[None, split:])[0])
+            if not densities:
+                fitted = simulator.simulate(values[None]).outputs[0][0]
+            densities.append(density)
+    error = costs.rms_overall([alone.measured[0] - fitted], fit.outputs)
+    elpd = float(logsumexp(densities[1:]) - math.log(len(densities) - 1))
+    return LeftOut(alone.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
+
+
+def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArray:
+    """SI values (p,) for a recording left out: shared ones at a point of the others' posterior, own ones at a start."""
+    items = rest.calibration.parameters.items
+    searched = ParameterSet(tuple(items[j] for j in rest.free))
+    named = rest.named | dict(zip(searched.names, searched.from_search(coordinates).tolist(), strict=True))
+    return np.array([p.start if p.recording is not None else named[p.name] for p in alone.parameters])
+
+
+def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:
+    """Log-density of the measurements with the target's free nuisances integrated out, and the values at their mode."""
+    if not target.free:
+        return float(np.sum(target.log_likelihood(np.empty((1, 0)), noise[None]))), target.base
+    start = target.parameters.to_search(target.base[list(target.free)])
+    low, high = target.box
+    delays = [k for k, p in enumerate(target.parameters) if isinstance(p.target, DelayTarget)]
+    if delays:
+        trial = np.tile(start, (_DELAYS, 1))
+        for k in delays:
+            trial[:, k] = np.linspace(low[k], high[k], _DELAYS)
+        start = trial[int(np.argmin(target.cost(trial, noise[None])))]
+    found = search(target.at(noise[None]), start, low, high)
+    if found.ground is None:
+        return -math.inf, target.values(start[None])[0]
+    determinant = float(np.linalg.slogdet(found.ground.hessian)[1])
+    volume = 0.5 * (len(target.free) * math.log(2.0 * math.pi) - determinant)
+    return volume - found.cost, target.values(found.point[None])[0]

@@ -1,0 +1,326 @@
+"""From starting values to the optimum: swarm, delays, stages, all together, and a least-squares check of the noise.
+
+This is the one way to a fit: the command ``fit``, the closed loop's model as it stands and every refit of a whole model
+take it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import swarm as pso
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb, noise_of
+from aero_bayes.estimate.coarse import leading
+from aero_bayes.estimate.delays import best_valleys, delay_columns, scan_delays
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.staged import Stage, causal_stages
+from aero_bayes.estimate.target import Target
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
+from aero_bayes.simulation.interface import Outcome, Problem, Simulator
+
+FloatArray = NDArray[np.float64]
+OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
+Progress = Callable[[str, float, float], None]
+Cost = Literal["posterior", "weighted", "eq6"]
+
+#: One standard deviation for every output under Eq. 6, as a share of the smallest range; it only sets the tolerances.
+EQ6_UNIT = 1e-3
+#: Share of an output's range that counts as noise before anything is known.
+FIRST_GUESS = 0.03
+#: Residual over the least-squares one above which a noise model has swallowed part of the signal.
+SWALLOWED = 1.05
+
+
+@dataclass(frozen=True)
+class AscentSettings:
+    """How the optimum is looked for.
+
+    Parameters
+    ----------
+    cost : {"posterior", "weighted", "eq6"}
+    staged : bool
+    stages : tuple of Stage, optional
+    swarm : SwarmSettings, optional
+        None leaves the swarm out.
+    local : LocalSettings
+    samples : int
+        Samples a recording that the swarm sees.
+    starts : int
+        Particles that the local search starts from, besides the starting values.
+    longest : float, optional
+        Greatest correlation time of noise in s.
+    settle : bool
+        Whether the noise is estimated exactly and checked against least squares in the end.
+    """
+
+    cost: Cost = "posterior"
+    staged: bool = True
+    stages: tuple[Stage, ...] | None = None
+    swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)
+    local: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-4))
+    samples: int = 600
+    starts: int = 3
+    longest: float | None = None
+    settle: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class StageEnd:
+    """Where a stage ended: its log-posterior's negative, coordinates of all columns, residuals."""
+
+    stage: Stage
+    cost: float
+    optimum: Optimum
+
+
+@dataclass(frozen=True, eq=False)
+class Ascent:
+    """The optimum, with the way that led there."""
+
+    optimum: Optimum
+    swarm: pso.SwarmResult | None
+    stages: tuple[StageEnd, ...]
+    iterations: int
+
+
+class Climber:
+    """One ascent: an objective, its settings, and what each output's noise may be."""
+
+    def __init__(self, objective: Objective, settings: AscentSettings, progress: Progress | None = None) -> None:
+        self.objective, self.settings = objective, settings
+        self.progress = progress or (lambda phase, share, cost: None)
+        calibration = objective.calibration
+        self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.outputs}
+        self.held: set[str] = set()
+        self.stages: list[StageEnd] = []
+        self.iterations = 0
+
+    def _kind(self, output: str) -> NoiseKind:
+        wanted = self.objective.calibration.noise.kind(output)
+        return "white" if self.settings.cost == "weighted" or wanted == "white" else "auto"
+
+    @property
+    def climbing(self) -> ClimbSettings:
+        eq6 = self.settings.cost == "eq6"
+        return ClimbSettings(
+            replace(self.settings.local, renewal=0.02), self.kinds, self.objective.calibration.floors,
+            self.settings.longest, hold_noise=eq6, prior=self.settings.cost == "posterior",
+        )  # fmt: skip
+
+    def first_noise(self) -> dict[str, OutputNoise]:
+        """Weights before anything is known; those of Eq. 6 for good."""
+        scale = self.objective.calibration.scale
+        same = EQ6_UNIT * float(np.min(scale))
+        eq6 = self.settings.cost == "eq6"
+        return {
+            name: OutputNoise(same if eq6 else FIRST_GUESS * float(scale[k]))
+            for k, name in enumerate(self.objective.calibration.outputs)
+        }
+
+    def to_optimum(self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator) -> Ascent:
+        """From the parameters' starts to the optimum over the free columns.
+
+        Raises
+        ------
+        CannotFinishError
+            If the model cannot be simulated at any starting point.
+        """
+        start = self.objective.parameters.to_search(self.objective.parameters.start)
+        swarm = None
+        if self.settings.swarm is not None:
+            start, swarm = self._valley(start, free, open_simulator, rng)
+        steady = [j for j in free if j not in delay_columns(self.objective, free)]
+        rough = self.climbing.rough(12, 1.0)
+        self.progress("local", 0.0, 0.0)
+        eq6 = self.first_noise() if self.settings.cost == "eq6" else None
+        here = self._climb(start, steady, eq6, rough)
+        point = scan_delays(self.objective, here, free)
+        for k, stage in enumerate(self._stages(point, free)):
+            self.progress("stages", k / 4.0, 0.0)
+            point = self._stage(stage, point, free)
+        here = self._climb(point, free, eq6 if eq6 else here.noise, self.climbing)
+        self.progress("local", 0.5, -here.log_likelihood)
+        here = self._other_valleys(here, free)
+        here = self.settle(here)
+        self.stages.append(
+            StageEnd(Stage(tuple(self.objective.parameters.names[j] for j in free), self.objective.outputs),
+                     -here.log_likelihood - here.log_prior, here)
+        )  # fmt: skip
+        return Ascent(here, swarm, tuple(self.stages), self.iterations)
+
+    def again(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
+        """A climb from somewhere near, with the noise settled anew."""
+        here = self._climb(start, free, noise, self.climbing)
+        return self.settle(here)
+
+    def settle(self, here: Optimum) -> Optimum:
+        """The optimum under noise that is the sensor's: what lasts too long or swallows signal weighs as it is.
+
+        Outputs whose noise cannot be the sensor's are weighed by the size of their residual, as least squares does.
+        """
+        if not self.settings.settle or self.settings.cost != "posterior":
+            return here
+        for _ in range(3):
+            noise = self._estimated(here)
+            new = {o for o, n in noise.items() if n.held} - self.held
+            if not new:
+                new = self._swallowing(here, noise)
+            if not new:
+                break
+            self.held |= new
+            self.kinds |= dict.fromkeys(new, "white")
+            here = self._climb(here.coordinates, here.free, None, self.climbing)
+        noise = self._estimated(here)
+        return self._climb(here.coordinates, here.free, noise, replace(self.climbing, hold_noise=True))
+
+    def _swallowing(self, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
+        """Outputs that least squares would follow noticeably better than the noise model lets the fit."""
+        correlated = {o for o, n in noise.items() if n.kind == "ou"}
+        if not correlated:
+            return set()
+        plain = replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"))
+        squares = self._climb(here.coordinates, here.free, None, plain)
+        mine, least = (self._rms(o) for o in (here, squares))
+        return {o for o in correlated if mine[o] > SWALLOWED * least[o]}
+
+    def _rms(self, found: Optimum) -> dict[str, float]:
+        white = replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"), floors={})
+        return {o: n.sd_white for o, n in noise_of(self.objective, found.evaluation.residual, white).items()}
+
+    def _estimated(self, here: Optimum) -> dict[str, OutputNoise]:
+        """The noise by its exact likelihood; that of outputs which are held by their residual's size."""
+        found = {}
+        for output in self.objective.outputs:
+            own = [k for k, s in enumerate(self.objective.series) if s.output == output]
+            kind = self.objective.calibration.noise.kind(output)
+            n = estimate_noise(
+                [self.objective.series[k].sampling.time for k in own], [here.evaluation.residual[k] for k in own],
+                "white" if output in self.held else kind, here.noise[output],
+                max(self.objective.calibration.floors.get(output, 0.0), 1e-7 * self._scale(output)),
+            )  # fmt: skip
+            found[output] = replace(n, held=True) if output in self.held else n
+        return found
+
+    def _scale(self, output: str) -> float:
+        calibration = self.objective.calibration
+        return float(calibration.scale[calibration.outputs.index(output)])
+
+    def _climb(
+        self,
+        start: FloatArray,
+        free: Sequence[int],
+        noise: Mapping[str, OutputNoise] | None,
+        settings: ClimbSettings,
+        objective: Objective | None = None,
+    ) -> Optimum:
+        found = climb(objective or self.objective, start, free, noise=noise, settings=settings)
+        self.iterations += found.steps
+        return found
+
+    def _valley(
+        self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator
+    ) -> tuple[FloatArray, pso.SwarmResult]:
+        """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
+        assert self.settings.swarm is not None
+        cheap = leading(self.objective.calibration, self.objective.simulator, self.settings.samples)
+        limit = self.settings.swarm.iterations
+        values = self.objective.parameters.from_search(start)
+        with open_simulator(cheap.problem()) as simulator:
+            target = Target(cheap, simulator, values, free, prior=self.settings.cost == "posterior")
+            few = Objective(cheap, simulator, outcomes=self.objective.outcomes)
+            first = self.first_noise()
+            rows = few.noise_rows(first)
+            low, high = target.box
+            swarm = pso.minimise(
+                lambda x: target.cost(x, rows), low, high, rng, self.settings.swarm, start[list(free)][None],
+                lambda i, c: self.progress("swarm", (i + 1) / limit, c),
+            )  # fmt: skip
+            self.objective.outcomes.update(target.outcomes)
+            starts = [start]
+            if np.isfinite(swarm.cost):
+                for x in swarm.candidates[: self.settings.starts]:
+                    at = start.copy()
+                    at[list(free)] = x
+                    starts.append(at)
+            best = self._best(few, starts, free, first)
+        return best.coordinates, swarm
+
+    def _best(
+        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise]
+    ) -> Optimum:
+        """The best of several climbs with white noise."""
+        eq6 = self.settings.cost == "eq6"
+        settings = replace(self.climbing.rough(25, 0.1), kinds=dict.fromkeys(self.kinds, "white"))
+        found: list[Optimum] = []
+        for at in starts:
+            try:
+                found.append(self._climb(at, free, noise if eq6 else None, settings, objective))
+            except CannotFinishError:
+                continue
+        if not found:
+            bad = [o for o in self.objective.outcomes if o is not Outcome.OK]
+            worst = max(bad, key=lambda o: self.objective.outcomes[o]).text if bad else "no reason given"
+            raise CannotFinishError(
+                f"model {objective.calibration.model.name} could not be simulated at any starting point: {worst}"
+            )
+        return max(found, key=lambda o: o.log_likelihood + o.log_prior)
+
+    def _stages(self, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
+        """The user's stages, or those of causality: what moves few outputs first."""
+        if not self.settings.staged:
+            return ()
+        if self.settings.stages is not None:
+            return self.settings.stages
+        parameters, calibration = self.objective.parameters, self.objective.calibration
+        found = self.objective.evaluate(point, free)
+        if found is None or found.slopes is None or len(calibration.outputs) == 1:
+            return ()
+        effect = np.zeros((len(free), len(calibration.outputs)))
+        for k, series in enumerate(self.objective.series):
+            size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.scale[series.column]
+            effect[:, series.column] = np.maximum(effect[:, series.column], size)
+        names = [parameters.names[j] for j in free]
+        stages = causal_stages(names, calibration.outputs, np.where(effect > 1e-6, effect, 0.0))
+        return stages if len(stages) > 1 else ()
+
+    def _stage(self, stage: Stage, point: FloatArray, free: Sequence[int]) -> FloatArray:
+        """A climb on a stage's outputs over its own parameters."""
+        parameters = self.objective.parameters
+        own = [j for n in stage.parameters if (j := parameters.index(n)) in free]
+        part = self.objective.part(stage.outputs)
+        if not own or not part.series:
+            return point
+        eq6 = self.first_noise() if self.settings.cost == "eq6" else None
+        found = self._climb(point, own, eq6, self.climbing.rough(20, 0.5), part)
+        self.stages.append(StageEnd(stage, -found.log_likelihood - found.log_prior, found))
+        return found.coordinates
+
+    def _other_valleys(self, here: Optimum, free: Sequence[int]) -> Optimum:
+        """Move to a better valley of the delays, other parameters following, as long as there is one."""
+        if not delay_columns(self.objective, free):
+            return here
+        calibration = self.objective.calibration
+        intervals = [float(np.median(np.diff(e.time))) for e in calibration.experiments]
+        for _ in range(3):
+            values = self.objective.parameters.from_search(here.coordinates)
+            target = Target(
+                calibration, self.objective.simulator, values, free, prior=self.settings.cost == "posterior"
+            )
+            point, moved = best_valleys(
+                target, here.coordinates[list(free)], self.objective.noise_rows(here.noise), intervals
+            )
+            self.objective.outcomes.update(target.outcomes)
+            if not moved:
+                return here
+            at = here.coordinates.copy()
+            at[list(free)] = point
+            here = self._climb(at, free, here.noise, self.climbing)
+        return here

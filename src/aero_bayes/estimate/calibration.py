@@ -1,0 +1,251 @@
+"""What is fitted to what: a model, recordings, free parameters and nuisances, and the problem a simulator gets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording, to_experiment
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.starts import StartPolicy, start_parameters
+from aero_bayes.sensors.counts import quantum, thin_standstill
+from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.simulation.interface import DelayTarget, Experiment, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How recordings are turned into a problem.
+
+    Parameters
+    ----------
+    outputs : tuple of str, optional
+        Outputs to fit; all that were recorded and that the model has by default.
+    delay : {"auto", "free", "none"}
+        A delay of each recording's input: a nuisance parameter. ``auto`` frees it where the input jumps and the
+        samples are closer than five times ``delay_limit``.
+    delay_limit : float
+        Upper bound of the delay in s.
+    start : {"auto", "reading", "estimated"}
+        Initial values of states, see :class:`StartPolicy`.
+    resting : tuple of str, optional
+        Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
+        recording begins in mid-motion. By default every output that is a state.
+    most_readings : int, optional
+        Readings of an output that a recording keeps; beyond it every n-th is kept.
+    standing : bool
+        Whether every reading of a count that stands still counts; a comparison of models takes few of them.
+    solver : SolverSettings
+    """
+
+    outputs: tuple[str, ...] | None = None
+    delay: Literal["auto", "free", "none"] = "auto"
+    delay_limit: float = 0.02
+    start: StartPolicy = "auto"
+    resting: tuple[str, ...] | None = None
+    most_readings: int | None = None
+    standing: bool = True
+    solver: SolverSettings = field(default_factory=SolverSettings)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One fitting problem.
+
+    Parameters
+    ----------
+    model : Model
+    experiments : tuple of Experiment, length E
+        All with the same ``outputs``; readings that a recording lacks are NaN.
+    names : tuple of str, length E
+        Names of the recordings.
+    parameters : ParameterSet
+        What is searched, nuisances included.
+    fixed : mapping of str to float
+        Model parameters held at other values than the model's own.
+    noise : NoiseModel
+    solver : SolverSettings
+    recordings : tuple of Recording
+        Where the experiments came from (empty if they were given directly).
+    floors : mapping of str to float
+        Least standard deviation of the noise by output, where a sensor counts.
+    """
+
+    model: Model
+    experiments: tuple[Experiment, ...]
+    names: tuple[str, ...]
+    parameters: ParameterSet
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    solver: SolverSettings = field(default_factory=SolverSettings)
+    recordings: tuple[Recording, ...] = ()
+    floors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.experiments[0].outputs
+
+    @property
+    def measured(self) -> tuple[FloatArray, ...]:
+        """Measurements of each experiment, shape (n, m)."""
+        return tuple(_measured(e) for e in self.experiments)
+
+    @property
+    def readings(self) -> tuple[FloatArray, ...]:
+        """Everything that was read at the experiments' times, (n, m), also what does not count (a standing encoder)."""
+        if not self.recordings:
+            return self.measured
+        found = []
+        for recording, experiment, measured in zip(self.recordings, self.experiments, self.measured, strict=True):
+            rows = np.searchsorted(recording.time, experiment.time)
+            every = measured.copy()
+            for column, name in enumerate(experiment.outputs):
+                if name in recording.outputs:
+                    gaps = np.isnan(measured[:, column])
+                    every[gaps, column] = recording.outputs[name][rows[gaps]]
+            found.append(every)
+        return tuple(found)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
+        stacked = np.concatenate(self.measured)
+        spread = np.nanmax(stacked, axis=0) - np.nanmin(stacked, axis=0)
+        return np.where(spread > 0.0, spread, 1.0)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of readings of each output, shape (m,)."""
+        return np.asarray(sum(np.isfinite(y).sum(axis=0) for y in self.measured), dtype=np.int64)
+
+    def problem(self) -> Problem:
+        """What a simulator runs; the columns are ``parameters`` in order."""
+        targets = tuple(
+            tuple(p.target if p.recording in (None, e) else None for p in self.parameters)
+            for e in range(len(self.experiments))
+        )
+        return Problem(self.model, self.experiments, targets, dict(self.fixed), self.solver)
+
+    def thinned(self, samples: int) -> Calibration:
+        """The same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""
+        return replace(self, experiments=tuple(thin(e, samples) for e in self.experiments))
+
+
+def _measured(experiment: Experiment) -> FloatArray:
+    if experiment.measured is None:
+        raise InputError("an experiment without measurements cannot be fitted")
+    return experiment.measured
+
+
+def thin(experiment: Experiment, samples: int) -> Experiment:
+    """The experiment on every n-th of its sample times, about ``samples`` of them."""
+    every = -(-experiment.time.size // samples)
+    if every <= 1:
+        return experiment
+    rows = np.arange(0, experiment.time.size, every)
+    measured = experiment.measured[rows] if experiment.measured is not None else None
+    return replace(experiment, time=np.ascontiguousarray(experiment.time[rows]), measured=measured)
+
+
+def calibrate(
+    recordings: Sequence[Recording],
+    model: Model,
+    parameters: ParameterSet,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    noise: NoiseModel | None = None,
+    settings: CalibrationSettings | None = None,
+) -> Calibration:
+    """Put recordings and a model together, with a nuisance delay and start for each recording that needs them.
+
+    Raises
+    ------
+    InputError
+        If nothing was recorded that the model can predict, or the model lacks an input that was recorded.
+    """
+    settings = settings or CalibrationSettings()
+    if not recordings:
+        raise InputError("no recording was given")
+    outputs = _outputs(recordings, model, settings)
+    driven = {variable.name for variable in model.inputs}
+    experiments: list[Experiment] = []
+    nuisances: list[Parameter] = []
+    floors: dict[str, float] = {}
+    for index, recording in enumerate(recordings):
+        missing = [name for name in recording.inputs if name not in driven]
+        if missing:
+            raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
+        suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
+        experiment = _experiment(recording, outputs, floors, settings.standing)
+        start, extra = start_parameters(recording, experiment, model, settings.start, settings.resting, index, suffix)
+        nuisances += extra
+        if _delay_wanted(experiment, recording, settings):
+            nuisances.append(_delay(settings.delay_limit, index, suffix))
+        if settings.most_readings is not None:
+            experiment = thin(experiment, settings.most_readings)
+        experiments.append(replace(experiment, start=start))
+    return Calibration(
+        model,
+        tuple(experiments),
+        tuple(recording.name for recording in recordings),
+        parameters.extended(nuisances),
+        dict(fixed or {}),
+        noise or NoiseModel(),
+        settings.solver,
+        tuple(recordings),
+        floors,
+    )
+
+
+def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:
+    known = tuple(variable.name for variable in model.outputs)
+    seen = {name for recording in recordings for name, y in recording.outputs.items() if np.isfinite(y).any()}
+    wanted = settings.outputs if settings.outputs is not None else tuple(name for name in known if name in seen)
+    for name in wanted:
+        if name not in known:
+            raise InputError(f"model {model.name} has no output {name}; it has {', '.join(known)}")
+        if name not in seen:
+            raise InputError(f"no recording has readings of {name}")
+    if not wanted:
+        raise InputError(f"no output of model {model.name} ({', '.join(known)}) was recorded")
+    return tuple(wanted)
+
+
+def _experiment(recording: Recording, outputs: tuple[str, ...], floors: dict[str, float], standing: bool) -> Experiment:
+    """All ``outputs`` of a recording, NaN where it has none; of a count that stands still, few readings count."""
+    measured = np.full((recording.rows, len(outputs)), np.nan)
+    for column, name in enumerate(outputs):
+        if name in recording.outputs:
+            values = recording.outputs[name].copy()
+            step = quantum(values)
+            if step > 0.0:
+                # A little less than the count's own spread, which a motion through many counts may undercut.
+                floors[name] = max(0.9 * step / 12.0**0.5, floors.get(name, 0.0))
+                if not standing:
+                    values[~thin_standstill(recording.time, values)] = np.nan
+            measured[:, column] = values
+    base = to_experiment(recording, [name for name in outputs if name in recording.outputs])
+    return replace(base, outputs=outputs, measured=measured)
+
+
+def _delay(limit: float, index: int, suffix: str) -> Parameter:
+    return Parameter(
+        f"input_delay{suffix}", "s", 0.3 * limit, 0.0, limit, Uniform(0.0, limit), "linear", "delay of the input",
+        DelayTarget(), index,
+    )  # fmt: skip
+
+
+def _delay_wanted(experiment: Experiment, recording: Recording, settings: CalibrationSettings) -> bool:
+    if settings.delay != "auto":
+        return settings.delay == "free"
+    jumps = any(s.interpolation == "hold" and np.any(np.diff(s.values)) for s in experiment.inputs)
+    return jumps and recording.rate_hz >= 0.2 / settings.delay_limit

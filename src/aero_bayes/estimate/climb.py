@@ -1,0 +1,247 @@
+"""The climb: a bounded search on whitened residuals that renews the noise between its steps.
+
+Each model under comparison gets its own most likely noise, so that evidence is a ratio of likelihoods in which a
+thousand correlated samples do not count as a thousand. The noise also weighs the outputs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.search import Ground, LocalSettings, Stop, search
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPrior:
+    """A joint normal prior of zero mean for the values of a learned curve, in place of their own.
+
+    ``covariance`` (k, k) is over the values of the parameters ``names``, in their squared unit.
+    """
+
+    names: tuple[str, ...]
+    covariance: FloatArray
+
+    def terms(self, parameters: ParameterSet, x: FloatArray) -> tuple[list[int], float, FloatArray, FloatArray]:
+        """Columns, log-density in search coordinates, its gradient (k,) and the curvature (k, k) of its negative."""
+        columns = [parameters.index(name) for name in self.names]
+        values = parameters.from_search(x)
+        slope = parameters.jacobian(values)[columns]
+        factor = np.linalg.cholesky(self.covariance)
+        precision = np.linalg.inv(self.covariance)
+        white = np.linalg.solve(factor, values[columns])
+        density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor) / slope)))
+        density -= 0.5 * len(columns) * math.log(2.0 * math.pi)
+        return columns, density, -slope * (precision @ values[columns]), precision * np.outer(slope, slope)
+
+
+@dataclass(frozen=True)
+class ClimbSettings:
+    """When a climb stops, and what the noise may be.
+
+    Parameters
+    ----------
+    local : LocalSettings
+    kinds : mapping of str to {"auto", "white"}
+        Noise by output; ``auto`` where it is not named.
+    floors : mapping of str to float
+        Least standard deviation of the white noise by output (a sensor's quantum over the square root of twelve).
+    longest : float, optional
+        Greatest correlation time in s.
+    hold_noise : bool
+        Leave the noise as it is.
+    prior : bool
+        Whether the priors count.
+    smooth : SmoothPrior, optional
+    """
+
+    local: LocalSettings = field(default_factory=lambda: LocalSettings(max_iterations=40, tolerance=0.02, renewal=0.1))
+    kinds: Mapping[str, NoiseKind] = field(default_factory=dict)
+    floors: Mapping[str, float] = field(default_factory=dict)
+    longest: float | None = None
+    hold_noise: bool = False
+    prior: bool = True
+    smooth: SmoothPrior | None = None
+
+    def rough(self, steps: int, tolerance: float) -> ClimbSettings:
+        """The same with fewer steps and less care."""
+        return replace(self, local=replace(self.local, max_iterations=steps, tolerance=tolerance))
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """A local optimum of the log-posterior over the free columns, and Laplace's approximation there.
+
+    ``coordinates`` (p,) are search coordinates of all columns; ``covariance`` is over the ``free`` ones.
+    """
+
+    free: tuple[int, ...]
+    coordinates: FloatArray
+    noise: Mapping[str, OutputNoise]
+    log_likelihood: float
+    log_prior: float
+    log_evidence: float
+    covariance: FloatArray
+    evaluation: Evaluation
+    whitened: Whitened
+    reason: Stop
+    steps: int
+
+    def sd(self, column: int) -> float:
+        """Standard deviation of a free column's search coordinate."""
+        k = self.free.index(column)
+        return math.sqrt(max(float(self.covariance[k, k]), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Slope(Ground):
+    point: FloatArray
+    evaluation: Evaluation
+    whitened: Whitened
+    noise: Mapping[str, OutputNoise]
+    log_prior: float
+
+
+def noise_of(
+    objective: Objective,
+    residual: Sequence[FloatArray],
+    settings: ClimbSettings,
+    start: Mapping[str, OutputNoise] | None = None,
+) -> dict[str, OutputNoise]:
+    """Most likely noise of every output, its recordings pooled."""
+    noise = {}
+    for output in objective.outputs:
+        own = [k for k, series in enumerate(objective.series) if series.output == output]
+        floor = settings.floors.get(output, 0.0)
+        if settings.kinds.get(output, "auto") == "white":
+            count = sum(residual[k].size for k in own)
+            rms = math.sqrt(sum(float(residual[k] @ residual[k]) for k in own) / max(count, 1))
+            noise[output] = OutputNoise(max(rms, floor, 1e-300))
+            continue
+        noise[output] = renew_noise(
+            [residual[k] for k in own], [objective.series[k].sampling for k in own], floor=floor,
+            longest=settings.longest, start=start.get(output) if start is not None else None,
+        )  # fmt: skip
+    return noise
+
+
+class _Posterior:
+    """The negative log-posterior over the free columns, all others held: what a climb descends."""
+
+    def __init__(
+        self,
+        objective: Objective,
+        start: FloatArray,
+        free: Sequence[int],
+        noise: Mapping[str, OutputNoise] | None,
+        settings: ClimbSettings,
+    ) -> None:
+        self.objective, self.settings = objective, settings
+        self.base, self.free = np.array(start, dtype=np.float64), list(free)
+        self.noise = dict(noise) if noise is not None else None
+
+    def full(self, point: FloatArray) -> FloatArray:
+        x = self.base.copy()
+        x[self.free] = point
+        return x
+
+    def look(self, point: FloatArray) -> _Slope | None:
+        x = self.full(point)
+        found = self.objective.evaluate(x, self.free)
+        if found is None:
+            return None
+        if self.noise is None:
+            self.noise = noise_of(self.objective, found.residual, self.settings)
+        return self._ground(x, found, self.noise)
+
+    def renew(self, here: _Slope) -> _Slope:
+        if self.settings.hold_noise:
+            return here
+        noise = noise_of(self.objective, here.evaluation.residual, self.settings, self.noise)
+        white = self.objective.whiten(here.evaluation.residual, None, noise)
+        if white.log_likelihood <= here.whitened.log_likelihood:
+            return here
+        self.noise = noise
+        return self._ground(here.point, here.evaluation, noise)
+
+    def _ground(self, x: FloatArray, found: Evaluation, noise: Mapping[str, OutputNoise]) -> _Slope:
+        white = self.objective.whiten(found.residual, found.slopes, noise)
+        gradient, curvature = self._prior_products(x)
+        log_prior = self.log_prior(x)
+        return _Slope(
+            -white.log_likelihood - log_prior, gradient - white.slopes @ white.residual,
+            white.slopes @ white.slopes.T + curvature, x, found, white, noise, log_prior,
+        )  # fmt: skip
+
+    def log_prior(self, x: FloatArray) -> float:
+        """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
+        if not self.settings.prior:
+            return 0.0
+        parameters, smooth = self.objective.parameters, self.settings.smooth
+        values = parameters.from_search(x)
+        slopes = parameters.jacobian(values)
+        coupled: list[int] = []
+        total = 0.0
+        if smooth is not None:
+            coupled, total, _, _ = smooth.terms(parameters, x)
+        for j in self.free:
+            if j not in coupled:
+                total += float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j]))
+        return total
+
+    def _prior_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and curvature of the negative log-prior over the free columns."""
+        count = len(self.free)
+        if not self.settings.prior:
+            return np.zeros(count), np.zeros((count, count))
+        parameters, smooth = self.objective.parameters, self.settings.smooth
+        first, second = parameters.prior_derivatives(x)
+        curvature = np.diag(np.maximum(-second, 1e-9))
+        if smooth is not None:
+            coupled, _, gradient, block = smooth.terms(parameters, x)
+            first[coupled] = gradient
+            curvature[np.ix_(coupled, coupled)] = block
+        return -first[self.free], curvature[np.ix_(self.free, self.free)]
+
+
+def climb(
+    objective: Objective,
+    start: FloatArray,
+    free: Sequence[int],
+    *,
+    noise: Mapping[str, OutputNoise] | None = None,
+    settings: ClimbSettings | None = None,
+) -> Optimum:
+    """Climb from ``start`` (search coordinates of all columns) over the ``free`` columns.
+
+    Raises
+    ------
+    CannotFinishError
+        If the model cannot be simulated at the start.
+    """
+    settings = settings or ClimbSettings()
+    terrain = _Posterior(objective, start, free, noise, settings)
+    low, high = (bound[list(free)] for bound in objective.parameters.box)
+    found = search(terrain, terrain.base[list(free)], low, high, settings.local)
+    if found.ground is None:
+        raise CannotFinishError("the model cannot be simulated at the values where a fit starts")
+    here = found.ground
+    values, vectors = np.linalg.eigh(here.hessian)
+    values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0)) if len(values) else values
+    occam = 0.5 * len(values) * math.log(2.0 * math.pi) - 0.5 * float(np.sum(np.log(values)))
+    likelihood = here.whitened.log_likelihood
+    return Optimum(
+        tuple(free), terrain.full(found.point), dict(here.noise), likelihood, here.log_prior,
+        likelihood + here.log_prior + occam, (vectors / values) @ vectors.T, here.evaluation, here.whitened,
+        found.reason, found.iterations,
+    )  # fmt: skip

@@ -1,0 +1,320 @@
+"""From recordings to a fitted model: particle swarm, then bounded local search with the noise estimated alongside."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.estimate import swarm as pso
+from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, OpenSimulator, Progress
+from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.identifiability import Identifiability, Status, assess
+from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
+from aero_bayes.estimate.result import Fit, stage_report, structure_warnings
+from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.sensors.describe import describe_sensors
+from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.sensors.ripple import Ripple, ripples
+from aero_bayes.simulation.interface import Outcome, Problem, Simulator
+from aero_bayes.simulation.model import Model
+
+FloatArray = NDArray[np.float64]
+Engine = Literal["native", "fmpy"]
+
+#: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
+ON_BOUND = 1e-6
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit is done.
+
+    Parameters
+    ----------
+    method : {"chain", "pso", "local"}
+        ``chain``: the swarm, then the local search from its best particles.
+    cost : {"posterior", "weighted", "eq6"}
+        What is minimised: the negative log-posterior, with correlated noise where the data show it; squared errors
+        weighted by each output's white noise; or the paper's Eq. 6, squared errors as they are. The last two leave
+        the priors out.
+    staged : bool
+        Let the local search fit in the direction of causality before it fits all together.
+    stages : tuple of Stage, optional
+        Stages in place of those that the model's own structure gives.
+    swarm : SwarmSettings
+    local : LocalSettings
+    swarm_samples : int
+        Samples a recording that the swarm sees.
+    starts : int
+        Particles that the local search starts from, besides the starting values.
+    calibration : CalibrationSettings
+    noise : NoiseModel
+    ripple : {"subtract", "describe", "ignore"}
+        Look for ripple locked to a rotor in the residuals. ``subtract`` takes what is found out of the readings and
+        fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
+        the noise would be without it.
+    engine : {"native", "fmpy"}
+    """
+
+    method: Literal["chain", "pso", "local"] = "chain"
+    cost: Cost = "posterior"
+    staged: bool = True
+    stages: tuple[Stage, ...] | None = None
+    swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
+    local: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-4))
+    swarm_samples: int = 600
+    starts: int = 3
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
+    engine: Engine = "native"
+
+    @property
+    def ascent(self) -> AscentSettings:
+        """The part that is about the search."""
+        swarm = self.swarm if self.method != "local" else None
+        local = self.local if self.method != "pso" else replace(self.local, max_iterations=0)
+        return AscentSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
+
+
+def fit(
+    recordings: Recording | Sequence[Recording],
+    model: Model,
+    *,
+    parameters: ParameterSet | None = None,
+    fixed: Mapping[str, float] | None = None,
+    settings: FitSettings | None = None,
+    seed: int = 1,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit a model to recordings.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+    model : Model
+    parameters : ParameterSet, optional
+        What to search; the AERO's by default (:func:`aero_bayes.estimate.aero.aero_overrides`).
+    fixed : mapping of str to float, optional
+        Model parameters to hold at other values than the model's own.
+    settings : FitSettings, optional
+    seed : int
+    workers : int, optional
+        Worker processes; all cores by default.
+    progress : callable, optional
+        Told a phase, how far it is (0 to 1), and the cost.
+
+    Raises
+    ------
+    InputError
+        If the recordings and the model do not belong together.
+    CannotFinishError
+        If the model cannot be simulated at any starting point.
+    """
+    from aero_bayes.simulation import open_simulator
+
+    settings = settings or FitSettings()
+    recordings = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    if parameters is None:
+        overrides = aero_overrides(model)
+        if not overrides:
+            raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
+        parameters = parameters_from_model(model, overrides=overrides)
+    calibration = calibrate(
+        recordings, model, parameters, fixed=fixed, noise=settings.noise, settings=settings.calibration
+    )
+
+    def opened(problem: Problem) -> Simulator:
+        return open_simulator(problem, engine=settings.engine, workers=workers)
+
+    # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress)
+        return _with_sensors(found, opened, settings, progress) if settings.cost == "posterior" else found
+
+
+def _with_sensors(first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None) -> Fit:
+    """The fit with its sensors described; where ripple is to be subtracted, again from where it ended."""
+    began = time.perf_counter()
+    calibration = first.calibration
+    found, subtract = first, settings.ripple == "subtract"
+    ripple: dict[str, dict[str, Ripple]] = {}
+    if settings.ripple != "ignore":
+        cleaned, ripple = without_ripple(calibration, first.fitted)
+        if ripple and subtract:
+            found = _again(first, cleaned, opened, settings, progress)
+    rows = [(e.time, y, f) for e, y, f in zip(
+        found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
+    )]  # fmt: skip
+    sensors = describe_sensors(found.outputs, rows, ripple, subtracted=subtract)
+    return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
+
+
+def _again(
+    first: Fit, cleaned: Calibration, opened: OpenSimulator, settings: FitSettings, progress: Progress | None
+) -> Fit:
+    """The fit to readings without their ripple, from where the first one ended."""
+    with opened(cleaned.problem()) as simulator:
+        climber = Climber(Objective(cleaned, simulator), settings.ascent, progress)
+        optimum = climber.again(cleaned.parameters.to_search(first.values), first.free, first.noise)
+        ascent = Ascent(optimum, first.swarm, (), climber.iterations)
+        again = _finish(climber, ascent, settings, first.seconds)
+    outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
+    return replace(again, stages=first.stages, iterations=first.iterations + again.iterations, outcomes=outcomes)
+
+
+def without_ripple(
+    calibration: Calibration, fitted: Sequence[FloatArray]
+) -> tuple[Calibration, dict[str, dict[str, Ripple]]]:
+    """The calibration with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
+
+    ``fitted`` holds the outputs (n, m) of each experiment. The calibration is the same where nothing was found.
+    """
+    units = {v.name: v.unit for v in calibration.model.outputs}
+    by_output = [units.get(o, "") for o in calibration.outputs]
+    experiments, found = [], {}
+    for experiment, name, y, f in zip(
+        calibration.experiments, calibration.names, calibration.measured, fitted, strict=True
+    ):
+        own = ripples(experiment.time, y, f, calibration.outputs, by_output)
+        cleaned = y.copy()
+        for output, ripple in own.items():
+            cleaned[:, calibration.outputs.index(output)] -= ripple.values
+        if own:
+            found[name] = own
+        experiments.append(replace(experiment, measured=cleaned))
+    return (replace(calibration, experiments=tuple(experiments)) if found else calibration), found
+
+
+def fit_calibration(
+    calibration: Calibration,
+    open_simulator: OpenSimulator,
+    settings: FitSettings | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+    *,
+    simulator: Simulator | None = None,
+) -> Fit:
+    """Fit a calibration through any simulator.
+
+    ``simulator``, if given, is of the calibration's own problem and stays open; others are opened and closed here.
+    """
+    settings, rng = settings or FitSettings(), rng if rng is not None else np.random.default_rng(1)
+    began = time.perf_counter()
+    with ExitStack() as stack:
+        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        if simulator is None:
+            simulator = stack.enter_context(open_simulator(calibration.problem()))
+        climber = Climber(Objective(calibration, simulator), settings.ascent, progress)
+        free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
+        ascent = climber.to_optimum(free, open_simulator, rng)
+        wider = _free_what_shows(climber, ascent.optimum)
+        if wider != free:
+            optimum = climber.again(ascent.optimum.coordinates, wider, ascent.optimum.noise)
+            ascent = replace(ascent, optimum=optimum, iterations=climber.iterations)
+        return _finish(climber, ascent, settings, time.perf_counter() - began)
+
+
+def _free_what_shows(climber: Climber, here: Optimum) -> tuple[int, ...]:
+    """The free columns and each optional parameter that the data would narrow to a third of its prior."""
+    parameters = climber.objective.parameters
+    optional = [j for j, p in enumerate(parameters) if p.auto]
+    if not optional:
+        return here.free
+    verdict = judge(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
+    shown = [j for j in optional if verdict.status[parameters.names[j]] is Status.IDENTIFIED]
+    return tuple(sorted({*here.free, *shown}))
+
+
+def judge(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
+    """What the data says of some columns at an optimum, and the optimum with slopes by all of them."""
+    part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
+    found = objective.evaluate(here.coordinates, columns)
+    assert found is not None, "the optimum has been simulated before"
+    white = objective.whiten(found.residual, found.slopes, here.noise)
+    wide = replace(here, free=columns, evaluation=found, whitened=white)
+    information = white.slopes @ white.slopes.T
+    spread = spread_of(objective.series, wide, part.prior_sd())
+    if spread is not None:
+        information = spread.map.T @ information @ spread.map
+    values = objective.parameters.from_search(here.coordinates)[list(columns)]
+    verdict = assess(part.names, values, [p.scale == "log" for p in part], information, part.prior_sd())
+    return verdict, wide
+
+
+def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: float) -> Fit:
+    """Judge what was found and put it together: with the noise as it is, whatever the search minimised."""
+    objective, here = climber.objective, ascent.optimum
+    calibration = objective.calibration
+    if settings.cost != "posterior":
+        climber = Climber(objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0)))
+        here = climber.settle(replace(here, noise=climber.first_noise()))
+    optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
+    verdict, _ = judge(objective, here, tuple(sorted({*here.free, *optional})))
+    blind = {calibration.parameters.index(name) for name in verdict.no_effect}
+    sampled = tuple(j for j in here.free if j not in blind)
+    point = here.coordinates.copy()
+    point[list(blind)] = calibration.parameters.to_search(calibration.parameters.start)[list(blind)]
+    part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
+    _, here = judge(objective, replace(here, coordinates=point), sampled)
+    verdict = _with_bounds(verdict, part, point[list(sampled)])
+    values = calibration.parameters.from_search(point)
+    fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
+    spread = spread_of(objective.series, here, part.prior_sd())
+    hessian = here.whitened.slopes @ here.whitened.slopes.T
+    if spread is not None:
+        hessian = spread.map.T @ hessian @ spread.map
+    hessian = hessian + np.diag(np.maximum(-part.prior_derivatives(point[list(sampled)])[1], 0.0))
+    layout = NoiseLayout.of(calibration, here.noise)
+    covariance = np.zeros((len(sampled) + layout.size,) * 2)
+    covariance[: len(sampled), : len(sampled)] = parameter_covariance(hessian, part.prior_sd())
+    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
+    times = tuple(e.time for e in calibration.experiments)
+    covariance[len(sampled) :, len(sampled) :] = noise_covariance(layout, times, residual, here.noise)
+    mean = np.concatenate([point[list(sampled)], layout.pack(here.noise)])
+    likelihood = here.whitened.log_likelihood
+    return Fit(
+        calibration=calibration,
+        values=values,
+        free=sampled,
+        optimum=here,
+        series=objective.series,
+        identifiability=verdict,
+        laplace=Laplace(part.names + layout.names, mean, covariance, len(sampled)),
+        spread=spread,
+        log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
+        fitted=fitted,
+        residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),
+        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in ascent.stages),
+        swarm=ascent.swarm,
+        iterations=ascent.iterations,
+        outcomes={o: int(objective.outcomes[o]) for o in Outcome},
+        warnings=structure_warnings(calibration, residual, here.noise),
+        seconds=seconds,
+        engine=settings.engine,
+    )
+
+
+def _with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
+    """The verdict with parameters that ended on a bound marked as such."""
+    low, high = part.box
+    near = np.minimum(point - low, high - point) <= ON_BOUND * (high - low)
+    on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, near, strict=True) if at}
+    return replace(verdict, status=verdict.status | on_bound)

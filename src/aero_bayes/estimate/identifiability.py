@@ -1,0 +1,231 @@
+"""What the data can say about each parameter, by name, and what it says only of combinations.
+
+Everything follows from the Gauss-Newton information of the data alone, H, on axes where every prior has unit width:
+an eigenvalue above one is a direction in which the data says more than the prior.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Posterior over prior standard deviation below which a parameter counts as identified, and above which as not at all.
+IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE = 1.0 / 3.0, 0.95
+#: Information below which a column changes no output at all (in units of its prior's).
+NO_EFFECT = 1e-8
+
+
+class Status(StrEnum):
+    """How much the data says of a parameter."""
+
+    IDENTIFIED = "identified"
+    WEAK = "weak"
+    UNIDENTIFIED = "unidentified"
+    FIXED = "fixed"
+    AT_BOUND = "at_bound"
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination that the data sees as one number although its members are not seen apart."""
+
+    text: str
+    members: tuple[str, ...]
+    relative_sd: float
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Verdict by parameter: ``status``, and ``ratio`` of posterior to prior standard deviation (search axes).
+
+    ``no_effect`` names parameters that change no output.
+    """
+
+    status: dict[str, Status]
+    ratio: dict[str, float]
+    combinations: tuple[Combination, ...]
+    no_effect: tuple[str, ...]
+
+    def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
+        """What a reader should know, one sentence each; ``held`` names those that were then left at their start."""
+        lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
+        for members in dict.fromkeys(c.members for c in self.combinations):
+            lines.append(_determined(members, [c.text for c in self.combinations if c.members == members]))
+        weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in held]
+        if weak:
+            lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
+        left = [n for n in held if n not in self.no_effect]
+        if left:
+            lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
+        return tuple(lines)
+
+
+def status_of(ratio: float) -> Status:
+    """Verdict from the ratio of posterior to prior standard deviation."""
+    if ratio > UNIDENTIFIED_ABOVE:
+        return Status.UNIDENTIFIED
+    return Status.WEAK if ratio > IDENTIFIED_BELOW else Status.IDENTIFIED
+
+
+def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
+    """What is determined of parameters that are not seen apart."""
+    alone = [name for name in members if name in texts]
+    if len(texts) == 1 and not alone:
+        names = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in members))
+        marked = names.sub(lambda found: f"`{found[0]}`", texts[0])
+        return f"Only the combination {marked} is determined, not its members."
+    lost = [name for name in members if name not in alone]
+    if not lost:
+        return f"{_listed(alone)} {'is' if len(alone) == 1 else 'are'} determined."
+    seen = f"{_listed(texts)} {'is' if len(texts) == 1 else 'are'} determined"
+    return f"{seen}; {_listed(lost)} cannot be told apart." if len(lost) > 1 else f"{seen}, {_listed(lost)} is not."
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Names, marked as such, in a sentence."""
+    marked = [f"`{word}`" for word in words]
+    return marked[0] if len(marked) == 1 else f"{', '.join(marked[:-1])} and {marked[-1]}"
+
+
+def assess(
+    names: Sequence[str],
+    values: FloatArray,
+    logarithmic: Sequence[bool],
+    information: FloatArray,
+    prior_sd: FloatArray,
+) -> Identifiability:
+    """Judge parameters from the information of the data.
+
+    Parameters
+    ----------
+    names : sequence of str, length p
+    values : ndarray, shape (p,)
+        SI values at the point of judgement.
+    logarithmic : sequence of bool, length p
+        Whether the search axis is logarithmic.
+    information : ndarray, shape (p, p)
+        S'S of the whitened residuals, priors left out, in search coordinates.
+    prior_sd : ndarray, shape (p,)
+        Standard deviation of each prior in search coordinates.
+    """
+    scaled = information * prior_sd[:, None] * prior_sd[None, :]
+    diagonal = np.diag(scaled)
+    blind = diagonal < NO_EFFECT
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    eigenvalues = np.maximum(eigenvalues, 0.0)
+    posterior = np.sqrt(np.sum(vectors**2 / (1.0 + eigenvalues), axis=1))
+    status: dict[str, Status] = {}
+    for j, name in enumerate(names):
+        status[name] = Status.UNIDENTIFIED if blind[j] else status_of(float(posterior[j]))
+    ratio = {name: float(posterior[j]) for j, name in enumerate(names)}
+    return Identifiability(
+        status,
+        ratio,
+        _combinations(names, values, logarithmic, information, prior_sd, ~blind),
+        tuple(name for j, name in enumerate(names) if blind[j]),
+    )
+
+
+def _combinations(
+    names: Sequence[str],
+    values: FloatArray,
+    logarithmic: Sequence[bool],
+    information: FloatArray,
+    prior_sd: FloatArray,
+    seen: NDArray[np.bool_],
+) -> tuple[Combination, ...]:
+    """Directions that the data does not see although each member alone changes an output."""
+    columns = [int(j) for j in np.flatnonzero(seen) if logarithmic[int(j)]]
+    if len(columns) < 2:
+        return ()
+    covariance = np.linalg.pinv(information + np.diag(1.0 / prior_sd**2), hermitian=True)
+    norm = np.sqrt(np.diag(information)[columns])
+    correlation = information[np.ix_(columns, columns)] / np.outer(norm, norm)
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
+    found = []
+    null = vectors[:, eigenvalues < 1e-9 * len(columns)] / norm[:, None]
+    for members in _groups(null):
+        block = null[members][:, np.abs(null[members]).max(axis=0) > 1e-6 * np.abs(null).max()]
+        group = [columns[k] for k in members]
+        for text, row in _names(names, values, group, block):
+            spread = float(np.sqrt(row @ covariance[np.ix_(group, group)] @ row))
+            if spread > IDENTIFIED_BELOW * float(np.linalg.norm(row * prior_sd[group])):
+                continue  # only the prior knows it
+            found.append(Combination(text, tuple(names[j] for j in group), spread))
+    return tuple(found)
+
+
+def _groups(null: FloatArray) -> list[list[int]]:
+    """Sets of parameters that share null directions."""
+    if null.shape[1] == 0:
+        return []
+    projector = null @ np.linalg.pinv(null)
+    linked = np.abs(projector) > 1e-4
+    groups: list[list[int]] = []
+    left = {k for k in range(len(null)) if linked[k, k]}
+    while left:
+        group, frontier = set(), {min(left)}
+        while frontier:
+            k = frontier.pop()
+            group.add(k)
+            frontier |= {int(m) for m in np.flatnonzero(linked[k])} - group
+        groups.append(sorted(group))
+        left -= group
+    return groups
+
+
+def _names(
+    names: Sequence[str], values: FloatArray, group: Sequence[int], null: FloatArray
+) -> list[tuple[str, FloatArray]]:
+    """Products of powers, or sums, that do not change along the null directions, with their gradient on log axes."""
+    basis = np.linalg.svd(null.T)[2][np.linalg.matrix_rank(null, tol=1e-8 * np.abs(null).max()) :]
+    found = []
+    for row in _reduced(basis):
+        lead = row / np.abs(row).max()
+        rounded = np.round(lead)
+        share = row / values[list(group)]
+        share = share / share[int(np.argmax(np.abs(share)))]
+        kept = np.abs(share) > 1e-3
+        if np.allclose(lead, rounded, atol=1e-3):
+            text = _product([(names[j], int(r)) for j, r in zip(group, rounded, strict=True) if r])
+        elif np.allclose(share[kept], 1.0, atol=1e-2):
+            text, lead = " + ".join(names[j] for j, k in zip(group, kept, strict=True) if k), row / row.sum()
+        else:
+            text = "a function of " + ", ".join(names[j] for j, r in zip(group, lead, strict=True) if abs(r) > 1e-3)
+        found.append((text, lead))
+    return found
+
+
+def _reduced(rows: FloatArray) -> FloatArray:
+    """Row-reduced form, which shows small whole exponents where there are some."""
+    rows = rows.copy()
+    pivot = 0
+    for column in range(rows.shape[1]):
+        if pivot == rows.shape[0]:
+            break
+        best = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[best, column]) < 1e-6:
+            continue
+        rows[[pivot, best]] = rows[[best, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        for other in range(rows.shape[0]):
+            if other != pivot:
+                rows[other] -= rows[other, column] * rows[pivot]
+        pivot += 1
+    rows[np.abs(rows) < 1e-6] = 0.0
+    return rows
+
+
+def _product(powers: Sequence[tuple[str, int]]) -> str:
+    if sum(p for _, p in powers) < 0 or all(p < 0 for _, p in powers):
+        powers = [(n, -p) for n, p in powers]
+    top = [n if p == 1 else f"{n}^{p}" for n, p in powers if p > 0]
+    bottom = [n if p == -1 else f"{n}^{-p}" for n, p in powers if p < 0]
+    return " ".join(top or ["1"]) + (" / " + " ".join(bottom) if bottom else "")

@@ -1,0 +1,268 @@
+"""Parameters of a search: physical values on one side, a scaled box on the other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
+from aero_bayes.simulation.interface import ParameterTarget, Target
+from aero_bayes.simulation.model import Model
+
+FloatArray = NDArray[np.float64]
+Scale = Literal["log", "linear"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that the data shall determine.
+
+    Parameters
+    ----------
+    name, unit, description : str
+    start, lower, upper : float
+        Value to start from and finite bounds, in SI units.
+    prior : Prior
+        Density in the parameter's own unit; it is truncated to the bounds.
+    scale : {"log", "linear"}
+        Axis on which it is searched. ``log`` needs a positive lower bound.
+    target : Target
+        What it means to the simulator.
+    recording : int, optional
+        Index of the one recording that it belongs to; None for all.
+    auto : bool
+        Freed only if the data shows it (see :mod:`aero_bayes.estimate.identifiability`).
+
+    Raises
+    ------
+    InputError
+        If the start lies outside the bounds, or the bounds do not suit the scale.
+    """
+
+    name: str
+    unit: str
+    start: float
+    lower: float
+    upper: float
+    prior: Prior
+    scale: Scale
+    description: str
+    target: Target
+    recording: int | None = None
+    auto: bool = False
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
+            raise InputError(f"{self.name}: bounds {self.lower:g} to {self.upper:g} are not a finite interval")
+        if not self.lower <= self.start <= self.upper:
+            raise InputError(
+                f"{self.name}: start {self.start:g} {self.unit} lies outside its bounds, "
+                f"{self.lower:g} to {self.upper:g}"
+            )
+        if self.scale == "log" and self.lower <= 0.0:
+            raise InputError(f"{self.name}: a logarithmic axis needs a positive lower bound, not {self.lower:g}")
+        object.__setattr__(self, "prior", self.prior.bounded(self.lower, self.upper))
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """The columns of a parameter matrix, with the change between SI units and search coordinates.
+
+    On a ``log`` axis the coordinate is the natural logarithm of the value in its SI unit; on a ``linear`` axis it is
+    the value over the width of its bounds. Standard deviations of coordinates are thus of comparable size.
+    """
+
+    items: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        seen: set[str] = set()
+        for item in self.items:
+            if item.name in seen:
+                raise InputError(f"parameter {item.name} is given twice")
+            seen.add(item.name)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.items)
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.items[self.index(name)]
+
+    def __contains__(self, name: object) -> bool:
+        return any(item.name == name for item in self.items)
+
+    def index(self, name: str) -> int:
+        """Column of a parameter."""
+        for j, item in enumerate(self.items):
+            if item.name == name:
+                return j
+        raise InputError(f"no parameter {name}; there are {', '.join(self.names)}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(item.name for item in self.items)
+
+    @property
+    def start(self) -> FloatArray:
+        """Starting values in SI units, shape (p,)."""
+        return np.array([item.start for item in self.items])
+
+    @property
+    def _log(self) -> NDArray[np.bool_]:
+        return np.array([item.scale == "log" for item in self.items], dtype=bool)
+
+    @property
+    def _width(self) -> FloatArray:
+        return np.array([1.0 if item.scale == "log" else item.upper - item.lower for item in self.items])
+
+    @property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds in search coordinates, shape (p,) each."""
+        return (
+            self.to_search(np.array([item.lower for item in self.items])),
+            self.to_search(np.array([item.upper for item in self.items])),
+        )
+
+    def to_search(self, values: FloatArray) -> FloatArray:
+        """Search coordinates of SI values, shape (..., p)."""
+        values = np.asarray(values, dtype=np.float64)
+        log = self._log
+        return np.where(log, np.log(np.where(log, values, 1.0)), values / self._width)
+
+    def from_search(self, coordinates: FloatArray) -> FloatArray:
+        """SI values of search coordinates, shape (..., p), clipped by one rounding to the bounds."""
+        coordinates = np.asarray(coordinates, dtype=np.float64)
+        log = self._log
+        values = np.where(log, np.exp(np.where(log, coordinates, 0.0)), coordinates * self._width)
+        low, high = self.box
+        inside = (coordinates >= low) & (coordinates <= high)
+        clipped = np.clip(values, [item.lower for item in self.items], [item.upper for item in self.items])
+        return np.where(inside, clipped, values)
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """Derivative of each value with respect to its own coordinate, shape (..., p)."""
+        values = np.asarray(values, dtype=np.float64)
+        return np.where(self._log, values, self._width)
+
+    def log_prior(self, coordinates: FloatArray) -> FloatArray:
+        """Log-density of the priors in search coordinates, shape (n,) for coordinates (n, p)."""
+        coordinates = np.atleast_2d(coordinates)
+        low, high = self.box
+        total = np.where(np.all((coordinates >= low) & (coordinates <= high), axis=1), 0.0, -np.inf)
+        values = self.from_search(coordinates)
+        for j, item in enumerate(self.items):
+            total = total + item.prior.log_pdf(values[:, j]) + np.log(self.jacobian(values)[:, j])
+        return total
+
+    def prior_derivatives(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """First and second derivative of the log-prior by each search coordinate, shape (..., p)."""
+        coordinates = np.asarray(coordinates, dtype=np.float64)
+        values = self.from_search(coordinates)
+        slope = self.jacobian(values)
+        first, second = np.empty(values.shape), np.empty(values.shape)
+        for j, item in enumerate(self.items):
+            d1, d2 = item.prior.derivatives(values[..., j])
+            first[..., j] = d1 * slope[..., j]
+            second[..., j] = d2 * slope[..., j] ** 2
+        log = self._log
+        return first + log, second + np.where(log, first, 0.0)
+
+    def sample_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Independent draws from the priors in SI units, shape (size, p)."""
+        return np.stack([item.prior.sample(rng, size) for item in self.items], axis=1)
+
+    def prior_sd(self, rng: np.random.Generator | None = None) -> FloatArray:
+        """Standard deviation of each prior in search coordinates, shape (p,), by quadrature on its own axis."""
+        low, high = self.box
+        sd = np.empty(len(self))
+        for j, item in enumerate(self.items):
+            u = np.linspace(low[j], high[j], 4001)
+            x = np.exp(u) if item.scale == "log" else u * (item.upper - item.lower)
+            slope = x if item.scale == "log" else np.full(u.shape, item.upper - item.lower)
+            x = np.clip(x, item.lower, item.upper)
+            log_density = item.prior.log_pdf(x) + np.log(slope)
+            weight = np.exp(log_density - log_density.max())
+            weight /= weight.sum()
+            mean = np.sum(weight * u)
+            sd[j] = math.sqrt(max(float(np.sum(weight * (u - mean) ** 2)), 1e-300))
+        return sd
+
+    def with_start(self, values: FloatArray) -> ParameterSet:
+        """The same parameters started elsewhere."""
+        return ParameterSet(tuple(replace(p, start=float(v)) for p, v in zip(self.items, values, strict=True)))
+
+    def without(self, names: Sequence[str]) -> ParameterSet:
+        """The parameters but for some."""
+        return ParameterSet(tuple(p for p in self.items if p.name not in names))
+
+    def extended(self, more: Sequence[Parameter]) -> ParameterSet:
+        """The parameters and some more after them."""
+        return ParameterSet(self.items + tuple(more))
+
+
+@dataclass(frozen=True)
+class Override:
+    """What a user says of a parameter in place of the model's own statement; None leaves that."""
+
+    start: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    prior: Prior | None = None
+    scale: Scale | None = None
+    auto: bool = False
+
+
+def parameters_from_model(
+    model: Model, free: Sequence[str] | None = None, overrides: Mapping[str, Override] | None = None
+) -> ParameterSet:
+    """Parameters of a model, by name, with bounds and start from the model unless overridden.
+
+    Parameters
+    ----------
+    model : Model
+    free : sequence of str, optional
+        Which to search; by default those that ``overrides`` names.
+    overrides : mapping of str to Override
+
+    Raises
+    ------
+    InputError
+        For a name that the model lacks, a parameter without finite bounds, or a start outside them.
+    """
+    overrides = overrides or {}
+    known = {variable.name: variable for variable in model.parameters}
+    items = []
+    for name in free if free is not None else tuple(overrides):
+        if name not in known:
+            raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
+        variable, override = known[name], overrides.get(name, Override())
+        start = _first(override.start, variable.start, variable.nominal)
+        lower = _first(override.lower, variable.minimum)
+        upper = _first(override.upper, variable.maximum)
+        if start is None or lower is None or upper is None or not (math.isfinite(lower) and math.isfinite(upper)):
+            raise InputError(
+                f"{name}: a start and finite bounds are needed to search it; the model does not state them"
+            )
+        if override.prior is not None and override.lower is None and override.upper is None:
+            lower, upper = max(lower, override.prior.lower), min(upper, override.prior.upper)
+        scale = override.scale or ("log" if lower > 0.0 else "linear")
+        prior = override.prior or (LogUniform(lower, upper) if scale == "log" else Uniform(lower, upper))
+        items.append(
+            Parameter(
+                name, variable.unit, start, lower, upper, prior, scale, variable.description,
+                ParameterTarget(name), auto=override.auto,
+            )
+        )  # fmt: skip
+    return ParameterSet(tuple(items))
+
+
+def _first(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)

@@ -1,0 +1,233 @@
+"""Prior densities: small frozen values, truncated to their bounds and normalised there.
+
+Each knows its log-density in the parameter's own unit, the first two derivatives of it, and how to draw from it. The
+change to search coordinates belongs to :mod:`aero_bayes.estimate.parameters`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from aero_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+_LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Prior(Protocol):
+    """What a parameter's prior must answer; ``lower`` and ``upper`` bound its support."""
+
+    @property
+    def lower(self) -> float: ...
+
+    @property
+    def upper(self) -> float: ...
+
+    def log_pdf(self, x: ArrayLike) -> FloatArray:
+        """Log-density at ``x`` (any shape), minus infinity outside the bounds."""
+        ...
+
+    def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """First and second derivative of the log-density inside the bounds."""
+        ...
+
+    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Independent draws, shape (size,)."""
+        ...
+
+    def bounded(self, lower: float, upper: float) -> Prior:
+        """The same density truncated to the intersection of its bounds with these."""
+        ...
+
+    def describe(self, unit: str) -> str:
+        """What a reader of a report sees."""
+        ...
+
+
+def _check(lower: float, upper: float, what: str) -> None:
+    if not lower < upper:
+        raise InputError(f"{what}: lower bound {lower:g} is not below upper bound {upper:g}")
+
+
+def _inside(x: FloatArray, lower: float, upper: float, value: FloatArray) -> FloatArray:
+    return np.where((x >= lower) & (x <= upper), value, -np.inf)
+
+
+def _log_mass(a: float, b: float) -> float:
+    """Logarithm of the standard normal's mass between a and b, in either tail without cancellation."""
+    if a > 0.0:
+        a, b = -b, -a
+    if b <= 0.0:
+        upper, lower = float(log_ndtr(b)), float(log_ndtr(a))
+        return upper + math.log1p(-math.exp(lower - upper))
+    return math.log(float(ndtr(b)) - float(ndtr(a)))
+
+
+def _truncated_normal(rng: np.random.Generator, a: float, b: float, size: int) -> FloatArray:
+    """Draws of a standard normal between a and b by inversion, in the tail that keeps its digits."""
+    flip = a > 0.0
+    if flip:
+        a, b = -b, -a
+    p = ndtr(a) + rng.random(size) * (ndtr(b) - ndtr(a))
+    z = np.clip(ndtri(p), a, b)
+    return np.asarray(-z if flip else z, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Equal density everywhere between the bounds."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        _check(self.lower, self.upper, "uniform prior")
+
+    def log_pdf(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=np.float64)
+        return _inside(x, self.lower, self.upper, np.full(x.shape, -math.log(self.upper - self.lower)))
+
+    def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        x = np.asarray(x, dtype=np.float64)
+        return np.zeros(x.shape), np.zeros(x.shape)
+
+    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+        return rng.uniform(self.lower, self.upper, size)
+
+    def bounded(self, lower: float, upper: float) -> Uniform:
+        return Uniform(max(lower, self.lower), min(upper, self.upper))
+
+    def describe(self, unit: str) -> str:
+        return f"uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Equal density on a logarithmic axis between two positive bounds."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        _check(self.lower, self.upper, "log-uniform prior")
+        if self.lower <= 0.0:
+            raise InputError(f"log-uniform prior: lower bound {self.lower:g} is not positive")
+
+    def log_pdf(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=np.float64)
+        safe = np.maximum(x, self.lower)
+        return _inside(x, self.lower, self.upper, -np.log(safe) - math.log(math.log(self.upper / self.lower)))
+
+    def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        x = np.asarray(x, dtype=np.float64)
+        return -1.0 / x, 1.0 / x**2
+
+    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+        return np.exp(rng.uniform(math.log(self.lower), math.log(self.upper), size))
+
+    def bounded(self, lower: float, upper: float) -> LogUniform:
+        return LogUniform(max(lower, self.lower), min(upper, self.upper))
+
+    def describe(self, unit: str) -> str:
+        return f"log-uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal density, truncated to the bounds and normalised there."""
+
+    mean: float
+    sd: float
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    def __post_init__(self) -> None:
+        _check(self.lower, self.upper, "normal prior")
+        if not self.sd > 0.0:
+            raise InputError(f"normal prior: standard deviation {self.sd:g} is not positive")
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        return (self.lower - self.mean) / self.sd, (self.upper - self.mean) / self.sd
+
+    def log_pdf(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=np.float64)
+        z = (x - self.mean) / self.sd
+        constant = -_LOG_SQRT_2PI - math.log(self.sd) - _log_mass(*self._limits)
+        return _inside(x, self.lower, self.upper, constant - 0.5 * z**2)
+
+    def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        x = np.asarray(x, dtype=np.float64)
+        return -(x - self.mean) / self.sd**2, np.full(x.shape, -1.0 / self.sd**2)
+
+    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+        return self.mean + self.sd * _truncated_normal(rng, *self._limits, size)
+
+    def bounded(self, lower: float, upper: float) -> Normal:
+        return Normal(self.mean, self.sd, max(lower, self.lower), min(upper, self.upper))
+
+    def describe(self, unit: str) -> str:
+        return f"normal, {self.mean:.4g} ± {self.sd:.2g} {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """Log-normal density about a median, truncated to the bounds and normalised there.
+
+    ``sigma`` is the standard deviation of the natural logarithm: about the relative tolerance where that is small.
+    """
+
+    median: float
+    sigma: float
+    lower: float = 0.0
+    upper: float = math.inf
+
+    def __post_init__(self) -> None:
+        _check(self.lower, self.upper, "log-normal prior")
+        if not (self.median > 0.0 and self.sigma > 0.0):
+            raise InputError(f"log-normal prior: median {self.median:g} and sigma {self.sigma:g} must be positive")
+
+    @classmethod
+    def tolerance(cls, nominal: float, relative: float) -> LogNormal:
+        """A nominal value with a relative tolerance (one standard deviation)."""
+        return cls(nominal, math.sqrt(math.log1p(relative**2)))
+
+    @classmethod
+    def factor(cls, nominal: float, factor: float) -> LogNormal:
+        """A nominal value that may be off by a factor (one standard deviation)."""
+        return cls(nominal, math.log(factor))
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        mu = math.log(self.median)
+        low = (math.log(self.lower) - mu) / self.sigma if self.lower > 0.0 else -math.inf
+        return low, (math.log(self.upper) - mu) / self.sigma if self.upper < math.inf else math.inf
+
+    def log_pdf(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=np.float64)
+        log_x = np.log(np.where(x > 0.0, x, 1.0))
+        z = (log_x - math.log(self.median)) / self.sigma
+        constant = -_LOG_SQRT_2PI - math.log(self.sigma) - _log_mass(*self._limits)
+        return _inside(x, max(self.lower, 5e-324), self.upper, constant - log_x - 0.5 * z**2)
+
+    def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        x = np.asarray(x, dtype=np.float64)
+        z = (np.log(x) - math.log(self.median)) / self.sigma
+        return -(1.0 + z / self.sigma) / x, (1.0 + z / self.sigma - 1.0 / self.sigma**2) / x**2
+
+    def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
+        return np.asarray(self.median * np.exp(self.sigma * _truncated_normal(rng, *self._limits, size)))
+
+    def bounded(self, lower: float, upper: float) -> LogNormal:
+        return LogNormal(self.median, self.sigma, max(lower, self.lower), min(upper, self.upper))
+
+    def describe(self, unit: str) -> str:
+        if self.sigma < 0.4:
+            return f"log-normal, {self.median:.4g} {unit} ± {100 * self.sigma:.2g} %"
+        return f"log-normal, {self.median:.4g} {unit} within a factor {math.exp(self.sigma):.2g}"

@@ -1,0 +1,358 @@
+"""What a fit found: typed, with units, ready for a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate import cost as costs
+from aero_bayes.estimate.aero import FIXED
+from aero_bayes.estimate.ascent import StageEnd
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.identifiability import Identifiability, Status
+from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.search import Stop
+from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.swarm import SwarmResult
+from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
+from aero_bayes.sensors.noise import OutputNoise, innovations
+from aero_bayes.sensors.whiteness import slow_excess
+from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
+
+FloatArray = NDArray[np.float64]
+Json = dict[str, object]
+_NO_SPREAD: tuple[float | None, float | None, float | None, float | None] = (None, None, None, None)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter as a reader sees it; spread and quantiles are None where the data says nothing of it."""
+
+    name: str
+    value: float
+    sd: float | None
+    q05: float | None
+    q50: float | None
+    q95: float | None
+    unit: str
+    status: Status
+    description: str = ""
+    prior: str = ""
+    start: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    note: str = ""
+    recording: str = ""
+
+    def to_dict(self) -> Json:
+        """The entry of result.json."""
+        return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """Where a stage of the local search ended: cost, values and RMS error by output."""
+
+    stage: Stage
+    cost: float
+    values: Mapping[str, float]
+    rms: Mapping[str, float]
+
+    def to_dict(self) -> Json:
+        return {
+            "parameters": list(self.stage.parameters),
+            "outputs": list(self.stage.outputs),
+            "cost": self.cost,
+            "values": dict(self.values),
+            "rms": dict(self.rms),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted calibration.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    values : ndarray, shape (p,)
+        SI values of all parameters of the calibration.
+    free : tuple of int
+        Columns that were fitted; the others keep their start.
+    optimum : Optimum
+        Where the search ended, over the free columns; ``series`` are those of its objective.
+    identifiability : Identifiability
+    laplace : Laplace
+        Gaussian approximation of the posterior of free and noise parameters in search coordinates.
+    spread : Spread, optional
+        How much wider than its likelihood the posterior is, where a residual is no noise.
+    log_posterior : float
+    fitted, residuals : tuples of ndarray, shape (n, m)
+        Outputs at the fit, and measured minus fitted, of each recording.
+    outcomes : mapping of Outcome to int
+        How many simulations ended how.
+    warnings : tuple of str
+        What a reader must know before trusting an interval.
+    seconds : float
+    sensors : mapping of str to dict
+        Ripple and encoder counts, by output, as result.json takes them.
+    """
+
+    calibration: Calibration
+    values: FloatArray
+    free: tuple[int, ...]
+    optimum: Optimum
+    series: tuple[Series, ...]
+    identifiability: Identifiability
+    laplace: Laplace
+    spread: Spread | None
+    log_posterior: float
+    fitted: tuple[FloatArray, ...]
+    residuals: tuple[FloatArray, ...]
+    stages: tuple[StageReport, ...]
+    swarm: SwarmResult | None
+    iterations: int
+    outcomes: Mapping[Outcome, int]
+    warnings: tuple[str, ...]
+    seconds: float
+    engine: str = "native"
+    sensors: Mapping[str, Json] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.calibration.outputs
+
+    @property
+    def noise(self) -> Mapping[str, OutputNoise]:
+        """Noise of each output."""
+        return self.optimum.noise
+
+    @property
+    def log_likelihood(self) -> float:
+        return self.optimum.log_likelihood
+
+    @property
+    def reason(self) -> Stop:
+        """Why the search ended."""
+        return self.optimum.reason
+
+    def target(self, simulator: Simulator) -> Target:
+        """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
+        return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
+
+    def joint_target(self, simulator: Simulator) -> JointTarget:
+        """The log-posterior over the free and the noise parameters."""
+        return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
+
+    @property
+    def cost_eq6(self) -> float:
+        """Sum of squared errors (the paper's Eq. 6)."""
+        return costs.eq6(self.residuals)
+
+    @property
+    def rms(self) -> dict[str, float]:
+        """Root mean square error by output over all recordings."""
+        return costs.rms_overall(self.residuals, self.outputs)
+
+    @property
+    def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
+        return costs.rms_table(self.residuals, self.calibration.names, self.outputs)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion, free and noise parameters counted (smaller is better)."""
+        return -2.0 * self.log_likelihood + len(self.laplace.mean) * float(np.log(self.calibration.counts.sum()))
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Simulations by how they ended."""
+        return {outcome.key: count for outcome, count in self.outcomes.items()}
+
+    def value(self, name: str) -> float:
+        """SI value of a parameter."""
+        return float(self.values[self.calibration.parameters.index(name)])
+
+    @property
+    def named(self) -> dict[str, float]:
+        """SI values by name."""
+        return dict(zip(self.calibration.parameters.names, self.values.tolist(), strict=True))
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Every parameter with its Laplace interval, the model's fixed ones included."""
+        table = {}
+        for j, item in enumerate(self.calibration.parameters):
+            spread = self._spread(j) if self.status(j) in (Status.IDENTIFIED, Status.WEAK) else _NO_SPREAD
+            table[item.name] = Estimate(
+                item.name, float(self.values[j]), *spread, item.unit, self.status(j), item.description,
+                item.prior.describe(item.unit), item.start, item.lower, item.upper, self.note(j),
+                self.own_recording(item.recording),
+            )  # fmt: skip
+        return table | fixed_parameters(self.calibration)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Parameters that were left at their start since the data does not show them."""
+        names = self.calibration.parameters.names
+        return tuple(name for column, name in enumerate(names) if column not in self.free)
+
+    def own_recording(self, index: int | None) -> str:
+        """Name of the recording that a parameter belongs to alone; empty for all, and where there is only one."""
+        names = self.calibration.names
+        return names[index] if index is not None and len(names) > 1 else ""
+
+    def status(self, column: int) -> Status:
+        """How well the data determines a column."""
+        name = self.calibration.parameters.names[column]
+        if column in self.free:
+            return self.identifiability.status[name]
+        return Status.UNIDENTIFIED
+
+    def note(self, column: int) -> str:
+        """Why a column has no interval, if so."""
+        item = self.calibration.parameters.items[column]
+        if item.name in self.identifiability.no_effect:
+            return "changes no recorded output; left at its start"
+        if column not in self.free:
+            return "not visible in this data; left at its start"
+        if self.status(column) is Status.UNIDENTIFIED:
+            return "the data says no more of it than the prior"
+        if self.status(column) is Status.AT_BOUND:
+            return "ended on a bound of its search: no interval from there; widen the bound or look at the model"
+        return ""
+
+    def _spread(self, column: int) -> tuple[float, float, float, float]:
+        item, position = self.calibration.parameters.items[column], self.free.index(column)
+        mean, sd = self.laplace.mean[position], self.laplace.sd[position]
+        u = mean + sd * np.array([-1.6448536269514722, 0.0, 1.6448536269514722])
+        slope = float(self.calibration.parameters.jacobian(self.values)[column])
+        x = np.exp(u) if item.scale == "log" else u * (item.upper - item.lower)
+        low, middle, high = np.clip(x, item.lower, item.upper).tolist()
+        return float(sd * slope), low, middle, high
+
+    def noise_table(self) -> dict[str, Json]:
+        """Noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
+        return noise_table(self.calibration, self.noise)
+
+    def to_dict(self) -> Json:
+        """The keys of result.json that a fit fills."""
+        swarm = self.swarm
+        return {
+            "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
+            "noise": self.noise_table(),
+            "sensors": dict(self.sensors),
+            "fit": {
+                "cost_eq6": self.cost_eq6,
+                "rms": {"train": self.rms},
+                "log_likelihood": self.log_likelihood,
+                "log_posterior": self.log_posterior,
+                "bic": self.bic,
+                "stages": [s.to_dict() for s in self.stages],
+                "pso": None
+                if swarm is None
+                else {
+                    "evaluations": swarm.evaluations,
+                    "history": list(swarm.history),
+                    "failures": swarm.failures,
+                    "reason": swarm.reason,
+                },
+                "local": {"iterations": self.iterations, "reason": self.reason.value},
+            },
+            "identifiability": {
+                "combinations": [
+                    {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd}
+                    for c in self.identifiability.combinations
+                ],
+                "unidentified": [n for n, e in self.parameters.items() if e.status is Status.UNIDENTIFIED],
+                "text": list(self.identifiability.sentences(self.held)),
+            },
+            "failures": self.failures,
+            "warnings": list(self.warnings),
+            "seconds": self.seconds,
+        }
+
+    def _repr_html_(self) -> str:
+        return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
+
+    def __repr__(self) -> str:
+        cells = ", ".join(f"{n}={e.value:.4g} {e.unit}".rstrip() for n, e in self.parameters.items())
+        return f"<Fit {self.calibration.model.name}: {cells}>"
+
+
+def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
+    """Model parameters that nobody searched, with the reason where it is known."""
+    searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
+    table = {}
+    for v in calibration.model.parameters:
+        value = calibration.fixed.get(v.name, v.start)
+        known = v.name in FIXED or v.name in calibration.fixed
+        if v.name not in searched and known and value is not None:
+            note = FIXED.get(v.name, "held at the value that the configuration gives")
+            table[v.name] = Estimate(
+                v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
+            )
+    return table
+
+
+def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, Json]:
+    """Noise by output as result.json wants it."""
+    interval = float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
+    return {
+        name: {"sd": n.sd, "rho": n.rho(interval), "sd_white": n.sd_white, "sd_ou": n.sd_ou, "tau_s": n.tau}
+        for name, n in noise.items()
+    }
+
+
+def stage_report(end: StageEnd, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
+    """A stage of an ascent as a reader sees it."""
+    squares: dict[str, list[FloatArray]] = {}
+    own = [s for s in series if s.output in end.stage.outputs]
+    for s, residual in zip(own, end.optimum.evaluation.residual, strict=True):
+        squares.setdefault(s.output, []).append(residual)
+    rms = {o: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for o, parts in squares.items()}
+    values = parameters.from_search(end.optimum.coordinates)
+    return StageReport(end.stage, end.cost, dict(zip(parameters.names, values.tolist(), strict=True)), rms)
+
+
+def structure_warnings(
+    calibration: Calibration, residuals: Sequence[FloatArray], noise: Mapping[str, OutputNoise]
+) -> tuple[str, ...]:
+    """One sentence for each output whose residual the sensors cannot explain."""
+    units = {v.name: v.unit for v in calibration.model.outputs}
+    lines = []
+    for k, name in enumerate(calibration.outputs):
+        n, unit = noise[name], units.get(name, "")
+        if n.held:
+            lines.append(
+                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is no sensor's noise. The fit "
+                "weighs it as least squares does, and intervals are widened to match its correlation, but a systematic "
+                "error of the model can still lie outside of them."
+            )
+            continue
+        white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
+        excess = slow_excess(np.concatenate(white))
+        if excess > 2.0:
+            lines.append(
+                f"The residual of {name} wanders more slowly than its noise model allows ({excess:.1f} times the "
+                "variance expected of averages): its intervals are too narrow."
+            )
+    return tuple(lines)
+
+
+def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:
+    """A parameter table for a notebook."""
+    head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "90 % interval", "unit", "status", "prior"))
+    rows = []
+    for e in table.values():
+        span = "" if e.q05 is None or e.q95 is None else f"{e.q05:.4g} to {e.q95:.4g}"
+        cells = (e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior)
+        rows.append("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in cells) + "</tr>")
+    notes = "".join(f"<p><strong>{escape(w)}</strong></p>" for w in warnings)
+    return f"<table><caption>{escape(caption)}</caption><tr>{head}</tr>{''.join(rows)}</table>{notes}"

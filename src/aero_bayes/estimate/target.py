@@ -1,0 +1,244 @@
+"""The posterior that a search climbs and a sampler draws from, over search coordinates.
+
+A point is the free parameters' search coordinates followed by the logarithms of the noise parameters.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.search import Ground, Plain
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import Outcome, Simulator
+
+FloatArray = NDArray[np.float64]
+_NOISE_PARTS = ("sd_white", "sd_ou", "tau")
+
+
+@dataclass(frozen=True)
+class NoiseLayout:
+    """Which noise parameters are searched, as logarithms, with weak log-normal priors on the scale of the data.
+
+    White noise has its median at 1 % of the output's range, correlated noise at 3 %, the correlation time at the
+    geometric mean of sample interval and duration; each may be off by a factor of 12 (one standard deviation), so
+    that a few hundred samples outweigh the prior completely. Numbers that the data does not determine are held.
+    """
+
+    outputs: tuple[str, ...]
+    held: tuple[OutputNoise, ...]
+    centre: FloatArray
+    sigma: float = 2.5
+    limit: float = 12.0
+
+    @classmethod
+    def of(cls, calibration: Calibration, noise: Mapping[str, OutputNoise]) -> NoiseLayout:
+        scale, outputs = calibration.scale, calibration.outputs
+        interval = min(float(np.median(np.diff(e.time))) for e in calibration.experiments)
+        duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
+        centre = np.log(np.stack([0.01 * scale, 0.03 * scale, np.full(scale.shape, np.sqrt(interval * duration))], 1))
+        return cls(outputs, tuple(noise[name] for name in outputs), centre)
+
+    @property
+    def _mask(self) -> NDArray[np.bool_]:
+        return np.array([n.searched for n in self.held], dtype=bool)
+
+    @property
+    def size(self) -> int:
+        return int(self._mask.sum())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Such as ``noise.theta.sd_white``."""
+        return tuple(f"noise.{self.outputs[k]}.{_NOISE_PARTS[j]}" for k, j in np.argwhere(self._mask))
+
+    def pack(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
+        """Coordinates of an estimate, shape (q,)."""
+        rows = np.array([noise[name].as_row() for name in self.outputs])
+        return np.asarray(np.log(rows[self._mask]))
+
+    def unpack(self, coordinates: FloatArray) -> FloatArray:
+        """Noise triples as a simulator takes them, shape (n, 1, m, 3)."""
+        full = np.tile(np.array([n.as_row() for n in self.held]), (len(coordinates), 1, 1))
+        full[:, self._mask] = np.exp(coordinates)
+        return full[:, None]
+
+    def estimates(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
+        """The estimate at one point, shape (q,)."""
+        rows = self.unpack(coordinates[None])[0, 0]
+        return {
+            name: replace(held, sd_white=float(row[0]), sd_ou=float(row[1]), tau=float(row[2]))
+            for name, held, row in zip(self.outputs, self.held, rows, strict=True)
+        }
+
+    def log_prior(self, coordinates: FloatArray) -> FloatArray:
+        """Log-density, shape (n,)."""
+        z = (coordinates - self.centre[self._mask]) / self.sigma
+        density = -0.5 * np.sum(z**2, axis=1) - self.size * np.log(self.sigma * np.sqrt(2.0 * np.pi))
+        return np.asarray(np.where(np.all(np.abs(z * self.sigma) < self.limit, axis=1), density, -np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Cost, gradient and Gauss-Newton Hessian at a batch of points: shapes (k,), (k, p), (k, p, p).
+
+    The cost is not finite where the evaluation failed.
+    """
+
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How much wider the posterior is than a likelihood that takes every reading for independent (Ribatet, Cooley &
+    Davison, 2012, Statistica Sinica 22, 813).
+
+    The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
+    sandwich covariance; shapes (f,) and (f, f).
+    """
+
+    centre: FloatArray
+    map: FloatArray
+
+    def __call__(self, coordinates: FloatArray) -> FloatArray:
+        """Where the likelihood of points (n, f) is taken."""
+        return self.centre + (coordinates - self.centre) @ self.map.T
+
+
+class Target:
+    """Log-posterior of a calibration over some of its parameters, reduced in the engine.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    simulator : Simulator
+        Of the calibration's problem.
+    base : ndarray, shape (p,)
+        SI values of all parameters; those that are not free keep them.
+    free : sequence of int
+        Columns that are searched.
+    prior : bool
+        Whether the priors count; without them it is the negative log-likelihood that a search minimises.
+    spread : Spread, optional
+        Widens the likelihood where the residual is no noise.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        simulator: Simulator,
+        base: FloatArray,
+        free: Sequence[int],
+        *,
+        prior: bool = True,
+        spread: Spread | None = None,
+    ) -> None:
+        self.calibration, self.simulator, self.prior, self.spread = calibration, simulator, prior, spread
+        self.objective = Objective(calibration, simulator)
+        self.base, self.free = np.asarray(base, dtype=np.float64), tuple(free)
+        items = calibration.parameters.items
+        self.parameters = type(calibration.parameters)(tuple(items[j] for j in self.free))
+
+    @property
+    def outcomes(self) -> Counter[Outcome]:
+        """How the simulations ended."""
+        return self.objective.outcomes
+
+    @property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        return self.parameters.box
+
+    def values(self, coordinates: FloatArray) -> FloatArray:
+        """SI values of all parameters at free coordinates (n, f): shape (n, p)."""
+        full = np.tile(self.base, (len(coordinates), 1))
+        full[:, self.free] = self.parameters.from_search(coordinates)
+        return full
+
+    def log_likelihood(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
+        """Log-likelihood of each experiment, shape (n, E); minus infinity where the run failed."""
+        at = coordinates if self.spread is None else self.spread(coordinates)
+        return self.objective.log_likelihood(self.values(at), noise)
+
+    def cost(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
+        """Negative log-posterior at given noise, shape (n,)."""
+        total = np.sum(self.log_likelihood(coordinates, noise), axis=1)
+        if self.prior:
+            total = total + self.parameters.log_prior(coordinates)
+        return np.where(np.isfinite(total), -total, np.inf)
+
+    def products(self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True) -> Products:
+        """Negative log-posterior at given noise with its gradient and Gauss-Newton Hessian in search coordinates."""
+        at = coordinates if self.spread is None else self.spread(coordinates)
+        result = self.objective.gauss_newton(self.values(at), noise, self.free)
+        slope = self.parameters.jacobian(self.parameters.from_search(at))
+        gradient, hessian = result.gradient * slope, result.hessian * slope[:, :, None] * slope[:, None, :]
+        if self.spread is not None:
+            gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
+        cost = -np.asarray(result.log_likelihood, dtype=np.float64)
+        if with_prior and self.prior:
+            first, second = self.parameters.prior_derivatives(coordinates)
+            cost = cost - self.parameters.log_prior(coordinates)
+            gradient = gradient - first
+            hessian = hessian.copy()
+            hessian[:, range(len(self.free)), range(len(self.free))] += np.maximum(-second, 0.0)
+        failed = ~np.isfinite(cost)
+        cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
+        return Products(cost, gradient, hessian)
+
+    def at(self, noise: FloatArray) -> Plain:
+        """The ground that a search walks over at given noise, one reduced run a step."""
+
+        def ground(point: FloatArray) -> Ground | None:
+            found = self.products(point[None], noise)
+            if not np.isfinite(found.cost[0]):
+                return None
+            return Ground(float(found.cost[0]), found.gradient[0], found.hessian[0])
+
+        return Plain(ground)
+
+    def fitted(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
+        """Outputs at one point, shape (n, m) for each experiment."""
+        return tuple(y[0] for y in self.objective.simulate(self.values(coordinates[None])).outputs)
+
+
+class JointTarget:
+    """Log-posterior of parameters and noise together: what a sampler is given.
+
+    ``extra`` noise coordinates follow the ``f`` free parameters; points have shape (n, f + q).
+    """
+
+    def __init__(self, target: Target, layout: NoiseLayout) -> None:
+        self.target, self.layout = target, layout
+        self.names = target.parameters.names + layout.names
+        self.evaluations = 0
+
+    @property
+    def dimension(self) -> int:
+        return len(self.names)
+
+    def log_prior(self, points: FloatArray) -> FloatArray:
+        f = len(self.target.free)
+        return np.asarray(self.target.parameters.log_prior(points[:, :f]) + self.layout.log_prior(points[:, f:]))
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Log-posterior, shape (n,). Points outside the priors' support are not simulated."""
+        points = np.asarray(points, dtype=np.float64)
+        f = len(self.target.free)
+        total = np.full(len(points), -np.inf)
+        finite = np.all(np.isfinite(points), axis=1)
+        total[finite] = self.log_prior(points[finite])
+        inside = np.isfinite(total)
+        if inside.any():
+            noise = self.layout.unpack(points[inside, f:])
+            likelihood = np.sum(self.target.log_likelihood(points[inside, :f], noise), axis=1)
+            total[inside] += np.where(np.isnan(likelihood), -np.inf, likelihood)
+            self.evaluations += int(inside.sum())
+        return total

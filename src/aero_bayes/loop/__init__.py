@@ -1,0 +1,16 @@
+"""From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge."""
+
+from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.loop.attribute import AttributeSettings
+from aero_bayes.loop.loop import LoopSettings, close_loop
+from aero_bayes.loop.result import FoundEffect, LoopResult, NewParameter
+
+__all__ = [
+    "AttributeSettings",
+    "ClimbSettings",
+    "FoundEffect",
+    "LoopResult",
+    "LoopSettings",
+    "NewParameter",
+    "close_loop",
+]

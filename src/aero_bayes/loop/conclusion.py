@@ -1,0 +1,85 @@
+"""What the loop concludes: an outcome, the model behind it with its fit, and the sentence that says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from aero_bayes.check.structure import ResidualReport
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.loop.judge import Prediction
+from aero_bayes.loop.result import FoundEffect, LoopOutcome
+from aero_bayes.loop.search import Found
+from aero_bayes.loop.workbench import Workbench
+from aero_bayes.physics.kin import Extension
+
+
+@dataclass(frozen=True, eq=False)
+class Conclusion:
+    """One way to end the loop.
+
+    ``written`` is the extended model, None where nothing is added. ``refit`` is the last fit, of ``calibration``;
+    ``reports`` is what it leaves and ``after`` what it predicts.
+    """
+
+    outcome: LoopOutcome
+    sentence: str
+    written: Extension | None
+    effects: tuple[FoundEffect, ...]
+    calibration: Calibration
+    refit: Optimum
+    reports: tuple[ResidualReport, ...]
+    after: Prediction
+
+
+def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
+    """Leave the model as it is, either because it is adequate or because what was found is no explanation.
+
+    ``refused`` says where the named effects are far off on data that was not fitted; empty where they are not, or
+    where none is named.
+    """
+    base, selection, moment = found.base, found.selection, found.rival.moment
+    after = found.before
+    if moment is not None:
+        after = bench.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
+    adequate = moment is None and not selection.effects and not _structured(base.reports)
+    return Conclusion(
+        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.calibration, base.fit,
+        base.reports, after,
+    )  # fmt: skip
+
+
+def _structured(reports: tuple[ResidualReport, ...]) -> list[ResidualReport]:
+    return [r for r in reports if r.verdict == "structured"]
+
+
+def _sentence(found: Found, refused: str) -> str:
+    """Why nothing is added."""
+    selection = found.selection
+    if found.rival.moment is not None:
+        m = found.rival.moment.moment
+        return (
+            f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
+            "residual better than any effect; it belongs to that moment and is not made into physics."
+        )
+    best = " and ".join(c.id for c in selection.effects)
+    if refused:
+        return (
+            f"The residual is structured; {best} explains it where it was fitted but is far off on data that was "
+            f"not: {refused}. The missing physics is something else."
+        )
+    if selection.effects:
+        left = ", ".join(sorted({r.output for r in _structured(found.left)}))
+        return (
+            f"The residual is structured; {best} explains part of it, but what is left in {left} says that the "
+            "missing physics is something else."
+        )
+    last = selection.rounds[-1] if selection.rounds else None
+    structured = _structured(found.base.reports)
+    if structured:
+        worst = max(structured, key=lambda r: r.ratio)
+        return (
+            f"The residual of {worst.output} is structured ({worst.ratio:.2g} times the noise floor), but no "
+            f"effect of the catalogue explains it: {last.why if last else 'none was tried'}."
+        )
+    return f"The model is adequate for these recordings: {last.why if last else 'the residual is noise'}."

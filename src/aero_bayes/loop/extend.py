@@ -1,0 +1,148 @@
+"""What was found goes into the model: written as Modelica, exported, refitted on all parameters, and judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from aero_bayes.check.structure import inspect
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.export import FreeForm
+from aero_bayes.loop.attribute import Selection
+from aero_bayes.loop.conclusion import Conclusion
+from aero_bayes.loop.result import FoundEffect
+from aero_bayes.loop.search import Found
+from aero_bayes.loop.tell import fitted_parameters, gain_text
+from aero_bayes.loop.workbench import Workbench
+from aero_bayes.physics.beyond import CurveFit
+from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.kin import Candidate, Extension
+
+
+def add_effects(bench: Workbench, found: Found) -> Conclusion:
+    """Write the selected effects of the catalogue into the model."""
+    selection, everything = found.selection, found.base.everything
+    bench.progress("writing the extended model", 0.75)
+    values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates).tolist(), strict=True))
+    written = bench.family.extend(selection.effects, values, bench.folder)
+    values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
+    bench.tally.lap("extension")
+    bench.progress("refitting the extended model", 0.85)
+    calibration = found.base.on(written.model, written.parameters)
+    study, fit = _final_fit(bench, found, calibration, values, selection.refit)
+    reports = inspect(calibration, study.series, fit, found.base.floors)
+    after = bench.predict(calibration, fit)
+    bench.tally.count(study)
+    study.simulator.close()
+    effects = tuple(_found_effect(bench, c, selection, written, calibration.parameters, fit) for c in selection.effects)
+    effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
+    structured = [r for r in reports if r.verdict == "structured"]
+    sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + gain_text(found.before, after, bench.units)
+    if structured:
+        sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
+    bench.tally.lap("judgement")
+    return Conclusion("extended", sentence, written, effects, calibration, fit, reports, after)
+
+
+def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
+    """The port is clear and nothing listed fits: the learned curve goes into the model as a table."""
+    bench.progress("writing the learned curve into the model", 0.75)
+    values = tuple(_significant(float(v)) for v in curve.values)
+    use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
+    family = bench.family
+    assert isinstance(family, ModelFamily), "curves are learned for these"
+    table, model = family.with_effects([use], bench.folder)
+    written = Extension(table.name, table.path, table.text, family.diff(table), model, (), {}, {})
+    bench.tally.lap("extension")
+    start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
+    new = [curve.parameters.items[j] for j in curve.columns]
+    calibration = found.base.on(model, new)
+    study, fit = _final_fit(bench, found, calibration, start, curve.refit, curve.smooth)
+    reports = inspect(calibration, study.series, fit, found.base.floors)
+    after = bench.predict(calibration, fit)
+    bench.tally.count(study)
+    study.simulator.close()
+    named = fitted_parameters(calibration.parameters, fit)
+    bar = found.selection.rounds[0].threshold if found.selection.rounds else math.nan
+    effect = FoundEffect(
+        "free_form", curve.port, "free_form", tuple(named[p.name] for p in new),
+        curve.refit.log_evidence - found.selection.base.log_evidence, bar,
+        f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, straight beyond",
+        over=curve.over,
+    )  # fmt: skip
+    rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
+    sentence = (
+        f"Something acts at the {curve.port} port as a function of {curve.over}; no effect of the catalogue fits "
+        f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after, bench.units)}"
+    )
+    bench.tally.lap("judgement")
+    return Conclusion("extended", sentence, written, (effect,), calibration, fit, reports, after)
+
+
+def _final_fit(
+    bench: Workbench,
+    found: Found,
+    calibration: Calibration,
+    start: Mapping[str, float],
+    warm: Optimum,
+    smooth: SmoothPrior | None = None,
+) -> tuple[Objective, Optimum]:
+    """Optimum on the exported model itself, from where the search ended."""
+    parameters = calibration.parameters
+    at = parameters.to_search(np.array([start[name] for name in parameters.names]))
+    study = bench.open_objective(calibration)
+    settings = replace(found.base.settings, smooth=smooth)
+    return study, climb(study, at, range(len(parameters)), noise=warm.noise, settings=settings)
+
+
+def _found_effect(
+    bench: Workbench,
+    candidate: Candidate,
+    selection: Selection,
+    written: Extension,
+    parameters: ParameterSet,
+    fit: Optimum,
+) -> FoundEffect:
+    named = fitted_parameters(parameters, fit)
+    found = next((r for r in selection.rounds if r.chosen is not None and r.chosen.candidate is candidate), None)
+    gain = found.chosen.gain if found is not None and found.chosen is not None else math.nan
+    return FoundEffect(
+        candidate.id, candidate.port, "catalogue", tuple(named[new] for _, new in written.names[candidate.id]), gain,
+        found.threshold if found is not None else math.nan, bench.family.summary(candidate.id),
+        dict(written.widths[candidate.id]),
+    )  # fmt: skip
+
+
+def _width_influence(
+    bench: Workbench, found: Found, effect: FoundEffect, calibration: Calibration, fit: Optimum
+) -> float | None:
+    """By how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
+    doubled = {
+        variable.name: 2.0 * width
+        for name, width in effect.widths.items()
+        for variable in calibration.model.parameters
+        if variable.name.rpartition(".")[2] == name
+    }
+    if not doubled:
+        return None
+    study = bench.open_objective(replace(calibration, fixed={**calibration.fixed, **doubled}))
+    try:
+        again = climb(study, fit.coordinates, fit.free, noise=fit.noise, settings=found.base.settings.rough(4, 0.02))
+    except CannotFinishError:
+        return None
+    finally:
+        study.simulator.close()
+    columns = [calibration.parameters.index(p.name) for p in effect.parameters]
+    moved = [abs(again.coordinates[j] - fit.coordinates[j]) / max(fit.sd(j), 1e-300) for j in columns]
+    return float(max(moved))
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.4g}")

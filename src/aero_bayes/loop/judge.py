@@ -1,0 +1,259 @@
+"""Before and after: error on what was fitted and on what was not, and what the missing effect had done to the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.check.structure import autocorrelation
+from aero_bayes.data import Recording, noise_floor
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.starts import state_of
+from aero_bayes.loop.recordings import Recordings
+from aero_bayes.simulation.interface import InputSignal, Problem, Simulator, StartTarget, Target
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a recording that was not fitted from which its initial states are estimated.
+SETTLING = 0.05
+
+
+@dataclass(frozen=True)
+class Error:
+    """Root mean square of a residual, its standard deviation with correlation counted, and the readings."""
+
+    rms: float
+    sd: float
+    readings: int
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A model's prediction of whole recordings.
+
+    ``train`` and ``test`` hold an :class:`Error` by recording and output; ``fitted`` the outputs (n,) by recording and
+    output, on the recording's own samples.
+    """
+
+    train: Mapping[tuple[str, str], Error]
+    test: Mapping[tuple[str, str], Error]
+    fitted: Mapping[tuple[str, str], FloatArray]
+
+    def pooled(self, role: str) -> dict[str, float]:
+        """RMS by output over all recordings of a role."""
+        errors = self.train if role == "train" else self.test
+        squares: dict[str, list[tuple[float, int]]] = {}
+        for (_, output), error in errors.items():
+            squares.setdefault(output, []).append((error.rms**2 * error.readings, error.readings))
+        return {o: math.sqrt(sum(s for s, _ in items) / sum(n for _, n in items)) for o, items in squares.items()}
+
+    def uncertainty(self, role: str) -> dict[str, float]:
+        """Standard deviation of :meth:`pooled`."""
+        errors = self.train if role == "train" else self.test
+        weights: dict[str, list[tuple[float, int]]] = {}
+        for (_, output), error in errors.items():
+            weights.setdefault(output, []).append((error.sd, error.readings))
+        return {
+            o: math.sqrt(sum((sd * n) ** 2 for sd, n in items)) / sum(n for _, n in items)
+            for o, items in weights.items()
+        }
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far a parameter moved when the missing effect was added, in its own unit and in standard deviations after."""
+
+    name: str
+    before: float
+    before_sd: float
+    after: float
+    after_sd: float
+
+    @property
+    def in_sd(self) -> float:
+        return abs(self.after - self.before) / self.after_sd if self.after_sd > 0.0 else 0.0
+
+
+def rms_error(residual: FloatArray, interval: float) -> Error:
+    """RMS of a residual (n,) with its uncertainty; correlated readings count for less."""
+    n = residual.size
+    if n == 0:
+        return Error(math.nan, math.nan, 0)
+    rms = float(np.sqrt(np.mean(residual**2)))
+    if n < 10:
+        return Error(rms, rms / math.sqrt(2.0 * n), n)
+    _, acf = autocorrelation(residual**2, interval, min(n // 3, 2000))
+    negative = np.flatnonzero(acf <= 0.0)
+    last = int(negative[0]) if negative.size else acf.size
+    time = max(1.0, 2.0 * float(acf[:last].sum()) - 1.0)
+    spread = float(np.std(residual**2)) * math.sqrt(time / n)
+    return Error(rms, 0.5 * spread / max(rms, 1e-300), n)
+
+
+def predict(
+    calibration: Calibration,
+    fit: Optimum,
+    recordings: Recordings,
+    settings: CalibrationSettings,
+    open_simulator: Callable[[Problem], Simulator],
+    extra: Mapping[int, InputSignal] | None = None,
+) -> Prediction:
+    """Run a fitted model over whole recordings.
+
+    A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
+    readings, off by as much as those of the fitted ones were; where starts are estimated, they are so from its first
+    :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of a training recording.
+    """
+    everything = [*recordings.train, *recordings.test]
+    named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
+    shared = ParameterSet(tuple(p for p in calibration.parameters if p.recording is None))
+    own = replace(settings, outputs=recordings.outputs, most_readings=None, standing=True)
+    whole = calibrate(named, calibration.model, shared, fixed=calibration.fixed, settings=own)
+    if extra:
+        experiments = list(whole.experiments)
+        for e, signal in extra.items():
+            experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
+        whole = replace(whole, experiments=tuple(experiments))
+    row = _values(calibration, fit, whole, everything, len(recordings.train))
+    if settings.start == "estimated" and recordings.test:
+        row = _settled(whole, row, fit, len(recordings.train), open_simulator)
+    with open_simulator(whole.problem()) as simulator:
+        found = simulator.simulate(row[np.newaxis])
+    if np.any(found.outcomes[0] != 0):
+        raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
+    errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
+    fitted: dict[tuple[str, str], FloatArray] = {}
+    for e, recording in enumerate(everything):
+        interval = float(np.median(np.diff(recording.time)))
+        unseen = recording.time >= recordings.held_from.get(recording.name, math.inf)
+        for column, output in enumerate(recordings.outputs):
+            if output not in recording.outputs:
+                continue
+            predicted = found.outputs[e][0, :, column]
+            key = (recording.name, output)
+            fitted[key] = predicted
+            residual = recording.outputs[output] - predicted
+            seen = np.isfinite(residual)
+            if e >= len(recordings.train):
+                errors[1][key] = rms_error(residual[seen], interval)
+                continue
+            errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+            if unseen.any():
+                errors[1][key] = rms_error(residual[seen & unseen], interval)
+    return Prediction(errors[0], errors[1], fitted)
+
+
+def _values(
+    calibration: Calibration, fit: Optimum, whole: Calibration, everything: Sequence[Recording], fitted: int
+) -> FloatArray:
+    """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones'."""
+    values = calibration.parameters.from_search(fit.coordinates)
+    own: dict[tuple[int, Target], float] = {}
+    typical: dict[Target, list[float]] = {}
+    for p, value in zip(calibration.parameters, values.tolist(), strict=True):
+        if p.recording is None:
+            continue
+        own[p.recording, p.target] = value
+        first = _first(everything[p.recording], p, whole)
+        typical.setdefault(p.target, []).append(value if first is None else value - first)
+    by_name = dict(zip(calibration.parameters.names, values.tolist(), strict=True))
+    row = []
+    for p in whole.parameters:
+        if p.recording is None:
+            row.append(by_name[p.name])
+            continue
+        value = own.get((p.recording, p.target)) if p.recording < fitted else None
+        if value is None:
+            first = _first(everything[p.recording], p, whole)
+            start = p.start if p.target not in typical and first is None else 0.0
+            value = (first or 0.0) + float(np.mean(typical.get(p.target, [start])))
+        row.append(float(np.clip(value, p.lower, p.upper)))
+    return np.array(row)
+
+
+def _settled(
+    whole: Calibration, row: FloatArray, fit: Optimum, fitted: int, open_simulator: Callable[[Problem], Simulator]
+) -> FloatArray:
+    """Values with the starts of recordings that were not fitted estimated from their beginnings."""
+    columns = [
+        j for j, p in enumerate(whole.parameters)
+        if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= fitted
+    ]  # fmt: skip
+    if not columns:
+        return row
+    experiments = []
+    for e, measured in zip(whole.experiments, whole.measured, strict=True):
+        stop = max(int(SETTLING * e.time.size), min(20, e.time.size))
+        experiments.append(replace(e, time=e.time[:stop], measured=measured[:stop]))
+    beginning = replace(whole, experiments=tuple(experiments))
+    with open_simulator(beginning.problem()) as simulator:
+        objective = Objective(beginning, simulator)
+        at = whole.parameters.to_search(row)
+        try:
+            found = climb(objective, at, columns, noise=fit.noise, settings=ClimbSettings(hold_noise=True))
+        except CannotFinishError:
+            return row
+    return whole.parameters.from_search(found.coordinates)
+
+
+def floors_of(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
+    """Noise floor of every output of every recording, from its readings alone."""
+    floors = {}
+    for recording in recordings:
+        jumps = np.concatenate(
+            [recording.time[1:][np.diff(values) != 0.0] for values in recording.inputs.values()] or [np.empty(0)]
+        )
+        for output in outputs:
+            if output in recording.outputs:
+                floors[recording.name, output] = noise_floor(recording.outputs[output], recording.time, jumps).sd
+    return floors
+
+
+def shifts(
+    parameters: ParameterSet, before: Optimum, after_parameters: ParameterSet, after: Optimum
+) -> tuple[Shift, ...]:
+    """Change of every parameter that both fits share, the recordings' own excepted."""
+    found = []
+    first, second = parameters.from_search(before.coordinates), after_parameters.from_search(after.coordinates)
+    slope_1, slope_2 = parameters.jacobian(first), after_parameters.jacobian(second)
+    for j in before.free:
+        item = parameters.items[j]
+        if item.recording is not None or item.name not in after_parameters:
+            continue
+        k = after_parameters.index(item.name)
+        if k in after.free:
+            found.append(
+                Shift(
+                    item.name, float(first[j]), float(before.sd(j) * slope_1[j]), float(second[k]),
+                    float(after.sd(k) * slope_2[k]),
+                )
+            )  # fmt: skip
+    return tuple(found)
+
+
+def _first(recording: Recording, item: Parameter, calibration: Calibration) -> float | None:
+    """Mean of the readings of a state before the input first changes, over at most one second; None for what is no
+    start, or was not read."""
+    if not isinstance(item.target, StartTarget):
+        return None
+    states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
+    output = next((o for o, s in states.items() if s == item.target.state), None)
+    values = recording.outputs.get(output) if output is not None else None
+    if values is None:
+        return None
+    until = recording.time[0] + 1.0
+    for signal in recording.inputs.values():
+        changed = np.flatnonzero(np.diff(signal) != 0.0)
+        before = recording.time[changed[0] + 1] if changed.size else until
+        until = min(until, before if signal[0] == 0.0 else recording.time[0])
+    chosen = values[(recording.time < until) | (np.arange(values.size) < 3)]
+    chosen = chosen[np.isfinite(chosen)]
+    return float(chosen.mean()) if chosen.size else None

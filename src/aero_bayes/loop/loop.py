@@ -1,0 +1,107 @@
+"""The closed loop: fit, look at what is left, find the effect that is missing, write it into the model, judge.
+
+Everything happens on one FMU that carries every effect switched off; the chosen ones are then written as a model of
+their own, exported, refitted and judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.export import CATALOGUE
+from aero_bayes.loop.base_fit import fit_as_it_stands
+from aero_bayes.loop.decide import decide
+from aero_bayes.loop.recordings import Recordings
+from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.search import search
+from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.loop.tell import result_of
+from aero_bayes.loop.workbench import Progress, Tally, Workbench
+from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.kin import Family
+from aero_bayes.physics.rig import Narrowed, RigFamily
+from aero_bayes.scratch import ScratchFolder
+from aero_bayes.simulation import WorkerPool
+
+__all__ = ["LoopSettings", "close_loop"]
+
+
+def close_loop(
+    train: Sequence[Recording],
+    test: Sequence[Recording] = (),
+    *,
+    model: str = "Aero.Systems.OneDof",
+    sources: Sequence[Path] = (),
+    libraries: Sequence[Path] = (),
+    settings: LoopSettings | None = None,
+    workers: int | None = None,
+    out_dir: Path | None = None,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> LoopResult:
+    """Find the effect that a model lacks, add it to the model, and judge the gain on data that was not fitted.
+
+    Parameters
+    ----------
+    train, test : sequences of Recording
+        Without ``test``, the end of each training recording is kept from the fit and predicted.
+    model : str
+        A Modelica class; of the package ``Aero`` a system with slots for effects.
+    libraries : sequence of Path
+        Folders of Modelica packages that the sources use.
+    sources : sequence of Path
+        Files and package folders that the class is loaded from.
+    workers : int, optional
+        Worker processes; all cores by default, 0 for none beside this one.
+    out_dir : Path, optional
+        Where the extended model's Modelica file is written.
+    cache : Path, optional
+        Where FMUs are kept between runs; ``out_dir/fmu`` by default.
+    progress : callable, optional
+        Told what happens and how far it is (0 to 1).
+
+    Raises
+    ------
+    InputError
+        If the recordings and the model do not belong together, or a setting makes no sense.
+    CannotFinishError
+        If the model cannot be simulated.
+    """
+    if not train:
+        raise InputError("the closed loop needs at least one training recording")
+    settings = settings or LoopSettings()
+    if not test and not 0.0 < settings.held_out < 1.0:
+        raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
+    progress = progress or (lambda what, share: None)
+    # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
+    with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
+        folder = out_dir or scratch
+        family = _family(model, sources, libraries, cache or folder / "fmu", settings)
+        known = [v.name for v in family.plain().outputs]
+        recordings = Recordings.of(train, test, settings.held_out, known)
+        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally())
+        base = fit_as_it_stands(bench)
+        found = search(bench, base)
+        conclusion = decide(bench, found)
+        result = result_of(bench, found, conclusion)
+        base.study.simulator.close()
+        progress("done", 1.0)
+        return result
+
+
+def _family(
+    model: str, sources: Sequence[Path], libraries: Sequence[Path], folder: Path, settings: LoopSettings
+) -> Family:
+    if not model.startswith("Aero."):
+        narrowed = Narrowed(settings.exclude, settings.ports, settings.laws or settings.effects)
+        return RigFamily(model, tuple(sources), folder, tuple(libraries), narrowed=narrowed)
+    unknown = [id_ for id_ in (*(settings.effects or ()), *settings.exclude) if id_ not in CATALOGUE]
+    if unknown:
+        raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
+    effects = tuple(id_ for id_ in settings.effects or CATALOGUE if id_ not in settings.exclude)
+    return ModelFamily(model, folder, effects=effects)

@@ -1,0 +1,235 @@
+"""What the closed loop found, as plain typed values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.check.structure import ResidualReport
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.loop.attribute import Round
+from aero_bayes.loop.judge import Prediction, Shift
+from aero_bayes.physics.locate import Moment, PortSignal
+from aero_bayes.sensors.noise import OutputNoise
+
+FloatArray = NDArray[np.float64]
+LoopOutcome = Literal["adequate", "extended", "unexplained"]
+
+
+@dataclass(frozen=True)
+class NewParameter:
+    """A parameter that came with an effect: value, standard deviation and central 90 % interval in SI units."""
+
+    name: str
+    value: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+    description: str
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "value": self.value,
+            "sd": self.sd,
+            "q05": self.q05,
+            "q50": self.value,
+            "q95": self.q95,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that earned its place.
+
+    ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
+    ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
+    they are doubled.
+    """
+
+    id: str
+    port: str
+    kind: Literal["catalogue", "free_form"]
+    parameters: tuple[NewParameter, ...]
+    gain: float
+    needed: float
+    summary: str
+    widths: Mapping[str, float] = field(default_factory=dict)
+    width_influence: float | None = None
+    over: str = ""
+
+    def to_dict(self, modelica: str) -> dict[str, object]:
+        found: dict[str, object] = {
+            "id": self.id,
+            "port": self.port,
+            "kind": self.kind,
+            "parameters": {p.name: p.to_dict() for p in self.parameters},
+            "evidence": {"log_evidence_gain": self.gain, "needed": self.needed},
+            "modelica": modelica,
+            "summary": self.summary,
+            "widths": dict(self.widths),
+            "width_influence_sd": self.width_influence,
+        }
+        if self.over:
+            found["over"] = self.over
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class LoopResult:
+    """The outcome of a closed loop.
+
+    ``sentence`` says why in words. ``before`` and ``after`` are predictions of the model as it stood and of the one
+    that came out (the same where nothing was added). ``signals`` are the inferred port signals, ``states`` the fitted
+    states on the signals' times that they may be drawn against.
+    """
+
+    outcome: LoopOutcome
+    sentence: str
+    base: str
+    model: str
+    effects: tuple[FoundEffect, ...]
+    equivalent: tuple[tuple[str, ...], ...]
+    before: Prediction
+    after: Prediction
+    floors: Mapping[tuple[str, str], float]
+    residual_before: tuple[ResidualReport, ...]
+    residual_after: tuple[ResidualReport, ...]
+    rounds: tuple[Round, ...]
+    signals: Mapping[str, PortSignal]
+    ports: tuple[str, ...]
+    tied_ports: tuple[str, ...]
+    states: Mapping[str, tuple[FloatArray, FloatArray]]
+    moment: Moment | None
+    shifts: tuple[Shift, ...]
+    parameters: Mapping[str, NewParameter]
+    noise: Mapping[str, OutputNoise]
+    modelica: str
+    modelica_path: str
+    diff: str
+    separate: tuple[str, ...]
+    story: tuple[str, ...]
+    simulations: int
+    failures: int
+    seconds: Mapping[str, float]
+    added: tuple[Parameter, ...] = ()
+    drawn: str = ""
+    data_notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, object]:
+        """The ``loop`` entry of result.json."""
+        return {
+            "outcome": self.outcome,
+            "sentence": self.sentence,
+            "base": self.base,
+            "model": self.model,
+            "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
+            "equivalent": [list(ids) for ids in self.equivalent],
+            "before": {role: self.before.pooled(role) for role in ("train", "test")},
+            "after": {role: self.after.pooled(role) for role in ("train", "test")},
+            "before_sd": {role: self.before.uncertainty(role) for role in ("train", "test")},
+            "after_sd": {role: self.after.uncertainty(role) for role in ("train", "test")},
+            "noise_floor": _pooled_floors(self.floors),
+            "steps": [self._step(found) for found in self.rounds],
+            "shifts": {
+                s.name: {
+                    "before": s.before,
+                    "before_sd": s.before_sd,
+                    "after": s.after,
+                    "after_sd": s.after_sd,
+                    "in_sd": s.in_sd,
+                }
+                for s in self.shifts
+            },
+            "whiteness": {
+                "before": _reports(self.residual_before),
+                "after": _reports(self.residual_after),
+            },
+            "port_scores": {port: signal.gain for port, signal in self.signals.items()},
+            "tied_ports": list(self.tied_ports),
+            "moment": None
+            if self.moment is None
+            else {
+                "port": self.moment.port,
+                "start": self.moment.start,
+                "stop": self.moment.stop,
+                "size": self.moment.size,
+            },
+            "separate": list(self.separate),
+            "story": list(self.story),
+            "diff": self.diff,
+            "modelica_source": self.modelica,
+            "notes": list(self.data_notes),
+            "simulations": self.simulations,
+            "failures": self.failures,
+            "seconds": dict(self.seconds),
+        }
+
+    def residual_dict(self) -> dict[str, object]:
+        """The ``residual`` entry of result.json: what the model that came out leaves."""
+        return _reports(self.residual_after)
+
+    def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).
+
+        ``times`` are the sample times of each recording; port signals, inferred on a grid of their own, are put on
+        them, NaN outside of that grid.
+        """
+        arrays: dict[str, FloatArray] = {}
+        for (recording, output), fitted in self.before.fitted.items():
+            arrays[f"before/{recording}/{output}"] = fitted
+        for (recording, output), fitted in self.after.fitted.items():
+            arrays[f"after/{recording}/{output}"] = fitted
+        time = times[self.story_recording]
+        for port, signal in self.signals.items():
+            arrays[f"port/{self.story_recording}/{port}"] = _resampled(time, signal.time, signal.values)
+        for state, (grid, values) in self.states.items():
+            arrays[f"portstate/{self.story_recording}/{state}"] = _resampled(time, grid, values)
+        return arrays
+
+    @property
+    def story_recording(self) -> str:
+        """Name of the recording whose port signals are drawn."""
+        return self.drawn or next(iter(self.before.train))[0]
+
+    def _step(self, found: Round) -> dict[str, object]:
+        return {
+            "round": found.number,
+            "port_scores": {port: signal.gain for port, signal in self.signals.items()} if found.number == 1 else {},
+            "candidates": [
+                {
+                    "id": s.candidate.id,
+                    "port": s.candidate.port,
+                    "delta_evidence": s.gain if np.isfinite(s.gain) else None,
+                    "refitted": s.refit is not None,
+                }
+                for s in found.scores
+            ],
+            "threshold": found.threshold,
+            "chosen": found.chosen.candidate.id if found.chosen is not None else None,
+            "equivalent": list(found.equivalent),
+            "why": found.why,
+        }
+
+
+def _resampled(time: FloatArray, grid: FloatArray, values: FloatArray) -> FloatArray:
+    return np.interp(time, grid, values, left=np.nan, right=np.nan)
+
+
+def _reports(reports: Sequence[ResidualReport]) -> dict[str, object]:
+    found: dict[str, dict[str, object]] = {}
+    for report in reports:
+        found.setdefault(report.recording, {})[report.output] = report.to_dict()
+    return dict(found)
+
+
+def _pooled_floors(floors: Mapping[tuple[str, str], float]) -> dict[str, float]:
+    by: dict[str, list[float]] = {}
+    for (_, output), value in floors.items():
+        by.setdefault(output, []).append(value)
+    return {output: float(np.sqrt(np.mean(np.square(values)))) for output, values in by.items()}

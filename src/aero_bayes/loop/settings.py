@@ -1,0 +1,65 @@
+"""How the closed loop works: one object for all that a user may choose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from aero_bayes.estimate.ascent import AscentSettings
+from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.parameters import Override
+from aero_bayes.loop.attribute import AttributeSettings
+from aero_bayes.simulation.interface import SolverSettings
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """How the loop works.
+
+    Parameters
+    ----------
+    attribute, climb, ascent, calibration : settings of the search, of each climb, of the first fit, and of the problem
+    effects : tuple of str, optional
+        Ids of the catalogue to consider; all by default.
+    exclude : tuple of str
+        Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
+    held_out : float
+        Share of each recording, at its end, that is kept from the fit where no test recording is given.
+    fixed : mapping of str to float
+        Model parameters held at other values than the model's own.
+    overrides : mapping of str to Override
+        Priors and bounds in place of the defaults.
+    seed : int
+    free : tuple of str, optional
+        Parameters of the base model to fit; by default those of the AERO but for the inductance.
+    locate : bool
+        Whether the port signals are inferred also where an effect explains all; the page draws them.
+    left_over : float
+        What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
+        beyond it they are not named.
+    astray : float
+        How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
+        named.
+    """
+
+    attribute: AttributeSettings = field(default_factory=AttributeSettings)
+    climb: ClimbSettings = field(default_factory=ClimbSettings)
+    ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None, settle=False))
+    calibration: CalibrationSettings = field(
+        default_factory=lambda: CalibrationSettings(
+            most_readings=8000, standing=False, resting=("theta",), solver=SolverSettings(1e-5, 1e-5)
+        )
+    )
+    seed: int = 1
+    effects: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
+    held_out: float = 0.3
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    overrides: Mapping[str, Override] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
+    locate: bool = True
+    left_over: float = 0.3
+    astray: float = 3.0

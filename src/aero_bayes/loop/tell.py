@@ -1,0 +1,151 @@
+"""The loop's conclusion told: values with intervals, what changed in the model's source, and the story in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.loop.conclusion import Conclusion
+from aero_bayes.loop.judge import Prediction, shifts
+from aero_bayes.loop.result import LoopResult, NewParameter
+from aero_bayes.loop.search import Found
+from aero_bayes.loop.separate import propose
+from aero_bayes.loop.workbench import Workbench
+from aero_bayes.physics.beyond import Probing
+from aero_bayes.physics.locate import rank_ports
+
+FloatArray = NDArray[np.float64]
+
+
+def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopResult:
+    """All that the loop found, as plain values."""
+    base, selection, probing = found.base, found.selection, found.rival.probing
+    written, effects = conclusion.written, conclusion.effects
+    signals = probing.signals if probing is not None else {}
+    ports, tied = rank_ports(signals)
+    moment = found.rival.moment.moment if found.rival.moment is not None else None
+    named = any(effect.kind == "catalogue" for effect in effects)
+    names = bench.recordings.names
+    moved = shifts(base.everything, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
+    return LoopResult(
+        outcome=conclusion.outcome,
+        sentence=conclusion.sentence,
+        base=bench.family.base,
+        model=written.name if written is not None else bench.family.base,
+        effects=effects,
+        equivalent=selection.equivalent if named else (),
+        before=found.before,
+        after=conclusion.after,
+        floors=base.floors,
+        residual_before=base.reports,
+        residual_after=conclusion.reports,
+        rounds=selection.rounds,
+        signals=signals,
+        ports=ports,
+        tied_ports=tied,
+        states=_states_at(base.study, base.fit, probing),
+        moment=moment,
+        shifts=moved,
+        parameters=fitted_parameters(conclusion.calibration.parameters, conclusion.refit),
+        noise=conclusion.refit.noise,
+        modelica=written.text if written is not None else "",
+        modelica_path=written.path.name if written is not None else "",
+        diff=written.diff if written is not None else "",
+        separate=_separating_experiments(bench, found) if named else (),
+        story=_story(bench.family.title, found, conclusion, ports, tied),
+        simulations=bench.tally.simulations,
+        failures=bench.tally.failures,
+        seconds=dict(bench.tally.seconds),
+        added=written.parameters if written is not None else (),
+        drawn=names[probing.recording] if probing is not None else names[0],
+    )
+
+
+def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
+    """Values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
+    values = parameters.from_search(fit.coordinates)
+    low, high = parameters.box
+    found = {}
+    for j in fit.free:
+        item = parameters.items[j]
+        sd = fit.sd(j)
+        ends = np.repeat(fit.coordinates[np.newaxis, :], 2, axis=0)
+        ends[:, j] = np.clip(fit.coordinates[j] + np.array([-1.645, 1.645]) * sd, low[j], high[j])
+        q05, q95 = parameters.from_search(ends)[:, j]
+        slope = float(parameters.jacobian(values)[j])
+        found[item.name] = NewParameter(
+            item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
+        )
+    return found
+
+
+def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
+    """By how much the error falls, of the output where it falls most."""
+    role = "test" if before.test else "train"
+    first, second = before.pooled(role), after.pooled(role)
+    worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
+    unit = units.get(worst, "")
+    where = "data that was not fitted" if role == "test" else "the fitted data"
+    return f"on {where} the error of {worst} falls from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
+
+
+def _story(
+    title: str, found: Found, conclusion: Conclusion, ports: Sequence[str], tied: Sequence[str]
+) -> tuple[str, ...]:
+    worst = max(found.base.reports, key=lambda r: r.ratio)
+    lines = [
+        f"Fitted as it stands, {title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
+        f" ({worst.recording}); its residual is {worst.verdict}."
+    ]
+    if ports:
+        lines.append(f"An unknown signal explains most at the {ports[0]} port.")
+    if len(tied) > 1:
+        lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
+    lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
+    for effect in conclusion.effects:
+        values = ", ".join(f"{p.name} = {p.value:.3g} {p.unit}".rstrip() for p in effect.parameters)
+        lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
+    return (*lines, conclusion.sentence)
+
+
+def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
+    """For the first class of equivalent effects: the experiments that would separate them."""
+    if not found.selection.equivalent:
+        return ()
+    same = found.selection.equivalent[0]
+    scored = {
+        s.candidate.id: (s.candidate, s.refit)
+        for r in reversed(found.selection.rounds)
+        for s in r.scores
+        if s.refit is not None and s.candidate.id in same
+    }
+    known = [scored[id_] for id_ in same if id_ in scored]
+    if len(known) < 2:
+        return ()
+    base = found.base
+    height = max((float(np.abs(s.values).max()) for e in base.calibration.experiments for s in e.inputs), default=1.0)
+    return tuple(
+        propose(base.calibration, known[0], other, height, bench.open_objective).sentence() for other in known[1:3]
+    )
+
+
+def _states_at(study: Objective, fit: Optimum, probing: Probing | None) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Fitted states on the times of the port signals, for drawing one against the other."""
+    if probing is None or not probing.signals:
+        return {}
+    time = next(iter(probing.signals.values())).time
+    states = {}
+    for k, series in enumerate(study.series):
+        if series.experiment != probing.recording:
+            continue
+        at = series.sampling.time
+        predicted = fit.evaluation.predicted[k]
+        states[series.output] = (time, np.interp(time, at, predicted))
+        if predicted.size > 2:
+            states[f"{series.output}_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
+    return states

@@ -1,0 +1,82 @@
+"""What every stage of the closed loop works with: the recordings, the models, the settings, and where work is done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.loop.judge import Prediction, predict
+from aero_bayes.loop.recordings import Recordings
+from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.physics.kin import Family
+from aero_bayes.simulation import Model, WorkerPool, open_simulator
+from aero_bayes.simulation.interface import InputSignal, Problem, Simulator
+
+Progress = Callable[[str, float], None]
+
+
+class Tally:
+    """Seconds spent by stage and simulations run so far: the one thing on the bench that changes."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.simulations = self.failures = 0
+        self._clock = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap on a stage."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
+        self._clock = now
+
+    def count(self, study: Objective) -> None:
+        """Add a study's simulations."""
+        self.simulations += study.simulations
+        self.failures += study.failures
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """What the stages share.
+
+    ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1).
+    """
+
+    family: Family
+    recordings: Recordings
+    settings: LoopSettings
+    pool: WorkerPool
+    folder: Path
+    progress: Progress
+    tally: Tally
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the model's outputs."""
+        return {v.name: v.unit for v in self.family.plain().outputs}
+
+    def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
+        """The fitted recordings held against a model; ``fixed`` goes before what the settings hold fixed."""
+        held = {**self.settings.fixed, **(fixed or {})}
+        settings = replace(self.settings.calibration, outputs=self.recordings.outputs)
+        return calibrate(self.recordings.fitted, model, shared, fixed=held, settings=settings)
+
+    def open(self, problem: Problem) -> Simulator:
+        """A simulator on the bench's workers."""
+        return open_simulator(problem, pool=self.pool)
+
+    def open_objective(self, calibration: Calibration) -> Objective:
+        """A calibration with a simulator of its own, which the caller closes."""
+        return Objective(calibration, self.open(calibration.problem()))
+
+    def predict(
+        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
+    ) -> Prediction:
+        """Run a fitted model over all recordings, whole; ``extra`` as in :func:`~.judge.predict`."""
+        return predict(calibration, fit, self.recordings, self.settings.calibration, self.open, extra)

@@ -1,0 +1,344 @@
+"""Where the classes, declarations, sections and equations of a Modelica source stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from aero_bayes.errors import InputError
+from aero_bayes.physics.tokens import Token, find_outside, skip_group, split_outside, tokenize
+
+CLASS_WORDS = frozenset(
+    {"class", "model", "block", "record", "connector", "type", "package", "function", "operator"}
+)  # fmt: skip
+_CLASS_PREFIXES = frozenset(
+    {"encapsulated", "partial", "final", "inner", "outer", "replaceable", "redeclare", "expandable", "pure", "impure"}
+)
+_VARIABLE_PREFIXES = frozenset(
+    {"parameter", "constant", "discrete", "input", "output", "flow", "stream", "final", "inner", "outer",
+     "replaceable", "redeclare", "each"}
+)  # fmt: skip
+_COMPOUND = frozenset({"if", "for", "when", "while"})
+
+
+@dataclass(frozen=True)
+class Statement:
+    """An element that ends in a semicolon: a declaration, an extends clause, an equation.
+
+    ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them; ``inside``
+    names the compound equations around it. ``tokens`` exclude the semicolon, ``end`` includes it.
+    """
+
+    section: str
+    tokens: tuple[Token, ...]
+    start: int
+    end: int
+    inside: tuple[str, ...] = ()
+
+    @property
+    def first(self) -> str:
+        return self.tokens[0].word if self.tokens else ""
+
+    @property
+    def core(self) -> tuple[Token, ...]:
+        """The tokens before a description or an annotation."""
+        at = find_outside(self.tokens, frozenset({"annotation"}))
+        rest = at
+        while rest > 0 and (self.tokens[rest - 1].kind == "text" or self.tokens[rest - 1].word == "+"):
+            rest -= 1
+        # a text after one of these is a value
+        if rest > 0 and self.tokens[rest - 1].word in ("=", ":=", "==", "<>", "then", "else", "return"):
+            return self.tokens[:at]
+        return self.tokens[:rest]
+
+
+@dataclass(frozen=True)
+class Component:
+    """One declared variable or component, and where the parts of its declaration stand."""
+
+    name: str
+    type: str
+    prefixes: frozenset[str]
+    modifiers: tuple[tuple[str, tuple[Token, ...]], ...]
+    binding: tuple[Token, ...]
+    description: str
+    statement: Statement
+    type_tokens: tuple[Token, ...]
+    name_token: Token
+    arguments: tuple[Token, ...]
+
+
+@dataclass
+class ClassText:
+    """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix."""
+
+    kind: str
+    name: str
+    start: int
+    body: int
+    name_token: Token
+    within: str = ""
+    description: str = ""
+    end_name: Token | None = None
+    close: int = 0
+    end: int = 0
+    statements: list[Statement] = field(default_factory=list)
+    sections: list[tuple[str, int, int]] = field(default_factory=list)
+    classes: list[ClassText] = field(default_factory=list)
+    short: list[str] = field(default_factory=list)
+    annotation: tuple[Token, ...] = ()
+    annotation_start: int = -1
+
+    @property
+    def full_name(self) -> str:
+        return f"{self.within}.{self.name}" if self.within else self.name
+
+    @property
+    def equations(self) -> list[Statement]:
+        return [s for s in self.statements if s.section == "equation"]
+
+    @property
+    def declarations(self) -> list[Statement]:
+        return [s for s in self.statements if s.section in ("public", "protected")]
+
+    def components(self) -> list[Component]:
+        """Everything that the class declares itself, in order."""
+        return [c for s in self.declarations for c in _components(s)]
+
+    def bases(self) -> list[str]:
+        """Names of the classes that it extends, as written."""
+        return [_dotted(s.tokens[1:])[0] for s in self.declarations if s.first == "extends"]
+
+    def walk(self) -> Iterator[ClassText]:
+        """This class and those inside it."""
+        yield self
+        for inner in self.classes:
+            yield from inner.walk()
+
+
+def read_classes(text: str) -> tuple[ClassText, ...]:
+    """The classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
+    reader = _Reader(tokenize(text), text)
+    return tuple(reader.file())
+
+
+def innermost(classes: Sequence[ClassText], at: int) -> ClassText | None:
+    """The smallest class around a position."""
+    around = [c for top in classes for c in top.walk() if c.start <= at < c.end]
+    return min(around, key=lambda c: c.end - c.start, default=None)
+
+
+def _dotted(tokens: Sequence[Token]) -> tuple[str, int]:
+    """A dotted name at the beginning and how many tokens it takes."""
+    at = 1 if tokens and tokens[0].word == "." else 0
+    words = []
+    while at < len(tokens) and tokens[at].kind == "name":
+        words.append(tokens[at].word)
+        if at + 1 < len(tokens) and tokens[at + 1].word == ".":
+            at += 2
+        else:
+            return ".".join(words), at + 1
+    return ".".join(words), at
+
+
+def _components(statement: Statement) -> list[Component]:
+    tokens = statement.core
+    at = 0
+    prefixes = set()
+    while at < len(tokens) and tokens[at].word in _VARIABLE_PREFIXES:
+        prefixes.add(tokens[at].word)
+        at += 1
+    if at >= len(tokens) or tokens[at].word in ("extends", "import") or tokens[at].word in CLASS_WORDS:
+        return []
+    if statement.section == "protected":
+        prefixes.add("protected")
+    type_, used = _dotted(tokens[at:])
+    type_tokens = tuple(tokens[at : at + used])
+    at += used
+    if at < len(tokens) and tokens[at].word == "[":
+        at = skip_group(tokens, at)
+    found = []
+    for part in split_outside(tokens[at:]):
+        if not part or part[0].kind != "name":
+            continue
+        rest = part[1:]
+        if rest and rest[0].word == "[":
+            rest = rest[skip_group(rest, 0) :]
+        arguments: Sequence[Token] = ()
+        if rest and rest[0].word == "(":
+            close = skip_group(rest, 0)
+            arguments, rest = rest[:close], rest[close:]
+        stop = find_outside(rest, frozenset({"if", "annotation"})) if rest[:1] and rest[0].word == "if" else len(rest)
+        binding = rest[1:stop] if rest and rest[0].word in ("=", ":=") else ()
+        found.append(
+            Component(
+                part[0].word, type_, frozenset(prefixes), tuple(_modifiers(arguments[1:-1])), tuple(binding),
+                _description(statement), statement, type_tokens, part[0], tuple(arguments),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _description(statement: Statement) -> str:
+    rest = statement.tokens[len(statement.core) :]
+    return "".join(t.word[1:-1] for t in rest[: find_outside(rest, frozenset({"annotation"}))] if t.kind == "text")
+
+
+def _modifiers(tokens: Sequence[Token]) -> Iterator[tuple[str, tuple[Token, ...]]]:
+    for part in split_outside(tokens):
+        body = [t for t in part]
+        while body and body[0].word in ("each", "final", "redeclare", "replaceable"):
+            body = body[1:]
+        name, used = _dotted(body)
+        if used < len(body) and body[used].word == "=":
+            yield name, tuple(body[used + 1 :])
+
+
+class _Reader:
+    def __init__(self, tokens: tuple[Token, ...], text: str) -> None:
+        self.tokens = tokens
+        self.text = text
+        self.at = 0
+
+    def word(self, ahead: int = 0) -> str:
+        at = self.at + ahead
+        return self.tokens[at].word if at < len(self.tokens) and self.tokens[at].kind != "text" else ""
+
+    def fail(self, why: str) -> InputError:
+        at = self.tokens[self.at].start if self.at < len(self.tokens) else len(self.text)
+        return InputError(f"line {self.text.count(chr(10), 0, at) + 1}: {why}")
+
+    def file(self) -> Iterator[ClassText]:
+        within = ""
+        while self.at < len(self.tokens):
+            if self.word() == "within":
+                end = self.semicolon()
+                within = "".join(t.word for t in self.tokens[self.at + 1 : end])
+                self.at = end + 1
+            elif self.class_head() is not None:
+                found = self.class_(within)
+                if found is not None:
+                    yield found
+            else:
+                raise self.fail("expected a class")
+
+    def semicolon(self) -> int:
+        end = find_outside(self.tokens, frozenset({";"}), self.at)
+        if end >= len(self.tokens):
+            raise self.fail("a semicolon is missing")
+        return end
+
+    def class_head(self) -> int | None:
+        """Index of the class's name where a class begins here."""
+        at = self.at
+        while at < len(self.tokens) and self.tokens[at].word in _CLASS_PREFIXES:
+            at += 1
+        if at >= len(self.tokens) or self.tokens[at].word not in CLASS_WORDS or self.tokens[at].kind != "name":
+            return None
+        while at < len(self.tokens) and self.tokens[at].word in CLASS_WORDS:
+            at += 1
+        if at < len(self.tokens) and self.tokens[at].word == "extends":
+            at += 1
+        return at if at < len(self.tokens) and self.tokens[at].kind == "name" else None
+
+    def class_(self, within: str) -> ClassText | None:
+        """A class with a body; a short one is passed over."""
+        first = self.tokens[self.at]
+        at = self.class_head()
+        assert at is not None
+        name = self.tokens[at]
+        kind = next(t.word for t in self.tokens[self.at : at] if t.word in CLASS_WORDS)
+        if at + 1 < len(self.tokens) and self.tokens[at + 1].word == "=":
+            self.at = self.semicolon() + 1
+            return None
+        self.at = at + 1
+        if self.word() == "(":
+            self.at = skip_group(self.tokens, self.at)
+        description = ""
+        while self.at < len(self.tokens) and self.tokens[self.at].kind == "text":
+            description += self.tokens[self.at].word[1:-1]
+            self.at += 1
+            if self.word() == "+":
+                self.at += 1
+        cls = ClassText(kind, name.word, first.start, self.tokens[self.at - 1].end, name, within, description)
+        self.body(cls)
+        return cls
+
+    def body(self, cls: ClassText) -> None:
+        section, opened = "public", cls.body
+        while True:
+            if self.at >= len(self.tokens):
+                raise self.fail(f"the end of {cls.name!r} is missing")
+            word, here = self.word(), self.tokens[self.at].start
+            if word == "end":
+                cls.sections.append((section, opened, here))
+                cls.close = here
+                cls.end_name = self.tokens[self.at + 1] if self.at + 1 < len(self.tokens) else None
+                end = self.semicolon()
+                self.at = end + 1
+                cls.end = self.tokens[end].end
+                return
+            initial = word == "initial" and self.word(1) in ("equation", "algorithm")
+            if word in ("public", "protected", "equation", "algorithm") or initial:
+                cls.sections.append((section, opened, here))
+                section = f"initial {self.word(1)}" if initial else word
+                self.at += 2 if initial else 1
+                opened = self.tokens[self.at - 1].end
+            elif word == "annotation":
+                end = self.semicolon()
+                cls.annotation, cls.annotation_start = self.tokens[self.at : end], here
+                self.at = end + 1
+            elif section in ("public", "protected") and self.class_head() is not None:
+                at = self.class_head()
+                assert at is not None
+                cls.short.append(self.tokens[at].word)
+                inner = self.class_(cls.full_name)
+                if inner is not None:
+                    cls.classes.append(inner)
+            elif section in ("public", "protected") or word == "external":
+                self.simple(cls, section, ())
+            else:
+                self.equation(cls, section, ())
+
+    def simple(self, cls: ClassText, section: str, inside: tuple[str, ...]) -> None:
+        end = self.semicolon()
+        tokens = self.tokens[self.at : end]
+        if tokens:
+            cls.statements.append(Statement(section, tokens, tokens[0].start, self.tokens[end].end, inside))
+        self.at = end + 1
+
+    def equation(self, cls: ClassText, section: str, inside: tuple[str, ...]) -> None:
+        opening = self.word()
+        if opening not in _COMPOUND:
+            self.simple(cls, section, inside)
+            return
+        self.condition()
+        while True:
+            word = self.word()
+            if word == "end" and self.word(1) == opening:
+                self.at = self.semicolon() + 1
+                return
+            if word in ("elseif", "elsewhen"):
+                self.condition()
+            elif word == "else":
+                self.at += 1
+            elif self.at >= len(self.tokens) or word == "end":
+                raise self.fail(f"the end of {opening!r} is missing")
+            else:
+                self.equation(cls, section, (*inside, opening))
+
+    def condition(self) -> None:
+        """Past the head of a compound equation; an if-expression in it brings a ``then`` of its own."""
+        self.at += 1
+        open_ifs = 0
+        while self.at < len(self.tokens):
+            word = self.word()
+            if word in ("if", "elseif"):
+                open_ifs += 1
+            elif word in ("then", "loop"):
+                if not open_ifs:
+                    self.at += 1
+                    return
+                open_ifs -= 1
+            self.at = skip_group(self.tokens, self.at) if word and word in "([{" else self.at + 1
+        raise self.fail("'then' or 'loop' is missing")

@@ -1,0 +1,107 @@
+"""Where an opposing term enters an equation of a flat model, by the same rule as in its source, and its unit there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import evaluate
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, show
+from aero_bayes.physics.balance import Driver, Entry, entry_of
+from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit."""
+
+    equation: int
+    scale: Expression
+    unit: str = ""
+
+
+def entrance_of(
+    flat: FlatModel, equation: int, driver: Driver, values: Mapping[str, float], units: Mapping[str, str]
+) -> Entrance | None:
+    """Where an opposing term enters; None where the driver is not there, or not linearly."""
+    e = flat.equations[equation]
+    trees: dict[int, Expression] = {}
+    kept: list[Term] = []
+    sides = _term(e.left, trees, kept), _term(e.right, trees, kept)
+    constants = frozenset(v.name for v in flat.variables if v.constant)
+    entry = entry_of(sides, driver, constants=constants, values=values)
+    if entry is None:
+        return None
+    scale: Expression = Number(float(entry.sign * entry.side))
+    for operator, factor in entry.factors:
+        scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
+    return Entrance(equation, scale, _unit(entry, units))
+
+
+def parameter_values(flat: FlatModel) -> dict[str, float]:
+    """Numbers of the parameters that have one."""
+    found = {}
+    for v in flat.variables:
+        if v.constant and not v.sizes and v.type == "Real":
+            try:
+                found[v.name] = evaluate(flat, v.name, "value")
+            except InputError:
+                continue
+    return found
+
+
+def _unit(entry: Entry, units: Mapping[str, str]) -> str:
+    """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
+    for term in entry.like:
+        if term.kind == "name" and units.get(term.word):
+            return units[term.word]
+
+    def of(name: str) -> Dimension | None:
+        return dimension_of_unit(units.get(name, ""))
+
+    found = entry.dimension(of)
+    if found is None:
+        return ""
+    mechanical = "kg" in found and "rad" in found
+    return unit_text(without_angle(found) if mechanical else found)
+
+
+def _term(tree: Expression, trees: dict[int, Expression], kept: list[Term]) -> Term:
+    """The tree as sums and products; ``trees`` leads back by the identity of the terms, which ``kept`` keeps alive."""
+
+    def inner(t: Expression) -> Term:
+        return _term(t, trees, kept)
+
+    def grouped(t: Expression, *kinds: str) -> Term:
+        term = inner(t)
+        return made(Term("group", 0, 0, "", (("", term),)), t) if term.kind in kinds else term
+
+    def made(term: Term, t: Expression) -> Term:
+        kept.append(term)
+        trees[id(term)] = t
+        return term
+
+    match tree:
+        case Number(value):
+            found = Term("number", 0, 0, repr(value))
+        case Name():
+            found = Term("name", 0, 0, show(tree))
+        case Call("+" | "-" as sign, (one, two)):
+            first = inner(one)
+            parts = first.parts if first.kind == "sum" else (("+", first),)
+            found = Term("sum", 0, 0, "", (*parts, (sign, grouped(two, "sum"))))
+        case Call("neg", (one,)):
+            found = Term("sum", 0, 0, "", (("-", grouped(one, "sum")),))
+        case Call("*" | "/" as operator, (one, two)):
+            first = grouped(one, "sum")
+            parts = first.parts if first.kind == "product" else (("*", first),)
+            found = Term("product", 0, 0, "", (*parts, (operator, grouped(two, "sum", "product"))))
+        case Call("^", (one, two)):
+            found = Term("power", 0, 0, "", (("", inner(one)), ("^", inner(two))))
+        case Call(function, args):
+            found = Term("call", 0, 0, function, tuple(("", inner(a)) for a in args))
+        case _:
+            found = Term("opaque", 0, 0, "", tuple(("", inner(c)) for c in children(tree)))
+    return made(found, tree)

@@ -1,0 +1,243 @@
+"""Laws read from Modelica: every model that extends a partial one of ``Laws.Interfaces``, whoever wrote it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.library import modelica_root
+from aero_bayes.physics.classes import ClassText, Component, read_classes
+from aero_bayes.physics.terms import Term, dimension, evaluate, parse_term, unit_factors, unit_text
+from aero_bayes.physics.tokens import Token
+
+Kind = Literal["input", "output", "motion", "storage", "overflow", "exchange", "electrical"]
+Attribute = Literal["default", "minimum", "maximum", "nominal"]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the partial model of a kind of law is given and gives.
+
+    ``acts`` is the output that enters the model, ``given`` the inputs, ``sizes`` the size of each signal.
+    """
+
+    kind: Kind
+    acts: str
+    given: tuple[str, ...]
+    sizes: Mapping[str, str]
+
+
+SHAPES: Mapping[str, Shape] = {
+    "InputLaw": Shape("input", "y", ("u",), {"u_n": "u"}),
+    "OutputLaw": Shape("output", "y", ("u",), {"u_n": "u"}),
+    "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x"}),
+    "StorageLaw": Shape("storage", "q", ("h",), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
+    "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
+    "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1"}),
+    "SeriesLaw": Shape("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
+}
+
+
+@dataclass(frozen=True)
+class LawParameter:
+    """A parameter that is fitted. Its attributes are expressions in the sizes of the port.
+
+    ``nominal`` is the magnitude at which a search starts.
+    """
+
+    name: str
+    description: str
+    default: Term
+    minimum: Term | None
+    maximum: Term | None
+    nominal: Term
+
+    def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
+        """One of its attributes in numbers; a bound that is not given is infinite."""
+        term = getattr(self, of)
+        if term is None:
+            return float("-inf") if of == "minimum" else float("inf")
+        return evaluate(term, sizes)
+
+    def unit(self, of_size: Mapping[str, str]) -> str:
+        """Unit by the units of the port's sizes; empty where they do not tell."""
+        if not _names(self.nominal):
+            return "1"
+        factors = {name: unit_factors(unit) for name, unit in of_size.items()}
+        return unit_text(dimension(self.nominal, factors.get))
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law: ``id`` in snake case, the kind of port it fits, its class and its parameters, the switch first.
+
+    ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given signals
+    that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one.
+    """
+
+    id: str
+    kind: Kind
+    model: str
+    description: str
+    parameters: tuple[LawParameter, ...]
+    sizes: Mapping[str, float]
+    uses: frozenset[str]
+    needs_unit: Mapping[str, str]
+    refines: str
+    shape: Shape
+    text: str
+    cls: ClassText = field(repr=False, compare=False)
+    base: ClassText = field(repr=False, compare=False)
+    base_text: str = field(repr=False, compare=False)
+
+    @property
+    def takes_rate(self) -> bool:
+        """Whether it needs the derivative of a signal that it is given."""
+        words = [
+            (a.word, b.word, c.word)
+            for s in self.cls.equations
+            for a, b, c in zip(*(s.tokens[k:] for k in range(3)), strict=False)
+        ]
+        return any(a == "der" and b == "(" and c in self.shape.given for a, b, c in words)
+
+    @property
+    def switch(self) -> LawParameter:
+        """The parameter whose default switches the law off."""
+        return self.parameters[0]
+
+
+def general_laws() -> tuple[Law, ...]:
+    """The laws of the shipped package ``Laws``."""
+    return laws_of([modelica_root() / "Laws"])
+
+
+def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
+    """Read the laws of Modelica packages, in the order of their files and classes.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        ``.mo`` files or package folders. The partial models of the shipped package ``Laws`` need not be among them.
+
+    Raises
+    ------
+    InputError
+        For a law that has no fitted parameter, or an attribute that is no formula in sizes; names file and class.
+    """
+    shipped = modelica_root() / "Laws" / "Interfaces"
+    partials = {c.name: (c, t) for c, t, _ in _classes([shipped]) if c.name in SHAPES}
+    everything = list(_classes(sources))
+    by_name = {c.name: c for c, _, _ in everything}
+    found = []
+    for cls, text, path in everything:
+        partial = _partial(cls, by_name)
+        if partial is None or cls.name in SHAPES or text[cls.start : cls.name_token.start].startswith("partial"):
+            continue
+        try:
+            found.append(_law(cls, text, SHAPES[partial], *partials[partial]))
+        except InputError as error:
+            raise InputError(f"{path}: {cls.full_name}: {error}") from None
+    return tuple(found)
+
+
+def modelica_files(sources: Sequence[Path]) -> Iterator[Path]:
+    """The ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
+    for source in sources:
+        if source.is_file():
+            yield source
+            continue
+        order = source / "package.order"
+        names = order.read_text(encoding="utf-8").split() if order.is_file() else []
+        inside = [p for p in source.iterdir() if p.suffix == ".mo" or (p / "package.mo").is_file()]
+        rank = {n: i for i, n in enumerate(names)}
+        inside.sort(key=lambda p: (p.name != "package.mo", rank.get(p.stem, len(rank)), p.name))
+        yield from (f for p in inside for f in modelica_files([p]))
+
+
+def snake_case(name: str) -> str:
+    """``CoulombFriction`` -> ``coulomb_friction``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def _classes(sources: Sequence[Path]) -> Iterator[tuple[ClassText, str, Path]]:
+    for path in modelica_files(sources):
+        text = path.read_text(encoding="utf-8")
+        try:
+            tops = read_classes(text)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        yield from ((c, text, path) for top in tops for c in top.walk())
+
+
+def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
+    """Name of the partial model that a class extends, directly or through others."""
+    waiting, seen = list(cls.bases()), set[str]()
+    while waiting:
+        name = waiting.pop().rpartition(".")[2]
+        if name in SHAPES:
+            return name
+        if name in known and name not in seen:
+            seen.add(name)
+            waiting += known[name].bases()
+    return None
+
+
+def _law(cls: ClassText, text: str, shape: Shape, base: ClassText, base_text: str) -> Law:
+    own, inherited = cls.components(), base.components()
+    parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
+    if not parameters:
+        raise InputError("a law needs a parameter with the attribute nominal")
+    sizes = {c.name: evaluate(parse_term(c.binding), {}) for c in inherited if _is_size(c)}
+    for p in parameters:
+        for term in (p.default, p.minimum, p.maximum, p.nominal):
+            if term is not None:
+                evaluate(term, dict.fromkeys(sizes, 1.0) | {"h_z": 0.0})
+    words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
+    words |= {t.word for c in own for t in c.binding if t.kind == "name"}
+    extends = next(s for s in cls.declarations if s.first == "extends")
+    return Law(
+        snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
+        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _refines(cls.annotation), shape,
+        text[cls.start : cls.end], cls, base, base_text,
+    )  # fmt: skip
+
+
+def _is_fitted(c: Component) -> bool:
+    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
+        name == "nominal" for name, _ in c.modifiers
+    )  # fmt: skip
+
+
+def _is_size(c: Component) -> bool:
+    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not _is_fitted(c)
+
+
+def _parameter(c: Component) -> LawParameter:
+    terms = {name: parse_term(tokens) for name, tokens in c.modifiers}
+    if not c.binding:
+        raise InputError(f"the parameter {c.name!r} needs a default")
+    return LawParameter(
+        c.name, c.description, parse_term(c.binding), terms.get("min"), terms.get("max"), terms["nominal"]
+    )
+
+
+def _names(term: Term) -> set[str]:
+    return {t.word for t in term.walk() if t.kind == "name"}
+
+
+def _units(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
+    """Units in the modifiers of an extends clause, such as ``h(unit = "K")``."""
+    for signal, opening, key, equals, value in zip(*(tokens[k:] for k in range(5)), strict=False):
+        if opening.word == "(" and key.word == "unit" and equals.word == "=" and value.kind == "text":
+            yield signal.word, value.word[1:-1]
+
+
+def _refines(annotation: Sequence[Token]) -> str:
+    for key, equals, value in zip(*(annotation[k:] for k in range(3)), strict=False):
+        if key.word == "refines" and equals.word == "=":
+            return str(value.word[1:-1])
+    return ""

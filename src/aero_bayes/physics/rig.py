@@ -1,0 +1,193 @@
+"""Any Modelica model and its relatives: laws of libraries at the ports that are found in it."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.physics import ports as found_ports
+from aero_bayes.physics.compose import Models, compose_laws, law_models, screening
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude
+from aero_bayes.physics.laws import Law, general_laws, laws_of
+from aero_bayes.physics.ports import Port, candidates, ports_of
+from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.physics.use import Use, use_of
+from aero_bayes.physics.write import Written, write_law
+from aero_bayes.simulation import Model
+
+
+@dataclass(frozen=True)
+class Narrowed:
+    """What the engineer decides: ids, ports or laws that count, and those that do not."""
+
+    exclude: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
+
+    def keeps(self, c: found_ports.Candidate) -> bool:
+        refused = {c.id, c.law.id, c.port.id} & set(self.exclude)
+        return (
+            not refused
+            and (self.ports is None or c.port.id in self.ports)
+            and (self.laws is None or c.law.id in self.laws)
+        )
+
+
+@dataclass(frozen=True)
+class RigFamily:
+    """A model of the user's own.
+
+    Parameters
+    ----------
+    base : str
+        Name of a Modelica class.
+    sources : tuple of Path
+        Files and package folders that it is loaded from; laws that stand in them count beside the shipped ones.
+    folder : Path
+        Where FMUs are kept.
+    narrowed : Narrowed
+    """
+
+    base: str
+    sources: tuple[Path, ...]
+    folder: Path
+    libraries: tuple[Path, ...] = ()
+    narrowed: Narrowed = Narrowed()
+    _uses: dict[str, Use] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def title(self) -> str:
+        return self.base.rpartition(".")[2]
+
+    @cached_property
+    def flat(self) -> FlatModel:
+        return load_flat(self.base, self.sources, self.libraries)
+
+    @cached_property
+    def laws(self) -> tuple[Law, ...]:
+        """The shipped laws, and those in the user's sources."""
+        return (*general_laws(), *laws_of(self.sources))
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        return ports_of(self.flat, self.laws)
+
+    @cached_property
+    def law_models(self) -> Models:
+        return law_models(self.laws)
+
+    def plain(self) -> Model:
+        """The model itself."""
+        return self._export(self.flat, "plain")
+
+    def overrides(self, model: Model) -> Mapping[str, Override]:
+        """Nothing beside what the model declares."""
+        return {}
+
+    def offer(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Offer:
+        """Every law at every port that it fits, switched off."""
+        every = [c for c in candidates(self.ports, self.laws) if self.narrowed.keeps(c)]
+        if not every:
+            raise InputError(f"{self.base}: no law is left to try; [loop] exclude, ports and laws leave none")
+        sizes = port_sizes(self.flat, self.ports, calibration, fit, open_simulator)
+        flat, uses = screening(self.flat, every, sizes, self.law_models)
+        self._uses.clear()
+        parameters: list[Parameter] = []
+        offered = []
+        for use in uses:
+            self._uses[use.id] = use
+            own = _parameters(use)
+            first = len(calibration.parameters) + len(parameters)
+            columns = tuple(range(first, first + len(own)))
+            refines = f"{use.law.refines}@{use.port.id}" if use.law.refines else ""
+            offered.append(Candidate(use.id, use.port.id, columns, _starts(use), refines))
+            parameters += own
+        return Offer(self._export(flat, "screening"), tuple(parameters), tuple(offered))
+
+    def extend(self, chosen: Sequence[Candidate], values: Mapping[str, float], folder: Path) -> Extension:
+        """The model with chosen laws, written into a copy of its source."""
+        taken = {v.name for v in self.flat.variables}
+        uses: list[Use] = []
+        names: dict[str, tuple[tuple[str, str], ...]] = {}
+        for c in sorted(chosen, key=lambda c: not self._uses[c.id].law.takes_rate):
+            old = self._uses[c.id]
+            own = {p.name: _significant(values[old.names[p.name]]) for p in old.parameters()}
+            use = use_of(old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour)
+            taken |= {use.instance, *use.names.values()}
+            uses.append(use)
+            names[c.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
+        written = write_law(self.sources, self.base, self.flat, uses, folder)
+        model = self._written(written, uses)
+        parameters = tuple(p for use in uses for p in _parameters(use))
+        return Extension(
+            written.name, written.path, written.text, written.diff, model, parameters, names, {c.id: {} for c in chosen}
+        )
+
+    def _written(self, written: Written, uses: Sequence[Use]) -> Model:
+        """The FMU of a written model; of its flat form where the compiler does not take the text."""
+        flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
+        return self._export(flat, written.name)
+
+    def composed(self, uses: Sequence[Use]) -> FlatModel:
+        """The flat model with laws at values, which what is written must agree with."""
+        return compose_laws(self.flat, uses, self.law_models)
+
+    def summary(self, id_: str) -> str:
+        """A law in words."""
+        use = self._uses[id_]
+        return f"{use.law.description[:1].lower()}{use.law.description[1:]} at {use.port.id}"
+
+    def _export(self, flat: FlatModel, what: str) -> Model:
+        """The FMU of a flat model, kept under the hash of what it was made from."""
+        key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
+        out = self.folder / f"{self.title}-{what}-{key}.fmu"
+        if not out.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            export_flat(flat, out)
+        return Model.load(out)
+
+
+def _parameters(use: Use) -> list[Parameter]:
+    """Columns of a law, the switch first."""
+    found = []
+    for p in use.parameters():
+        limits = use.limits(p)
+        bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
+        default = p.value("default", use.all_sizes)
+        about = f"{p.description} at {use.port.id}"
+        found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
+    return found
+
+
+def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
+    """Values worth starting from: magnitudes, of both signs where they mean something, and shapes."""
+    choices: list[Collection[float]] = []
+    for k, p in enumerate(use.parameters()):
+        limits = use.limits(p)
+        low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
+        scale = limits["nominal"]
+        if k == 0:
+            sizes = [scale, 0.2 * scale, 5.0 * scale]
+            values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
+        elif low > 0.0:
+            values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
+        else:
+            values = [scale] if low >= 0.0 else [scale, -scale]
+        choices.append(values)
+    return tuple(itertools.product(*choices))
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.6g}")

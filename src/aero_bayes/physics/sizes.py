@@ -1,0 +1,151 @@
+"""Typical sizes of the signals at a model's ports, as a fit has them: what laws scale their parameters by."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.export.compose import add_output
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.syntax import Call, Expression, Name, Number
+from aero_bayes.physics.kin import OpenSimulator
+from aero_bayes.physics.ports import Port
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import Outcome
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a signal's readings that its size covers.
+MOST = 0.995
+#: Units in which a level is a temperature.
+_NOTHING = Call("*", (Number(1e-300), Name("time")))
+_KELVIN = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
+
+
+def port_sizes(
+    flat: FlatModel, ports: Sequence[Port], calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
+) -> dict[str, dict[str, float]]:
+    """Sizes by the port's id, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
+
+    What a law gives at a balance is sized by the largest of that balance's own terms.
+    """
+    watched = _Watched(flat)
+    acting: dict[str, list[str]] = {}
+    seen: dict[str, dict[str, str]] = {}
+    for port in ports:
+        seen[port.id] = {signal: watched.of(Name(variable)) for signal, variable in port.signals.items()}
+        acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
+    found = watched.run(calibration, fit, open_simulator)
+    time = _typical_time(calibration, fit)
+    return {port.id: _sizes(port, found, seen[port.id], acting[port.id], time, calibration) for port in ports}
+
+
+class _Watched:
+    """Expressions of a flat model that a simulation shall return, each once."""
+
+    def __init__(self, flat: FlatModel) -> None:
+        self.flat = flat
+        self.names: dict[Expression, str] = {}
+
+    def of(self, expression: Expression) -> str:
+        if expression not in self.names:
+            self.names[expression] = f"watched_{len(self.names)}"
+        return self.names[expression]
+
+    def run(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> dict[str, list[FloatArray]]:
+        """Each expression over the recordings, by its name; those that cannot be exported are left out."""
+        flat = self.flat
+        for expression, name in self.names.items():
+            # Kept apart from what it equals, so that no state takes its name.
+            flat = add_output(flat, name, Call("+", (expression, _NOTHING)))
+        names = tuple(self.names.values())
+        with tempfile.TemporaryDirectory() as folder:
+            model = Model.load(export_flat(flat, Path(folder) / "watched.fmu", quick=True))
+            experiments = tuple(replace(e, outputs=names, measured=None) for e in calibration.experiments)
+            problem = replace(calibration, model=model, experiments=experiments).problem()
+            values = calibration.parameters.from_search(fit.coordinates)
+            with open_simulator(problem) as simulator:
+                run = simulator.simulate(values[None])
+        if np.any(run.outcomes != Outcome.OK):
+            raise InputError(f"{flat.name}: cannot be simulated with its ports watched")
+        return {name: [y[0, :, k] for y in run.outputs] for k, name in enumerate(names)}
+
+
+def _terms(flat: FlatModel, port: Port) -> list[Expression]:
+    """The additive terms of a port's balance, in the unit of what a law gives there."""
+    if port.entrance is None:
+        return []
+    if port.via in ("node", "series") and port.connectors:
+        return [Name(f"{c}.{port.flow if port.via == 'node' else port.potential}") for c in port.connectors]
+    equation = flat.equations[port.entrance.equation]
+    return [Call("/", (t, port.entrance.scale)) for t in (*_summands(equation.left), *_summands(equation.right))]
+
+
+def _summands(tree: Expression) -> list[Expression]:
+    match tree:
+        case Call("+" | "-", (one, two)):
+            return [*_summands(one), *_summands(two)]
+        case Call("neg", (one,)):
+            return _summands(one)
+    return [tree]
+
+
+def _size(parts: Sequence[FloatArray]) -> float:
+    return float(np.quantile(np.abs(np.concatenate(parts)), MOST)) if parts else 0.0
+
+
+def _sizes(
+    port: Port,
+    found: Mapping[str, list[FloatArray]],
+    seen: Mapping[str, str],
+    acting: Sequence[str],
+    time: float,
+    calibration: Calibration,
+) -> dict[str, float]:
+    own = {signal: _size(found[name]) for signal, name in seen.items()}
+    act = max((_size(found[name]) for name in acting), default=0.0)
+    if port.kind in ("input", "output"):
+        inputs = [s.values for e in calibration.experiments for s in e.inputs if s.name == port.id]
+        sizes = {"u_n": _size(inputs) if port.kind == "input" else own.get("u", 0.0)}
+    elif port.kind == "motion":
+        sizes = {"f_n": act, "v_n": own.get("v", 0.0), "x_n": own.get("x", 0.0)}
+    elif port.kind == "electrical":
+        sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
+    else:
+        sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
+    sizes = {name: value if value > 0.0 else 1.0 for name, value in sizes.items()}
+    if port.kind == "storage" and port.units.get("h") in _KELVIN:
+        first = float(found[seen["h"]][0][0])
+        sizes |= {"h_0": first, "h_z": _KELVIN[port.units["h"]]}
+    return sizes | {"t_n": time}
+
+
+def _typical_time(calibration: Calibration, fit: Optimum) -> float:
+    """How long the fastest output takes to change by its own size, in s."""
+    times = []
+    for experiment in calibration.experiments:
+        for y in np.asarray(_smooth(experiment.measured)).T if experiment.measured is not None else ():
+            seen = np.isfinite(y)
+            if seen.sum() < 10:
+                continue
+            t, v = experiment.time[seen], y[seen]
+            rate = float(np.sqrt(np.mean((np.diff(v) / np.diff(t)) ** 2)))
+            step = float(np.median(np.diff(t)))
+            if rate > 0.0:
+                times.append(max(float(np.std(v)) / rate, 2.0 * step))
+    return min(times, default=1.0)
+
+
+def _smooth(measured: FloatArray, width: int = 5) -> FloatArray:
+    """Running means, so that noise does not pass for motion."""
+    kernel = np.ones(width) / width
+    return np.stack([np.convolve(y, kernel, mode="same") for y in measured.T], axis=1)

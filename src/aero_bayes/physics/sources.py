@@ -1,0 +1,96 @@
+"""The user's Modelica files: which class stands where, and what a name means in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.flat import Place
+from aero_bayes.export.library import modelica_root
+from aero_bayes.physics.classes import ClassText, innermost, read_classes
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file: its path as the compiler names it, its text and its classes."""
+
+    file: str
+    text: str
+    classes: tuple[ClassText, ...]
+
+    def character(self, byte: int) -> int:
+        """Position in characters of a position in bytes."""
+        return len(self.text.encode()[:byte].decode(errors="ignore"))
+
+
+@dataclass(frozen=True)
+class Sources:
+    """All files of a model."""
+
+    files: Mapping[str, SourceFile]
+
+    def find(self, model: str) -> tuple[SourceFile, ClassText]:
+        """The class of that full name. Raises InputError where there is none with a body of its own."""
+        for file in self.files.values():
+            for top in file.classes:
+                for cls in top.walk():
+                    if cls.full_name == model:
+                        return file, cls
+        raise InputError(f"{model}: the class was not found in the sources")
+
+    def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
+        """File, class and position in characters of a place."""
+        file = self.files.get(place.file) or self.files.get(str(Path(place.file).resolve()))
+        if file is None:
+            raise InputError(f"{place}: the file is not among the sources")
+        position = file.character(place.start)
+        cls = innermost(file.classes, position)
+        if cls is None:
+            raise InputError(f"{place}: no class was found there")
+        return file, cls, position
+
+    def meanings(self, cls: ClassText) -> dict[str, str]:
+        """Full names of what the packages around a class define or import, by the names used inside it."""
+        every = [c for f in self.files.values() for top in f.classes for c in top.walk()]
+        found: dict[str, str] = {}
+        around = cls.within
+        while around:
+            for package in (c for c in every if c.full_name == around):
+                for name in (*package.short, *(c.name for c in package.components())):
+                    found.setdefault(name, f"{around}.{name}")
+                for statement in package.declarations:
+                    if statement.first == "import":
+                        words = [t.word for t in statement.core[1:]]
+                        alias = words[0] if words[1:2] == ["="] else words[-1]
+                        target = "".join(words[2:] if words[1:2] == ["="] else words)
+                        if alias.isidentifier():
+                            found.setdefault(alias, target)
+            for inner in every:
+                if inner.within == around:
+                    found.setdefault(inner.name, inner.full_name)
+            around = around.rpartition(".")[0]
+        return found
+
+
+def read_sources(sources: Sequence[Path]) -> Sources:
+    """Read the files and package folders that a model is exported with; the shipped package ``Aero`` is among them.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or is no Modelica; names it.
+    """
+    files: dict[str, SourceFile] = {}
+    for source in (modelica_root() / "Aero", *map(Path, sources)):
+        if not source.exists():
+            raise InputError(f"{source}: no such file")
+        for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
+            name = str(path.relative_to(source.parent))
+            text = path.read_text(encoding="utf-8")
+            try:
+                files[name] = SourceFile(name, text, read_classes(text))
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
+    return Sources(files)

@@ -1,0 +1,119 @@
+"""What equals what in a flat model, what is the derivative of what, and which variables are states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Classes of equal variables; each is named by one of its members.
+
+    ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
+    ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
+    that only say that two variables are equal or one the other's derivative.
+    """
+
+    flat: FlatModel
+    variables: dict[str, FlatVariable]
+    same: dict[str, tuple[str, int]]
+    rates: dict[str, str]
+    states: tuple[str, ...]
+    plain: frozenset[int]
+
+    def of(self, name: str) -> str:
+        """Class of a variable; the name itself where nothing equals it."""
+        return self.same.get(name, (name, 1))[0]
+
+    def members(self, cls: str) -> list[str]:
+        """Variables that are equal to one, without a change of sign."""
+        own = self.same.get(cls, (cls, 1))[1]
+        return [n for n, (c, sign) in self.same.items() if c == cls and sign == own] or [cls]
+
+    def states_in(self, tree: Expression) -> Iterator[str]:
+        """The states of an expression, each once."""
+        seen = {self.of(n) for n in names_in(tree)}
+        yield from (s for s in self.states if s in seen)
+
+
+def is_derivative(tree: Expression) -> str | None:
+    """The name under ``der`` where a tree is a derivative of a plain variable."""
+    if isinstance(tree, Call) and tree.function == "der" and len(tree.args) == 1:
+        inner = tree.args[0]
+        if isinstance(inner, Name) and not inner.subscripts:
+            return inner.name
+    return None
+
+
+def structure_of(flat: FlatModel) -> Structure:
+    """Find the classes of equal variables and the states of a flat model."""
+    variables = {v.name: v for v in flat.variables}
+    free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
+    parent: dict[str, tuple[str, int]] = {}
+    dynamic = {n for e in flat.equations for n in (*_derived(e.left), *_derived(e.right)) if n in free}
+
+    def root(name: str) -> tuple[str, int]:
+        sign = 1
+        while name in parent:
+            name, flip = parent[name]
+            sign *= flip
+        return name, sign
+
+    plain = set[int]()
+
+    def unite(one: str, two: str, sign: int) -> None:
+        (a, sign_a), (b, sign_b) = root(one), root(two)
+        if a != b:
+            kept, gone = sorted((a, b), key=lambda n: _rank(variables[n], dynamic))
+            parent[gone] = (kept, sign_a * sign_b * sign)
+
+    for i, e in enumerate(flat.equations):
+        pair = _equal(e)
+        if pair is not None and pair[0] in free and pair[1] in free:
+            plain.add(i)
+            unite(*pair)
+    first: dict[str, str] = {}
+    for i, e in enumerate(flat.equations):
+        for one, two in ((e.left, e.right), (e.right, e.left)):
+            derived = is_derivative(one)
+            if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
+                plain.add(i)
+                state, sign = root(derived)
+                # all rates of one quantity are equal, whoever names them
+                if sign > 0:
+                    unite(first.setdefault(state, two.name), two.name, 1)
+    same = {n: root(n) for n in variables if n in free}
+    rates = {state: root(rate)[0] for state, rate in first.items()}
+    found = {root(n)[0] for n in dynamic}
+    states = tuple(v.name for v in flat.variables if v.name in found)
+    return Structure(flat, variables, same, rates, states, frozenset(plain))
+
+
+def _derived(tree: Expression) -> Iterator[str]:
+    name = is_derivative(tree)
+    if name is not None:
+        yield name
+    for inner in children(tree):
+        yield from _derived(inner)
+
+
+def _equal(e: FlatEquation) -> tuple[str, str, int] | None:
+    """Two names and their relative sign, for ``a = b``, ``a = -b``, ``a + b = 0``, ``a - b = 0``."""
+    match e.left, e.right:
+        case Name(a, ()), Name(b, ()):
+            return a, b, 1
+        case (Name(a, ()), Call("neg", (Name(b, ()),))) | (Call("neg", (Name(a, ()),)), Name(b, ())):
+            return a, b, -1
+        case Call("+" | "-" as operator, (Name(a, ()), Name(b, ()))), Number(0.0):
+            return a, b, -1 if operator == "+" else 1
+    return None
+
+
+def _rank(v: FlatVariable, dynamic: set[str]) -> tuple[bool, bool, bool, bool, int]:
+    """The best name of a class: an input, else a declared state of the model itself rather than of a connector."""
+    started = "fixed" in v.attributes
+    return (v.causality != "input" or "." in v.name, v.name not in dynamic, not started, v.flow, v.name.count("."))

@@ -1,0 +1,83 @@
+"""Modelica source as tokens that know where they stand."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from aero_bayes.errors import InputError
+
+_TOKEN = re.compile(
+    r"""(?P<space>[\s\ufeff]+)
+      | (?P<comment>//[^\n]*|/\*.*?\*/)
+      | (?P<text>"(?:[^"\\]|\\.)*")
+      | (?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
+      | (?P<name>[^\W\d]\w*|'(?:[^'\\]|\\.)*')
+      | (?P<sign>:=|<=|>=|<>|==|\.\*|\./|\.\+|\.-|\.\^|[-+*/^()\[\]{},;:=<>.])""",
+    re.VERBOSE | re.DOTALL,
+)
+_DEPTH = {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}
+
+
+@dataclass(frozen=True)
+class Token:
+    """One token: ``kind`` is text, number, name or sign; ``start`` and ``end`` count characters of the source."""
+
+    kind: str
+    word: str
+    start: int
+    end: int
+
+
+def tokenize(text: str, offset: int = 0) -> tuple[Token, ...]:
+    """Tokens without comments and white space; ``offset`` is added to their positions.
+
+    Raises
+    ------
+    InputError
+        For a character that starts no token, with its line.
+    """
+    found: list[Token] = []
+    at = 0
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise InputError(f"line {text.count(chr(10), 0, at) + 1}: cannot read {text[at : at + 20]!r} as Modelica")
+        if match.lastgroup not in ("space", "comment"):
+            found.append(Token(str(match.lastgroup), match.group(), offset + at, offset + match.end()))
+        at = match.end()
+    return tuple(found)
+
+
+def skip_group(tokens: Sequence[Token], at: int) -> int:
+    """Index after the bracket that closes the one at ``at``."""
+    depth = 0
+    while at < len(tokens):
+        if tokens[at].kind == "sign":
+            depth += _DEPTH.get(tokens[at].word, 0)
+        at += 1
+        if depth == 0:
+            return at
+    raise InputError("a bracket is not closed")
+
+
+def find_outside(tokens: Sequence[Token], words: frozenset[str], at: int = 0) -> int:
+    """Index of the first of ``words`` outside all brackets, or the number of tokens."""
+    while at < len(tokens):
+        token = tokens[at]
+        if token.kind != "text" and token.word in words:
+            return at
+        at = skip_group(tokens, at) if token.word in "([{" and token.kind == "sign" else at + 1
+    return at
+
+
+def split_outside(tokens: Sequence[Token], word: str = ",") -> list[Sequence[Token]]:
+    """The parts between the ``word`` tokens that stand outside all brackets; none for no tokens."""
+    parts: list[Sequence[Token]] = []
+    begin = 0
+    while begin < len(tokens):
+        end = find_outside(tokens, frozenset({word}), begin)
+        parts.append(tokens[begin:end])
+        begin = end + 1
+    return parts

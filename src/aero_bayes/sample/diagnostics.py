@@ -1,0 +1,101 @@
+"""Has it converged, and how much is it worth: R-hat across independent ensembles, autocorrelation time, ESS.
+
+Walkers of one ensemble move by each other's positions and are no independent chains. Each *ensemble* is therefore one
+chain here: R-hat compares ensembles, and the autocorrelation time is the larger of the walkers' own and that of the
+ensemble's mean, which sees what the walkers share.
+
+References: Vehtari et al. (2021), Bayesian Analysis 16, 667 (rank-normalised split R-hat, tail ESS); Goodman and Weare
+(2010), Comm. App. Math. Comp. Sci. 5, 65 (autocorrelation time of an ensemble); Sokal (1997) (window).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import rankdata
+
+from aero_bayes.sensors.whiteness import autocovariance
+
+FloatArray = NDArray[np.float64]
+
+
+def rank_normalise(samples: FloatArray) -> FloatArray:
+    """Normal scores of the ranks over all chains (Blom), same shape."""
+    rank = rankdata(samples, method="average").reshape(samples.shape)
+    return np.asarray(ndtri((rank - 0.375) / (samples.size + 0.25)))
+
+
+def _plain_r_hat(chains: FloatArray) -> float:
+    """Potential scale reduction of chains of shape (c, n)."""
+    n = chains.shape[1]
+    within = float(np.mean(np.var(chains, axis=1, ddof=1)))
+    between = float(np.var(np.mean(chains, axis=1), ddof=1))
+    if within == 0.0:
+        return 1.0 if between == 0.0 else np.inf
+    return float(np.sqrt((n - 1) / n + between / within))
+
+
+def r_hat(samples: FloatArray) -> float:
+    """Rank-normalised split R-hat, the larger of bulk and folded.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (ensembles, steps, walkers)
+    """
+    ensembles, steps, walkers = samples.shape
+    half = steps // 2
+    if half < 2:
+        return np.inf
+    kept = samples[:, steps - 2 * half :]
+    chains = kept.reshape(2 * ensembles, half * walkers)
+    folded = np.abs(chains - np.median(chains))
+    return max(_plain_r_hat(rank_normalise(chains)), _plain_r_hat(rank_normalise(folded)))
+
+
+def _window(rho: FloatArray, c: float = 5.0) -> float:
+    """Integrated autocorrelation with Sokal's window: the first m with m >= c tau(m)."""
+    tau = 2.0 * np.cumsum(rho) - 1.0
+    inside = np.arange(tau.size) >= c * tau
+    return float(max(tau[int(np.argmax(inside))] if inside.any() else tau[-1], 1e-3))
+
+
+def autocorrelation_time(samples: FloatArray) -> float:
+    """Steps per independent sample of one walker, the larger of two views.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (ensembles, steps, walkers)
+    """
+    _, steps, walkers = samples.shape
+    variance = float(np.var(samples))
+    if variance == 0.0 or steps < 4:
+        return float(steps)
+    walker = autocovariance(np.swapaxes(samples, 1, 2)).mean(axis=(0, 1))
+    if walker[0] <= 0.0:
+        return float(steps)
+    own = _window(walker / walker[0])
+    mean = autocovariance(samples.mean(axis=2)).mean(axis=0)
+    shared = walkers * mean[0] / variance * _window(mean / mean[0]) if mean[0] > 0.0 else own
+    return float(max(own, shared, 1.0))
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Verdict on one quantity: ``tau`` in steps, ``ess`` in samples."""
+
+    r_hat: float
+    tau: float
+    ess_bulk: float
+    ess_tail: float
+
+
+def diagnose(samples: FloatArray) -> Diagnosis:
+    """R-hat, autocorrelation time and effective sample sizes of one quantity, shape (ensembles, steps, walkers)."""
+    size = samples.size
+    tau = autocorrelation_time(rank_normalise(samples))
+    low, high = np.quantile(samples, [0.05, 0.95])
+    tails = [autocorrelation_time((samples <= q).astype(np.float64)) for q in (low, high)]
+    return Diagnosis(r_hat(samples), tau, size / tau, size / max(tails))

@@ -1,0 +1,301 @@
+"""The posterior: draws in physical units, what they say of each parameter, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.identifiability import Status, status_of
+from aero_bayes.estimate.result import Estimate, Fit, Json, estimates_html, fixed_parameters, noise_table
+from aero_bayes.estimate.target import JointTarget
+from aero_bayes.sample.diagnostics import Diagnosis
+from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.predictive import Predictive, predict
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import Outcome, Simulator
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Draws from the posterior of a fit.
+
+    Parameters
+    ----------
+    fit : Fit
+        What the sampling started from.
+    names : tuple of str, length d
+        Free parameters, then noise parameters (``noise.<output>.<part>``).
+    draws : ndarray, shape (ensembles, draws, d)
+        In SI units, thinned evenly from the chain; the ensembles are independent.
+    log_posterior : ndarray, shape (ensembles, draws)
+    trace : ndarray, shape (ensembles, steps, d)
+        Mean over the walkers of each ensemble after each step, in SI units, for trace plots.
+    diagnoses : mapping of str to Diagnosis
+    predictive : tuple of Predictive
+        One a recording.
+    converged : bool
+        False unless every criterion of the settings was met; ``reason`` says which was not.
+    """
+
+    fit: Fit
+    names: tuple[str, ...]
+    draws: FloatArray
+    log_posterior: FloatArray
+    trace: FloatArray
+    diagnoses: Mapping[str, Diagnosis]
+    predictive: tuple[Predictive, ...]
+    converged: bool
+    reason: str
+    acceptance: float
+    steps: int
+    walkers: int
+    evaluations: int
+    outcomes: Mapping[Outcome, int]
+    seconds: float
+    seed: int
+
+    @property
+    def calibration(self) -> Calibration:
+        return self.fit.calibration
+
+    @property
+    def tau(self) -> float:
+        """Longest autocorrelation time in steps."""
+        return max(d.tau for d in self.diagnoses.values())
+
+    @property
+    def r_hat_max(self) -> float:
+        return max(d.r_hat for d in self.diagnoses.values())
+
+    @property
+    def ess_bulk_min(self) -> float:
+        return min(d.ess_bulk for d in self.diagnoses.values())
+
+    @property
+    def ess_tail_min(self) -> float:
+        return min(d.ess_tail for d in self.diagnoses.values())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know before trusting an interval."""
+        unfinished = () if self.converged else (f"The sampling has not converged: {self.reason}.",)
+        return unfinished + self.fit.warnings
+
+    def samples(self, name: str) -> FloatArray:
+        """Draws of one parameter over all ensembles, in its SI unit."""
+        return self.draws[:, :, self.names.index(name)].ravel()
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Every parameter: median, standard deviation, quantiles; the model's fixed ones included."""
+        table: dict[str, Estimate] = {}
+        prior_sd = dict(
+            zip(self.calibration.parameters.names, self.calibration.parameters.prior_sd().tolist(), strict=True)
+        )
+        for name, estimate in self.fit.parameters.items():
+            if name not in self.names:
+                table[name] = estimate
+                continue
+            item = self.calibration.parameters[name]
+            x = self.samples(name)
+            axis = np.log(x) if item.scale == "log" else x / (item.upper - item.lower)
+            ratio = float(np.std(axis)) / prior_sd[name]
+            q05, q50, q95 = np.quantile(x, [0.05, 0.5, 0.95]).tolist()
+            if estimate.status is Status.AT_BOUND:
+                table[name] = estimate
+                continue
+            base = replace(estimate, value=q50, status=status_of(ratio), note="")
+            if base.status is Status.UNIDENTIFIED:
+                table[name] = replace(
+                    base, sd=None, q05=None, q50=None, q95=None, note="the data says no more of it than the prior"
+                )
+            else:
+                table[name] = replace(base, sd=float(np.std(x)), q05=q05, q50=q50, q95=q95)
+        return table | fixed_parameters(self.calibration)
+
+    @property
+    def noise(self) -> dict[str, OutputNoise]:
+        """Noise of each output at the posterior's median."""
+        found = {}
+        for output, held in self.fit.noise.items():
+            parts = {p: f"noise.{output}.{p}" for p in ("sd_white", "sd_ou", "tau")}
+            middle = {p: float(np.median(self.samples(n))) for p, n in parts.items() if n in self.names}
+            found[output] = OutputNoise(**{**held.__dict__, **middle})
+        return found
+
+    def to_dict(self) -> Json:
+        """The keys of result.json that a posterior fills, those of its fit included."""
+        base = self.fit.to_dict()
+        failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
+        return base | {
+            "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
+            "noise": noise_table(self.calibration, self.noise),
+            "mcmc": {
+                "ensembles": self.draws.shape[0],
+                "draws": self.steps,
+                "walkers": self.walkers,
+                "tau": self.tau,
+                "r_hat_max": self.r_hat_max,
+                "ess_bulk_min": self.ess_bulk_min,
+                "ess_tail_min": self.ess_tail_min,
+                "seconds": self.seconds,
+                "converged": self.converged,
+                "reason": self.reason,
+                "acceptance": self.acceptance,
+                "evaluations": self.evaluations,
+                "per_parameter": {
+                    name: {"r_hat": d.r_hat, "ess_bulk": d.ess_bulk, "ess_tail": d.ess_tail, "tau": d.tau}
+                    for name, d in self.diagnoses.items()
+                },
+            },
+            "failures": failures,
+            "warnings": list(self.warnings),
+            "seconds": self.fit.seconds + self.seconds,
+        }
+
+    def save(self, path: Path) -> Path:
+        """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
+        from aero_bayes.sample.inferencedata import save
+
+        return save(self, path)
+
+    def to_inference_data(self) -> object:
+        """ArviZ InferenceData (a DataTree from ArviZ 1.0 on)."""
+        from aero_bayes.sample.inferencedata import to_inference_data
+
+        return to_inference_data(self)
+
+    def _repr_html_(self) -> str:
+        caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
+        return estimates_html(self.parameters, caption, self.warnings)
+
+    def __repr__(self) -> str:
+        state = "converged" if self.converged else f"not converged ({self.reason})"
+        return (
+            f"<Posterior {self.calibration.model.name}: {self.draws.shape[0]} ensembles, {self.steps} steps, {state}>"
+        )
+
+
+def sample(
+    fit: Fit,
+    *,
+    settings: SampleSettings | None = None,
+    seed: int = 1,
+    workers: int | None = None,
+    checkpoint: Path | None = None,
+    progress: Progress | None = None,
+    simulator: Simulator | None = None,
+) -> Posterior:
+    """Draw from the posterior of physical parameters, nuisances and noise together.
+
+    Parameters
+    ----------
+    fit : Fit
+    settings : SampleSettings, optional
+    seed : int
+    workers : int, optional
+        Worker processes; all cores by default.
+    checkpoint : Path, optional
+        File to resume from and to keep up to date.
+    progress : callable, optional
+        Told a phase, how far it is (0 to 1), and a line of text.
+    simulator : Simulator, optional
+        Of the fit's problem, open; by default one with the fit's engine is opened and closed.
+
+    Raises
+    ------
+    CannotFinishError
+        If no starting point of finite density can be found.
+    """
+    from aero_bayes.simulation import open_simulator
+
+    settings = settings or SampleSettings()
+    engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"
+    with ExitStack() as stack:
+        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        if simulator is None:
+            simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
+        return _sample(fit, settings, seed, checkpoint, progress, simulator)
+
+
+def _sample(
+    fit: Fit,
+    settings: SampleSettings,
+    seed: int,
+    checkpoint: Path | None,
+    progress: Progress | None,
+    simulator: Simulator,
+) -> Posterior:
+    began = time.perf_counter()
+    joint = fit.joint_target(simulator)
+    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
+    chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
+    if chain.points.shape[1] < 8:
+        raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
+    rng = np.random.default_rng([seed, 1])
+    points, density = _thin(chain, settings.draws)
+    each = max(1, settings.predictive // len(points))
+    rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
+    predictive = predict(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    return Posterior(
+        fit=fit,
+        names=joint.names,
+        draws=_physical(joint, points),
+        log_posterior=density,
+        trace=_physical(joint, chain.points.mean(axis=2)),
+        diagnoses=dict(zip(joint.names, chain.diagnoses, strict=True)),
+        predictive=predictive,
+        converged=chain.converged,
+        reason=chain.reason,
+        acceptance=chain.acceptance,
+        steps=chain.points.shape[1],
+        walkers=chain.points.shape[2],
+        evaluations=chain.evaluations,
+        outcomes=dict(joint.target.outcomes),
+        seconds=max(chain.seconds, time.perf_counter() - began),
+        seed=seed,
+    )
+
+
+def identity(fit: Fit) -> str:
+    """Hash of what makes a posterior this one: model, data, parameters, noise kinds."""
+    digest = hashlib.sha256(fit.calibration.model.sha256.encode())
+    for experiment in fit.calibration.experiments:
+        digest.update(experiment.time.tobytes())
+        digest.update(np.asarray(experiment.measured).tobytes())
+        for signal in experiment.inputs:
+            digest.update(signal.time.tobytes() + signal.values.tobytes())
+    digest.update(repr((fit.calibration.parameters, sorted(fit.calibration.fixed.items()), fit.free)).encode())
+    digest.update(repr((fit.values.tolist(), sorted(fit.noise.items()))).encode())
+    return digest.hexdigest()
+
+
+def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:
+    """At most ``draws`` points of each ensemble, evenly over steps and walkers: (e, draws, d) and (e, draws)."""
+    ensembles, steps, walkers, d = chain.points.shape
+    flat = chain.points.reshape(ensembles, steps * walkers, d)
+    rows = np.unique(np.linspace(0, steps * walkers - 1, min(draws, steps * walkers)).astype(np.int64))
+    return flat[:, rows], chain.log_density.reshape(ensembles, -1)[:, rows]
+
+
+def _physical(joint: JointTarget, points: FloatArray) -> FloatArray:
+    free = len(joint.target.free)
+    return np.concatenate(
+        [joint.target.parameters.from_search(points[..., :free]), np.exp(points[..., free:])], axis=-1
+    )

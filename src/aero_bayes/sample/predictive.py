@@ -1,0 +1,182 @@
+"""What the posterior predicts: outputs with their noise, and how likely each stretch of data was given its past."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.target import JointTarget
+from aero_bayes.simulation.interface import Outcome
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Predictive:
+    """Predictions for one recording.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    lower, median, upper : ndarray, shape (n, m)
+        5, 50 and 95 % of the predicted readings, noise included.
+    fit_lower, fit_upper : ndarray, shape (n, m)
+        5 and 95 % of the outputs without noise.
+    draw_time : ndarray, shape (k,)
+        Times of the stored draws (thinned).
+    draws : ndarray, shape (draws, k, m)
+        Predicted readings: outputs plus one draw of the noise, correlation included.
+    block_edges : ndarray, shape (b + 1,)
+        Times between the blocks.
+    log_likelihood : ndarray, shape (draws, b)
+        Log-density of each block's readings given all earlier ones.
+    """
+
+    time: FloatArray
+    lower: FloatArray
+    median: FloatArray
+    upper: FloatArray
+    fit_lower: FloatArray
+    fit_upper: FloatArray
+    draw_time: FloatArray
+    draws: FloatArray
+    block_edges: FloatArray
+    log_likelihood: FloatArray
+
+
+def sequential_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
+    """Log-density of every reading given the earlier ones, white plus Ornstein-Uhlenbeck noise (Kalman filter).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    residual : ndarray, shape (k, n, m)
+        NaN where there is no reading.
+    noise : ndarray, shape (k, m, 3)
+
+    Returns
+    -------
+    ndarray, shape (k, n, m)
+        Zero where there is no reading.
+    """
+    s2, q2 = noise[:, :, 0] ** 2, noise[:, :, 1] ** 2
+    rate = np.where(noise[:, :, 2] > 0.0, 1.0 / np.where(noise[:, :, 2] > 0.0, noise[:, :, 2], 1.0), 0.0)
+    out = np.zeros(residual.shape)
+    mean, variance = np.zeros(s2.shape), q2.copy()
+    step = np.diff(time, prepend=time[0])
+    seen = np.isfinite(residual[0])
+    even = bool(step.size > 2 and np.ptp(step[1:]) < 1e-9 * step[-1])
+    rho = np.exp(-step[-1] * rate)
+    for k in range(time.size):
+        if not even:
+            rho = np.exp(-step[k] * rate)
+        if k:
+            mean = rho * mean
+            variance = rho * rho * (variance - q2) + q2
+        if not seen[k].any():
+            continue
+        total = variance + s2
+        error = np.where(seen[k], residual[:, k] - mean, 0.0)
+        out[:, k] = np.where(seen[k], -0.5 * (error * error / total + np.log(2.0 * np.pi * total)), 0.0)
+        gain = np.where(seen[k], variance / total, 0.0)
+        mean = mean + gain * error
+        variance = variance * (1.0 - gain)
+    return out
+
+
+def predict(
+    joint: JointTarget, points: FloatArray, rng: np.random.Generator, *, stored: int = 600, blocks: int = 60
+) -> tuple[Predictive, ...]:
+    """Predictions of posterior draws for each recording.
+
+    Parameters
+    ----------
+    joint : JointTarget
+    points : ndarray, shape (draws, d)
+    rng : numpy.random.Generator
+    stored : int
+        Sample times of which whole draws are kept.
+    blocks : int
+        Blocks of equal length that a recording is cut into.
+    """
+    free = len(joint.target.free)
+    noise = joint.layout.unpack(points[:, free:])[:, 0]
+    experiments = joint.target.calibration.experiments
+    collected: list[list[FloatArray]] = [[] for _ in experiments]
+    densities: list[list[FloatArray]] = [[] for _ in experiments]
+    kept_noise: list[FloatArray] = []
+    for rows, outputs in _simulated(joint, points[:, :free]):
+        kept_noise.append(noise[rows])
+        for e, experiment in enumerate(experiments):
+            measured = np.asarray(experiment.measured)
+            collected[e].append(outputs[e].astype(np.float32))
+            density = sequential_log_density(experiment.time, measured - outputs[e], noise[rows]).sum(axis=2)
+            edges = _edges(experiment.time.size, blocks)
+            densities[e].append(np.add.reduceat(density, edges[:-1], axis=1))
+    sd = np.concatenate(kept_noise)
+    return tuple(
+        _summarise(experiment.time, np.concatenate(collected[e]), sd, np.concatenate(densities[e]), rng, stored, blocks)
+        for e, experiment in enumerate(experiments)
+    )
+
+
+def _edges(n: int, blocks: int) -> NDArray[np.int64]:
+    return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
+
+
+def _simulated(
+    joint: JointTarget, coordinates: FloatArray, size: int = 25
+) -> Iterator[tuple[NDArray[np.int64], tuple[FloatArray, ...]]]:
+    """Trajectories of a few draws at a time; draws that fail are left out."""
+    for first in range(0, len(coordinates), size):
+        rows = np.arange(first, min(first + size, len(coordinates)))
+        result = joint.target.simulator.simulate(joint.target.values(coordinates[rows]))
+        good = np.all(result.outcomes == Outcome.OK, axis=1)
+        if good.any():
+            yield rows[good], tuple(y[good] for y in result.outputs)
+
+
+def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
+    """Draws of the noise, shape (k, n, m), for noise triples (k, m, 3)."""
+    k, m = noise.shape[:2]
+    white, ou, tau = np.moveaxis(noise, 2, 0)
+    out = np.empty((k, time.size, m))
+    state = rng.standard_normal((k, m))
+    for j in range(time.size):
+        if j:
+            rho = np.exp(-(time[j] - time[j - 1]) / np.where(tau > 0.0, tau, 1.0))
+            state = rho * state + np.sqrt(1.0 - rho**2) * rng.standard_normal((k, m))
+        out[:, j] = ou * state
+    return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
+
+
+def _summarise(
+    time: FloatArray,
+    outputs: NDArray[np.float32],
+    noise: FloatArray,
+    density: FloatArray,
+    rng: np.random.Generator,
+    stored: int,
+    blocks: int,
+) -> Predictive:
+    _, n, m = outputs.shape
+    lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))
+    total = np.hypot(noise[:, :, 0], noise[:, :, 1])
+    for first in range(0, n, 4000):
+        part = outputs[:, first : first + 4000].astype(np.float64)
+        fit_lower[first : first + 4000], fit_upper[first : first + 4000] = np.quantile(part, [0.05, 0.95], axis=0)
+        spread = 1.6448536269514722 * np.sqrt(np.mean(total**2, axis=0) + part.var(axis=0))
+        centre = part.mean(axis=0)
+        median[first : first + 4000] = centre
+        lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
+    chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
+    draws = outputs[:, chosen].astype(np.float64) + _noise(rng, time[chosen], noise)
+    edges = _edges(n, blocks)
+    return Predictive(
+        time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,
+        time[np.minimum(edges, n - 1)], density,
+    )  # fmt: skip

@@ -1,0 +1,325 @@
+"""Sensor noise and slow model error: white noise plus an Ornstein-Uhlenbeck process, one pair for each output.
+
+Everything that weighs a residual stands here: the covariance's factor (:func:`whiten`), its log-determinant, and the
+estimate of its three numbers. All of it costs O(n).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpttrf, dpttrs
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from aero_bayes.sensors.whittle import BinnedPower, likeliest
+
+FloatArray = NDArray[np.float64]
+NoiseKind = Literal["white", "ou", "auto"]
+_LOG_2PI = math.log(2.0 * math.pi)
+
+#: Longest correlation time of noise, as a share of the longest recording: what lasts longer is the model's fault.
+LONGEST = 0.02
+#: Steps that differ by more than this share are uneven; a filter that has settled to this share stays as it is.
+_EVEN, _SETTLED = 1e-3, 1e-6
+#: Even stretches shorter than this many samples, on average, are weighed by a banded factor instead of a filter.
+_SHORT = 12
+
+
+@dataclass(frozen=True)
+class OutputNoise:
+    """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none).
+
+    ``white_seen`` is False where the data cannot tell white noise from none. ``held`` marks the weight of an error that
+    no noise describes, so that the model must be at fault: its size is the residual's own and is not searched.
+    """
+
+    sd_white: float
+    sd_ou: float = 0.0
+    tau: float = 0.0
+    white_seen: bool = True
+    held: bool = False
+
+    @property
+    def kind(self) -> Literal["white", "ou"]:
+        return "ou" if self.sd_ou > 0.0 and self.tau > 0.0 else "white"
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of a single reading."""
+        return math.hypot(self.sd_white, self.sd_ou)
+
+    def rho(self, interval: float) -> float:
+        """Correlation of two readings ``interval`` seconds apart."""
+        if self.kind == "white":
+            return 0.0
+        return (self.sd_ou / self.sd) ** 2 * math.exp(-interval / self.tau)
+
+    @property
+    def searched(self) -> tuple[bool, bool, bool]:
+        """Which of the three numbers the data determines."""
+        correlated = self.kind == "ou" and not self.held
+        return (self.white_seen and not self.held, correlated, correlated)
+
+    def as_row(self) -> tuple[float, float, float]:
+        """The triple that a simulator takes."""
+        return (self.sd_white, self.sd_ou, self.tau)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Which noise each output may have; ``auto`` lets BIC choose between white and white plus correlated."""
+
+    default: NoiseKind = "auto"
+    outputs: tuple[tuple[str, NoiseKind], ...] = ()
+
+    def kind(self, output: str) -> NoiseKind:
+        return dict(self.outputs).get(output, self.default)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """When one output of one recording was read.
+
+    ``index`` are the samples that hold a reading, ``time`` (n,) their times, ``starts`` the positions in it where an
+    even stretch begins, ``interval`` the median step in s.
+    """
+
+    index: NDArray[np.int_]
+    time: FloatArray
+    interval: float
+    starts: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, time: FloatArray, values: FloatArray) -> Sampling:
+        """Sampling of ``values`` (n,), NaN where there is no reading."""
+        index = np.flatnonzero(np.isfinite(values))
+        seen = time[index]
+        if seen.size < 2:
+            return cls(index, seen, 1.0, np.zeros(min(1, seen.size), dtype=int))
+        steps = np.diff(seen)
+        interval = float(np.median(steps))
+        uneven = np.abs(steps - interval) > max(_EVEN * interval, 1e-9 * abs(float(seen[-1])))
+        return cls(index, seen, interval, np.concatenate(([0], np.flatnonzero(uneven) + 1)))
+
+    @property
+    def size(self) -> int:
+        return int(self.index.size)
+
+    @property
+    def duration(self) -> float:
+        """Time in s from the first to the last reading."""
+        return float(self.time[-1] - self.time[0]) if self.size else 0.0
+
+
+def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
+    """Rows in units of the noise, and the log-determinant of its covariance.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, n)
+        At the readings of ``sampling``.
+    sampling : Sampling
+    noise : OutputNoise
+
+    Returns
+    -------
+    ndarray, shape (k, N)
+        Inner products of these rows are those of the given ones under the inverse covariance. On even stretches they
+        are innovations (N = n) over their standard deviation; on uneven times N = 2 n.
+    float
+        log det C.
+    """
+    n = rows.shape[1]
+    if n == 0:
+        return rows, 0.0
+    if noise.kind == "white":
+        return rows / noise.sd_white, 2.0 * n * math.log(noise.sd_white)
+    if sampling.starts.size * _SHORT > n:
+        return _whiten_uneven(rows, sampling.time, noise)
+    return _filter(rows, sampling, noise)
+
+
+def _filter(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
+    """The scalar Kalman filter: on an even grid it settles and is then linear with constant coefficients.
+
+    Gaps start a new stretch of the same filter.
+    """
+    n = rows.shape[1]
+    r, p0 = noise.sd_white**2, noise.sd_ou**2
+    phi = math.exp(-sampling.interval / noise.tau)
+    q = -p0 * math.expm1(-2.0 * sampling.interval / noise.tau)
+    half = 0.5 * (r * (1.0 - phi * phi) - q)
+    settled = -half + math.sqrt(half * half + q * r)
+    out = np.empty_like(rows)
+    log_det = 0.0
+    state = np.zeros(rows.shape[0])
+    p = p0
+    stops = np.append(sampling.starts[1:], n)
+    for start, stop in zip(sampling.starts, stops, strict=True):
+        if start > 0:
+            lead = float(sampling.time[start] - sampling.time[start - 1])
+            # `state` and `p` stand one even step after the last reading; move them on by the rest of the gap.
+            rest = math.exp(-(lead - sampling.interval) / noise.tau)
+            state, p = state * rest, max(p0 + (p - p0) * rest * rest, 0.0)
+        t = int(start)
+        while t < stop and abs(p - settled) > _SETTLED * (settled + r):
+            s = p + r
+            innovation = rows[:, t] - state
+            out[:, t] = innovation / math.sqrt(s)
+            log_det += math.log(s)
+            gain = p / s
+            state = phi * (state + gain * innovation)
+            p = phi * phi * p * (1.0 - gain) + q
+            t += 1
+        if t < stop:
+            s = settled + r
+            gain = settled / s
+            stretch = rows[:, t:stop]
+            expected, last = lfilter(
+                [0.0, phi * gain], [1.0, -phi * (1.0 - gain)], stretch, axis=1, zi=state[:, np.newaxis]
+            )
+            out[:, t:stop] = (stretch - expected) / math.sqrt(s)
+            log_det += (stop - t) * math.log(s)
+            state, p = last[:, 0], settled
+    return out, log_det
+
+
+def _whiten_uneven(rows: FloatArray, time: FloatArray, noise: OutputNoise) -> tuple[FloatArray, float]:
+    """The same products for any times, by the process's tridiagonal precision Q = B'B.
+
+    With x the process smoothed out of a row y, y' C^-1 y = |y - x|^2 / s^2 + |B x|^2 (Rybicki and Press, 1995, Phys.
+    Rev. Lett. 74, 1060), which are the squares of the two halves returned.
+    """
+    s2, q2, step = noise.sd_white**2, noise.sd_ou**2, np.diff(time) / noise.tau
+    rho, gain = np.exp(-step), -np.expm1(-2.0 * step)
+    diagonal = np.ones(time.size)
+    diagonal[1:] = 1.0 / gain
+    diagonal[:-1] += rho**2 / gain
+    scale = s2 / q2
+    pivots, lower, info = dpttrf(1.0 + scale * diagonal, -scale * rho / gain)
+    if info != 0:
+        raise ArithmeticError("noise covariance is not positive definite")
+    smooth = np.ascontiguousarray(dpttrs(pivots, lower, np.asfortranarray(rows.T))[0].T)
+    changes = smooth.copy()
+    changes[:, 1:] = (smooth[:, 1:] - rho * smooth[:, :-1]) / np.sqrt(gain)
+    white = np.concatenate(((rows - smooth) / noise.sd_white, changes / noise.sd_ou), axis=1)
+    return white, float(np.sum(np.log(pivots)) + time.size * math.log(q2) + np.sum(np.log(gain)))
+
+
+def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> float:
+    """Log-density of a residual with gaps (NaN), shape (n,) each."""
+    sampling = Sampling.of(time, residual)
+    return _log_density(residual[sampling.index], sampling, noise)
+
+
+def _log_density(residual: FloatArray, sampling: Sampling, noise: OutputNoise) -> float:
+    white, log_det = whiten(residual[np.newaxis], sampling, noise)
+    return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * _LOG_2PI)
+
+
+def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> FloatArray:
+    """One-step prediction errors over their standard deviations: white if the noise model is right.
+
+    Returns an array of the residual's shape, NaN where it is NaN.
+    """
+    sampling = Sampling.of(time, residual)
+    out = np.full(residual.shape, np.nan)
+    out[sampling.index] = innovate(residual[np.newaxis, sampling.index], sampling, noise)[0]
+    return out
+
+
+def innovate(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> FloatArray:
+    """Innovations of rows (k, n) over their standard deviation, in order of time, same shape."""
+    return rows / noise.sd_white if noise.kind == "white" else _filter(rows, sampling, noise)[0]
+
+
+def renew_noise(
+    residuals: Sequence[FloatArray],
+    samplings: Sequence[Sampling],
+    *,
+    floor: float = 0.0,
+    longest: float | None = None,
+    start: OutputNoise | None = None,
+) -> OutputNoise:
+    """Noise of one output over several recordings by Whittle's likelihood: what a search renews between its steps.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_e,)
+        Without gaps, at the readings of ``samplings``.
+    floor : float
+        Least white standard deviation, such as a sensor's quantum over the square root of twelve.
+    longest : float, optional
+        Greatest correlation time in s; :data:`LONGEST` of the longest recording by default.
+    start : OutputNoise, optional
+        Where to begin; tried beside a few standard places.
+    """
+    powers = [
+        BinnedPower.of(r, s.time, s.interval, s.starts.size == 1) for r, s in zip(residuals, samplings, strict=True)
+    ]
+    limit = longest if longest is not None else LONGEST * max(s.duration for s in samplings)
+    near = start.tau if start is not None and start.kind == "ou" else None
+    return OutputNoise(*likeliest(powers, floor=floor, longest=limit, near=near))
+
+
+def estimate_noise(
+    times: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    kind: NoiseKind = "auto",
+    guess: OutputNoise | None = None,
+    floor: float = 0.0,
+) -> OutputNoise:
+    """Maximum-likelihood noise of one output over several recordings.
+
+    Parameters
+    ----------
+    times, residuals : sequences of ndarray, shape (n_e,)
+        Sample times and residuals of each recording; NaN where there is no reading.
+    kind : {"white", "ou", "auto"}
+        ``auto`` compares the two by BIC. What lasts longer than :data:`LONGEST` of the longest recording, and is larger
+        than the white part, is no noise: the estimate is then ``held`` at the residual's root mean square.
+    guess : OutputNoise, optional
+        Where to start (an earlier estimate).
+    floor : float
+        Smallest white standard deviation to consider (a sensor's quantum over sqrt(12), for instance).
+    """
+    samplings = [Sampling.of(t, r) for t, r in zip(times, residuals, strict=True)]
+    pairs = [(r[s.index], s) for r, s in zip(residuals, samplings, strict=True) if s.size]
+    count = sum(r.size for r, _ in pairs)
+    if count == 0:
+        return OutputNoise(1.0)
+    rms = math.sqrt(sum(float(r @ r) for r, _ in pairs) / count)
+    white = OutputNoise(max(rms, floor, 1e-300))
+    longest = max(s.duration for _, s in pairs)
+    if kind == "white" or count < 10 or longest <= 0.0 or rms <= floor:
+        return white
+
+    def total(noise: OutputNoise) -> float:
+        return sum(_log_density(r, s, noise) for r, s in pairs)
+
+    interval = min(s.interval for _, s in pairs if s.size > 1)
+    low = np.log([max(floor, 1e-4 * rms), 1e-4 * rms, 0.2 * interval])
+    high = np.log([2.0 * rms, 20.0 * rms, 10.0 * longest])
+    first = renew_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
+    if first.kind == "white":
+        first = OutputNoise(0.7 * rms, 0.7 * rms, 3.0 * interval)
+    found = minimize(
+        lambda x: -total(OutputNoise(*np.exp(np.clip(x, low, high)))), np.clip(np.log(first.as_row()), low, high),
+        method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"eps": 1e-5, "ftol": 1e-10, "maxiter": 40},
+    )  # fmt: skip
+    correlated = OutputNoise(*np.exp(np.clip(found.x, low, high)).tolist())
+    likelihood = total(correlated)
+    if kind == "auto" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
+        return white
+    if kind == "auto" and correlated.tau > LONGEST * longest and correlated.sd_ou > correlated.sd_white:
+        return OutputNoise(white.sd_white, held=True)
+    new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
+    unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_seen=False)
+    return unseen if total(unseen) > likelihood - 1.0 else correlated

@@ -1,0 +1,228 @@
+"""Ripple locked to the rotor: recognised by its evidence and kept out of the noise.
+
+Within a short piece of a recording the ripple of order k is ``a cos(k phi) + b sin(k phi)`` with the rotor's angle phi
+integrated from the fitted speed; a and b drift from piece to piece with that integral's error. They get one zero-mean
+Gaussian prior an order, whose size is found by maximising the evidence in closed form (MacKay, 1992, Neural
+Computation 4, 415). Noise alone makes that size zero; a real ripple is subtracted as its shrunken mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, Sampling, estimate_noise, whiten
+
+FloatArray = NDArray[np.float64]
+
+#: Length of a piece in s, and periods that a ripple must show within one so as not to pass for slow physics.
+PIECE, PERIODS = 0.5, 3.0
+#: Log-evidence, less half the logarithm of the number of pieces, at which an order counts.
+LEAST_GAIN = 5.0
+#: Greatest speed in rad/s below which a rotor is not looked at.
+SLOWEST = 20.0
+#: Rounds in which noise and ripple are estimated in turn.
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class RippleOrder:
+    """Ripple of one order (periods a turn): root mean square ``amplitude`` of its peaks, and its log-evidence.
+
+    ``law`` says if its size is even or goes with the speed.
+    """
+
+    order: int
+    amplitude: float
+    law: str
+    log_evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ripple:
+    """Ripple of one output of one recording.
+
+    ``orders`` are those that earned their place, ``values`` (n,) their sum at the sample times, ``noise`` what is left,
+    ``noise_with`` the noise that would have been estimated had the ripple been left in.
+    """
+
+    orders: tuple[RippleOrder, ...]
+    values: FloatArray
+    noise: OutputNoise
+    noise_with: OutputNoise
+
+    def to_dict(self) -> dict[str, object]:
+        """As a report shows it."""
+        return {
+            "orders": {
+                str(o.order): {"amplitude": o.amplitude, "law": o.law, "log_evidence": o.log_evidence}
+                for o in self.orders
+            },
+            "noise_sd": self.noise.sd,
+            "noise_sd_with_ripple": self.noise_with.sd,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One piece: where it is, and its columns (n, 2) by order and law (orders that fold too low are left out)."""
+
+    part: slice
+    seen: NDArray[np.bool_]
+    columns: dict[tuple[int, str], FloatArray]
+
+
+def find_ripple(
+    time: FloatArray,
+    residual: FloatArray,
+    speed: FloatArray,
+    orders: Sequence[int] = (1, 2),
+    kind: NoiseKind = "auto",
+) -> Ripple:
+    """Look for ripple in a residual.
+
+    Parameters
+    ----------
+    time, residual, speed : ndarray, shape (n,)
+        Sample times in s, residual of one output (NaN in gaps), and the rotor's speed in rad/s (finite).
+    orders : sequence of int
+    kind : {"white", "ou", "auto"}
+        Which noise the rest may be.
+    """
+    with_ripple = noise = estimate_noise([time], [residual], kind)
+    pieces = _pieces(time, residual, speed, orders)
+    values = np.zeros(time.size)
+    found: tuple[RippleOrder, ...] = ()
+    for _ in range(ROUNDS):
+        found, new = _estimate(pieces, time, residual, noise, orders)
+        unchanged = bool(np.max(np.abs(new - values), initial=0.0) < 1e-3 * noise.sd)
+        values = new
+        if not found or unchanged:
+            break
+        noise = estimate_noise([time], [residual - values], kind, noise if noise.sd_ou > 0.0 else None)
+    return Ripple(found, values, noise if found else with_ripple, with_ripple)
+
+
+def ripples(
+    time: FloatArray, readings: FloatArray, fitted: FloatArray, outputs: Sequence[str], units: Sequence[str]
+) -> dict[str, Ripple]:
+    """Ripple of every output of one recording, by output; empty where no rotor's speed was recorded.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    readings, fitted : ndarray, shape (n, m)
+        NaN in gaps of the readings.
+    outputs, units : sequence of str, length m
+        The fastest output in rad/s is taken for the rotor's speed.
+    """
+    speeds = [k for k, unit in enumerate(units) if is_rotor(readings[:, k], unit)]
+    if not speeds:
+        return {}
+    fastest = max(speeds, key=lambda k: float(np.nanmax(np.abs(readings[:, k]))))
+    seen = np.isfinite(readings[:, fastest])
+    # The measured speed, not the fitted one: its noise averages out of the angle, a misfit would not.
+    speed = np.interp(time, time[seen], readings[seen, fastest])
+    found = {}
+    for k, output in enumerate(outputs):
+        residual = readings[:, k] - fitted[:, k]
+        if np.isfinite(residual).sum() < 200 or units[k] == "rad":
+            continue
+        ripple = find_ripple(time, residual, speed)
+        if ripple.orders:
+            found[output] = ripple
+    return found
+
+
+def is_rotor(readings: FloatArray, unit: str) -> bool:
+    """Whether readings (n,) are those of a speed at which a rotor's ripple could be told from other motion."""
+    seen = readings[np.isfinite(readings)]
+    return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= SLOWEST
+
+
+def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: Sequence[int]) -> list[_Piece]:
+    step = np.diff(time)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)))
+    edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE, PIECE))
+    edges[-1] = time.size
+    size = np.abs(speed) / max(float(np.max(np.abs(speed))), 1e-300)
+    pieces = []
+    for first, last in pairwise(edges.tolist()):
+        part = slice(first, last)
+        seen = np.isfinite(residual[part])
+        if seen.sum() < 12:
+            continue
+        interval = float(np.median(np.diff(time[part])))
+        columns = {}
+        for order in orders:
+            cycles = order * np.abs(speed[part]) * interval / (2.0 * np.pi)
+            periods = np.abs(cycles - np.round(cycles)) * (last - first)
+            phase = order * angle[part][seen]
+            waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            if float(np.min(periods)) >= PERIODS:
+                columns[order, "even"] = waves
+            if float(np.median(periods)) >= PERIODS:
+                columns[order, "with speed"] = waves * size[part][seen, None]
+        if columns:
+            pieces.append(_Piece(part, seen, columns))
+    return pieces
+
+
+def _estimate(
+    pieces: list[_Piece], time: FloatArray, residual: FloatArray, noise: OutputNoise, orders: Sequence[int]
+) -> tuple[tuple[RippleOrder, ...], FloatArray]:
+    """Orders whose evidence is high enough, and the shrunken mean of their sum, (n,)."""
+    values = np.zeros(time.size)
+    found = []
+    for order in orders:
+        forms = [_form(pieces, (order, law), time, residual - values, noise) for law in ("even", "with speed")]
+        best = max((f for f in forms if f is not None), key=lambda f: f[0].log_evidence, default=None)
+        if best is not None and best[0].log_evidence > LEAST_GAIN:
+            found.append(best[0])
+            values = values + best[1]
+    return tuple(found), values
+
+
+def _form(
+    pieces: list[_Piece], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: OutputNoise
+) -> tuple[RippleOrder, FloatArray] | None:
+    """Evidence and shrunken mean of one order under one law of its size."""
+    own = [p for p in pieces if key in p.columns]
+    if not own:
+        return None
+    terms = []
+    for piece in own:
+        sampling = Sampling.of(time[piece.part], residual[piece.part])
+        rows = np.vstack([piece.columns[key].T, residual[piece.part][piece.seen]])
+        white, _ = whiten(rows, sampling, noise)
+        terms.append((white[:2] @ white[:2].T, white[:2] @ white[2]))
+    variance, gain = _best_variance(terms)
+    values, squares, count = np.zeros(time.size), 0.0, 0
+    for piece, (gram, score) in zip(own, terms, strict=True):
+        mean = np.linalg.solve(gram + np.eye(2) / variance, score)
+        values[piece.part][piece.seen] += piece.columns[key] @ mean
+        squares += 2.0 * variance * float(np.sum(piece.columns[key] ** 2))
+        count += len(piece.columns[key])
+    return RippleOrder(key[0], math.sqrt(squares / count), key[1], gain - 0.5 * math.log(len(terms))), values
+
+
+def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
+    """Prior variance of a and b with the most evidence, and its gain over none."""
+    grams, scores = np.array([g for g, _ in terms]), np.array([s for _, s in terms])
+    eigenvalues, vectors = np.linalg.eigh(grams)
+    squares = np.einsum("kij,ki->kj", vectors, scores) ** 2
+
+    def loss(log_variance: float) -> float:
+        scaled = math.exp(log_variance) * eigenvalues
+        return float(-0.5 * np.sum(squares * math.exp(log_variance) / (1.0 + scaled) - np.log1p(scaled)))
+
+    information = float(np.median(eigenvalues))
+    low, high = math.log(1e-4 / information), math.log(1e8 / information)
+    result = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
+    return math.exp(float(result.x)), -float(result.fun)

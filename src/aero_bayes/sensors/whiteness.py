@@ -1,0 +1,46 @@
+"""Is a residual white: autocorrelations, and averages that wander more than those of white noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def autocovariance(series: FloatArray) -> FloatArray:
+    """Autocovariance along the last axis by FFT, biased (divided by n)."""
+    n = series.shape[-1]
+    centred = series - series.mean(axis=-1, keepdims=True)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(centred, size, axis=-1)
+    return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=-1)[..., :n] / n)
+
+
+def whiteness(values: FloatArray, lags: int = 20) -> tuple[float, float]:
+    """Largest autocorrelation over ``lags`` and the Ljung-Box statistic over its expectation (about 1 if white)."""
+    seen = values[np.isfinite(values)]
+    if seen.size <= 2 * lags or np.var(seen) == 0.0:
+        return 0.0, 1.0
+    covariance = autocovariance(seen)
+    rho = covariance[1 : lags + 1] / covariance[0]
+    n = seen.size
+    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    return float(np.max(np.abs(rho))), statistic / lags
+
+
+def slow_excess(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
+    """Variance of block averages over what white noise of the same variance would have; the largest over block sizes.
+
+    Above one, slow errors are larger than the noise model says, and averages (hence parameters) are less certain than
+    it says. Fast ripple leaves it below one. Only sizes with 40 blocks or more count.
+    """
+    seen = values[np.isfinite(values)]
+    variance = float(np.var(seen)) if seen.size else 0.0
+    worst = 0.0
+    for size in sizes:
+        count = seen.size // size
+        if count >= 40 and variance > 0.0:
+            means = seen[: count * size].reshape(count, size).mean(axis=1)
+            worst = max(worst, float(np.mean(means**2)) * size / variance)
+    return worst

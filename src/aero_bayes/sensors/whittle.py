@@ -1,0 +1,131 @@
+"""Whittle's likelihood of white plus Ornstein-Uhlenbeck noise: a quick estimate from a binned periodogram."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedPower:
+    """Periodogram of a residual in bins that grow with frequency: what Whittle's likelihood needs of it."""
+
+    angular: FloatArray
+    count: FloatArray
+    power: FloatArray
+    interval: float
+
+    @classmethod
+    def of(cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80) -> BinnedPower:
+        """From readings (n,) at times (n,) in s of median step ``interval``; gaps are bridged by straight lines."""
+        values = residual
+        if not even:
+            values = np.interp(np.arange(time[0], time[-1] + 0.5 * interval, interval), time, residual)
+        n = values.size
+        power = np.abs(np.fft.rfft(values)) ** 2 / n
+        if n % 2 == 0:
+            power = power[:-1]
+        # The mean carries half the freedom of the other lines.
+        weight = np.ones(power.size)
+        weight[0] = 0.5
+        weight *= residual.size / n
+        line = np.arange(power.size)
+        edges = np.unique(
+            np.concatenate((np.arange(min(12, power.size)), np.geomspace(12, power.size, bins).astype(int)))
+        )
+        edges = edges[edges < power.size]
+        count = np.add.reduceat(weight, edges)
+        angular = 2.0 * np.pi / n * np.add.reduceat(weight * line, edges) / count
+        return cls(angular, count, np.add.reduceat(weight * power, edges) / count, interval)
+
+
+def likeliest(
+    powers: Sequence[BinnedPower], *, floor: float, longest: float, near: float | None = None
+) -> tuple[float, float, float]:
+    """White standard deviation, that of the process, and its correlation time in s (zero for white noise alone).
+
+    Parameters
+    ----------
+    powers : sequence of BinnedPower
+        One a recording; all share the noise.
+    floor : float
+        Least standard deviation of the white part.
+    longest : float
+        Greatest correlation time in s.
+    near : float, optional
+        A correlation time to try beside a few standard ones.
+    """
+    angular = np.concatenate([power.angular for power in powers])
+    count = np.concatenate([power.count for power in powers])
+    observed = np.concatenate([power.power for power in powers])
+    interval = powers[0].interval
+    total = float(np.sum(count * observed) / np.sum(count))
+    if total <= 0.0:
+        return max(floor, 1e-12), 0.0, 0.0
+    smallest = max(floor**2, 1e-8 * total)
+    half = angular > 1.0
+    fast = float(np.sum(count[half] * observed[half]) / max(np.sum(count[half]), 1.0)) or total
+    cosine = np.cos(angular)
+    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(1.5 * interval)])
+    high = np.array(
+        [
+            math.log(max(4.0 * total, 2.0 * smallest)),
+            math.log(30.0 * total + 30 * smallest),
+            math.log(max(longest, 4.0 * interval)),
+        ]
+    )
+
+    def objective(x: FloatArray) -> tuple[float, FloatArray]:
+        white, drift, tau = math.exp(x[0]), math.exp(x[1]), math.exp(x[2])
+        phi = math.exp(-interval / tau)
+        below = 1.0 + phi * phi - 2.0 * phi * cosine
+        shape = (1.0 - phi * phi) / below
+        model = white + drift * shape
+        cost = float(np.sum(count * (np.log(model) + observed / model)))
+        slope = count * (1.0 / model - observed / model**2)
+        by_phi = drift * (-2.0 * phi * below - (1.0 - phi * phi) * (2.0 * phi - 2.0 * cosine)) / below**2
+        gradient = np.array(
+            [
+                white * np.sum(slope),
+                drift * np.sum(slope * shape),
+                np.sum(slope * by_phi) * phi * interval / tau,
+            ]
+        )
+        return cost, gradient
+
+    # The cost has several valleys: white and drift are first found for each of a row of correlation times, all at once,
+    # by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
+    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
+    if near is not None:
+        taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
+    phis = np.exp(-interval / taus)[:, np.newaxis]
+    shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * cosine)
+    whites = np.full((taus.size, 1), max(min(fast, total), smallest))
+    drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
+    for _ in range(40):
+        model = whites + drifts * shapes
+        push, pull = count * observed / model**2, count / model
+        whites = np.maximum(whites * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), smallest)
+        model = whites + drifts * shapes
+        push, pull = count * observed / model**2 * shapes, count / model * shapes
+        drifts = np.maximum(drifts * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), 1e-7 * total)
+    model = whites + drifts * shapes
+    costs = np.sum(count * (np.log(model) + observed / model), axis=1)
+    k = int(np.argmin(costs))
+    begin = np.clip(np.log([whites[k, 0], drifts[k, 0], taus[k]]), low, high)
+    found = minimize(
+        objective, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": 40},
+    )  # fmt: skip
+    best = found.x if found.fun <= costs[k] else begin
+    white, drift, tau = np.exp(best)
+    if drift < 1e-6 * total:
+        return math.sqrt(max(total, smallest)), 0.0, 0.0
+    return math.sqrt(white), math.sqrt(drift), float(tau)

@@ -1,0 +1,217 @@
+"""The laws of the library against closed forms, and what every law must be: off by default, smooth, felt when on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Numbers, explicit, rig
+from numpy.random import Generator
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.expression import evaluate
+from aero_bayes.physics.compose import Models, compose_law
+from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
+from aero_bayes.physics.ports import ports_of
+from aero_bayes.physics.use import use_of
+
+LISTED = {
+    "input": "gain offset dead_zone saturation rate_limit square_law lag delay",
+    "output": "gain offset lag delay",
+    "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
+    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash",
+    "storage": "linear_loss root_loss square_loss offset radiation",
+    "overflow": "overflow",
+    "exchange": "exchange",
+    "electrical": "series_resistance contact_drop heating",
+}
+SIZES = {"f_n": 3.0, "v_n": 0.5, "x_n": 0.2, "u_n": 4.0, "q_n": 7.0, "h_n": 10.0, "i_n": 2.0, "t_n": 0.5}
+
+
+def clip(x: float, limit: float) -> float:
+    return max(-limit, min(limit, x))
+
+
+#: What each law says where nothing is rounded, with its own parameters by name.
+CLOSED: dict[tuple[str, str], Callable[..., float]] = {
+    ("input", "gain"): lambda u, g: (1 + g) * u,
+    ("input", "offset"): lambda u, b: u + b,
+    ("input", "dead_zone"): lambda u, u_d: u - clip(u, u_d),
+    ("input", "saturation"): lambda u, s: clip(u, 1 / s),
+    ("input", "square_law"): lambda u, a: (1 - a) * u + a * u * abs(u) / SIZES["u_n"],
+    ("output", "gain"): lambda u, g: (1 + g) * u,
+    ("output", "offset"): lambda u, b: u + b,
+    ("motion", "coulomb_friction"): lambda v, F_c: F_c * np.sign(v),
+    ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
+    ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
+    ("motion", "viscous_friction"): lambda v, d: d * v,
+    ("motion", "quadratic_drag"): lambda v, c: c * v * abs(v),
+    ("motion", "offset"): lambda F_0: F_0,
+    ("motion", "linear_stiffness"): lambda x, k: k * x,
+    ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
+    ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
+    ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
+    ("storage", "linear_loss"): lambda h, k: k * h,
+    ("storage", "root_loss"): lambda h, k: k * np.sqrt(abs(h)) * np.sign(h),
+    ("storage", "square_loss"): lambda h, c: c * h * abs(h),
+    ("storage", "offset"): lambda q_0: q_0,
+    ("storage", "radiation"): lambda h, c: c * h**4,
+    ("overflow", "overflow"): lambda h, k_o, h_o, share: k_o * max(h - h_o, 0.0),
+    ("exchange", "exchange"): lambda h_1, h_2, k: k * (h_1 - h_2),
+    ("electrical", "series_resistance"): lambda i, R_s: R_s * i,
+    ("electrical", "contact_drop"): lambda i, V_c: V_c * np.sign(i),
+}
+#: A limit beyond what occurs cannot be felt.
+UNFELT_AT_ZERO = {"saturation"}
+
+
+def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:
+    found: dict[str, list[str]] = {}
+    for law in laws:
+        found.setdefault(law.kind, []).append(law.id)
+        assert "Source: " in law.text
+    assert {k: sorted(v) for k, v in found.items()} == {k: sorted(v.split()) for k, v in LISTED.items()}
+
+
+def test_ids_are_snake_case() -> None:
+    assert [snake_case(n) for n in ("CoulombFriction", "Lag", "ACDrop", "RateLimit2")] == [
+        "coulomb_friction", "lag", "ac_drop", "rate_limit2",
+    ]  # fmt: skip
+
+
+def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -> None:
+    for law in laws:
+        sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+        for p in law.parameters:
+            low, high = p.value("minimum", sizes), p.value("maximum", sizes)
+            assert low <= p.value("default", sizes) <= high
+            assert low < p.value("nominal", sizes) < high
+        assert law.switch.value("default", sizes) == 0.0
+    friction = next(law for law in laws if law.id == "viscous_friction")
+    assert friction.switch.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
+    assert friction.switch.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("key", sorted(CLOSED))
+def test_a_law_is_its_closed_form(key: tuple[str, str], laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+    law = next(law for law in laws if (law.kind, law.id) == key)
+    model = explicit(models[key])
+    b = model.system.builder
+    sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+    fitted = {p.name: p.value("nominal", sizes) for p in law.parameters}
+    own, acts = Numbers(model).at, model.solved[law.shape.acts]
+    typical = {g: next(SIZES[n] for n, of in law.shape.sizes.items() if of[0] == g[0] and n in SIZES) for g in law.uses}
+    largest = max(abs(CLOSED[key](**typical, **fitted)), 1e-9)
+    for _ in range(200):
+        given = {g: float(rng.uniform(-1.5, 1.5)) * size for g, size in typical.items()}
+        at = {**own, **{b.symbol(n): v for n, v in {**sizes, **fitted, **given}.items()}}
+        # rounding reaches as far as its width: a few thousandths of the size at a corner
+        assert evaluate([acts], at)[0] == pytest.approx(
+            CLOSED[key](**given, **fitted), abs=4e-3 * largest, rel=2e-3
+        ) or (min(abs(v) / size for v, size in zip(given.values(), typical.values(), strict=True)) < 5e-3)
+
+
+def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
+    laws: tuple[Law, ...], models: Models, rng: Generator
+) -> None:
+    """At the default the model is the base; the slope there is right, and of the size of the law itself."""
+    cart, tanks, circuit, bodies = (rig(m) for m in ("Cart", "TankPair", "Rlc", "Bodies.Pair"))
+    carrier = {"input": cart, "output": cart, "motion": cart, "electrical": circuit}
+    for law in laws:
+        flat = bodies if law.id == "radiation" else carrier.get(law.kind, tanks)
+        ports = ports_of(flat, laws)
+        port = next(p for p in ports if law.id in p.laws and p.kind in (law.kind, "storage"))
+        neighbour = next((p for p in ports if p.id in port.neighbours[:1]), None)
+        use = use_of(law, port, [v.name for v in flat.variables], neighbour=neighbour)
+        model = explicit(compose_law(flat, use, models))
+        b = model.system.builder
+        base, wide = Numbers(explicit(flat)), Numbers(model)
+        switch = b.symbol(use.names[law.switch.name])
+        point = {n: float(v) for n, v in zip(wide.names(), rng.uniform(1.1, 1.9, len(wide.names())), strict=True)}
+        # states of the law are where they are on their own: equal
+        point |= dict.fromkeys((n for n in point if n.startswith(use.instance + ".")), 0.4)
+        expected = base({n: v for n, v in point.items() if n in base.names()})
+        found = wide(point)
+        assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-13), law.id
+        every = [*model.rates, *(model.solved.get(n, b.symbol(n)) for n in wide.outputs)]
+        at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}}
+        slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))
+        step = 1e-6 * law.switch.value("nominal", use.all_sizes)
+        up, down = (np.array(evaluate(every, {**at, switch: s})) for s in (step, -step))
+        assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
+        if law.id not in UNFELT_AT_ZERO:
+            assert np.abs(slope).max() > 1e-3, law.id
+
+
+@pytest.mark.parametrize("kind", ["input", "output"])
+@pytest.mark.parametrize("law_id", ["lag", "delay"])
+def test_lag_and_delay_have_their_frequency_response(
+    kind: str, law_id: str, laws: tuple[Law, ...], models: Models
+) -> None:
+    """By the linear state space of the law alone: 1 / (1 + T s), exp(-T s)."""
+    law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
+    T, w = 0.05, 8.0
+    s = 1j * w
+    T_min = (1e-3 if law_id == "lag" else 2e-3) * SIZES["t_n"]
+    t = np.hypot(T, T_min)
+    text = {line.strip() for line in law.text.splitlines()}
+    if kind == "input":
+        model = explicit(models[kind, law_id])
+        b = model.system.builder
+        at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.switch.name): T}
+        x = [b.symbol(n) for n in model.states]
+        u = b.symbol("u")
+        a = np.array([evaluate([b.derivative(r, j) for j in x], at) for r in model.rates])
+        into = np.array(evaluate([b.derivative(r, u) for r in model.rates], at))
+        out = np.array(evaluate([b.derivative(model.solved["y"], j) for j in x], at))
+        direct = evaluate([b.derivative(model.solved["y"], u)], at)[0]
+        response = direct + out @ np.linalg.solve(s * np.eye(len(x)) - a, into)
+    else:
+        assert any("der(u)" in line for line in text)
+        filtered = s / (1 + t * s) if law_id == "lag" else s / (1 + t * s / 2 + (t * s) ** 2 / 12)
+        response = 1 - T * filtered
+    exact = 1 / (1 + T * s) if law_id == "lag" else np.exp(-T * s)
+    assert response == pytest.approx(exact, abs=1e-3)
+
+
+def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
+    own = tmp_path / "Mine.mo"
+    own.write_text(
+        """package Mine "Laws of my rig"
+  partial model Friction "A base of its own"
+    extends Laws.Interfaces.MotionLaw;
+  end Friction;
+  model RopeDrag "Rope that is dragged along"
+    extends Laws.Interfaces.MotionLaw(v(unit = "m/s"));
+    parameter Real r(min = 0, max = 5 * f_n, nominal = 0.2 * f_n / v_n ^ 3) = 0 "Drag of the rope";
+  equation
+    f = r * v ^ 3;
+    annotation (__aero_bayes(refines = "quadratic_drag"));
+  end RopeDrag;
+  model NoLaw
+    Real y = 1;
+  end NoLaw;
+end Mine;
+""",
+        encoding="utf-8",
+    )
+    (law,) = laws_of([own])
+    assert (law.id, law.kind, law.model, law.refines) == ("rope_drag", "motion", "Mine.RopeDrag", "quadratic_drag")
+    assert law.needs_unit == {"v": "m/s"}
+    assert law.uses == {"v"}
+    assert law.switch.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
+    own.write_text(
+        "model Bare\n  extends Laws.Interfaces.StorageLaw;\n  parameter Real k = 1;\nequation\n  q = k;\nend Bare;\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError, match=r"Mine\.mo: Bare: a law needs a parameter with the attribute nominal"):
+        laws_of([own])
+
+
+def test_every_partial_model_has_a_shape() -> None:
+    from aero_bayes.export.library import modelica_root
+
+    folder = modelica_root() / "Laws" / "Interfaces"
+    assert {p.stem for p in folder.glob("*Law.mo")} == set(SHAPES)

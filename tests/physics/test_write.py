@@ -1,0 +1,279 @@
+"""Written models against composed ones: the same rates, the same trajectories, and the user's text kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import RIGS, Numbers, explicit, rig, somewhere
+from fmpy import simulate_fmu
+from numpy.random import Generator
+
+from aero_bayes.errors import InputError
+from aero_bayes.export import export_fmu
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.physics.compose import Models, compose_laws
+from aero_bayes.physics.laws import Law
+from aero_bayes.physics.ports import candidates, ports_of
+from aero_bayes.physics.use import Use, use_of
+from aero_bayes.physics.write import Written, write_law
+
+SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "i_n": 1.4, "t_n": 0.3}
+
+
+def uses_at(flat: FlatModel, laws: Sequence[Law], *ids: str) -> list[Use]:
+    """Laws at ports by their ids, all switched on."""
+    by_id = {c.id: c for c in candidates(ports_of(flat, laws), laws)}
+    taken = {v.name for v in flat.variables}
+    uses = []
+    for c in (by_id[i] for i in ids):
+        sizes = {k: v for k, v in SIZES.items() if k in c.law.sizes}
+        on = {p.name: p.value("nominal", {**c.law.sizes, **sizes}) for p in c.law.parameters}
+        use = use_of(c.law, c.port, taken, sizes=sizes, values=on, neighbour=c.neighbour)
+        taken |= {use.instance, *use.names.values()}
+        uses.append(use)
+    return uses
+
+
+def agree(
+    model: str, sources: list[Path], uses: Sequence[Use], models: Models, folder: Path, rng: Generator
+) -> Written:
+    """Write, flatten again, and compare rates and outputs at random points."""
+    flat = rig(model, *map(str, sources))
+    written = write_law(sources, model, flat, uses, folder)
+    composed, again = (
+        Numbers(explicit(compose_laws(flat, uses, models))),
+        Numbers(explicit(load_flat(written.name, [*sources, written.path]))),
+    )
+    assert sorted(n.replace("_true", "") for n in again.names()) == sorted(
+        n.replace(f"{u.instance}.u", u.port.signals["u"]) if (u := uses[0]).port.via == "output" else n
+        for n in composed.names()
+    )
+    for name in (n for u in uses for n in u.names.values()):
+        assert again.b.symbol(name) in again.at
+    for _ in range(5):
+        point = somewhere(composed.names(), rng)
+        other = {n: point[n] if n in point else point[f"{uses[0].instance}.u"] for n in again.names()}
+        one, two = composed(point), again(other)
+        shared = one.keys() & two.keys()
+        assert len(shared) >= len(one) - 1
+        assert {k: two[k] for k in shared} == pytest.approx({k: one[k] for k in shared}, rel=1e-11, abs=1e-12)
+    return written
+
+
+ONE_OF_EACH = [
+    ("Cart", "dead_zone@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"), ("Cart", "presliding_friction@v"),
+    ("Cart", "end_stop@v"), ("Pendulum", "coulomb_friction@w"), ("Pendulum", "offset@angle"),
+    ("TankPair", "overflow@h1"), ("TankPair", "exchange@h1"), ("TankPair", "root_loss@h2"), ("Rlc", "heating@i"),
+    ("Rlc", "linear_loss@v_C"), ("Motor", "contact_drop@i"), ("Motor", "quadratic_drag@w"), ("Motor", "lag@speed"),
+    ("Shaft.Motor", "saturation@V"), ("Shaft.Motor", "gain@speed"), ("Shaft.Motor", "series_resistance@inductor.p"),
+    ("Shaft.Motor", "backlash@load.a"), ("Shaft.Motor", "stribeck_friction@rotor.a"),
+    ("Bodies.Pair", "radiation@one.port"), ("Bodies.Pair", "exchange@one.port"), ("Bodies.Pair", "overflow@two.port"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("model", "id_"), ONE_OF_EACH)
+def test_a_written_law_is_the_composed_one(
+    model: str, id_: str, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    flat = rig(model)
+    sources = [RIGS / f"{model.partition('.')[0]}.mo"]
+    agree(model, sources, uses_at(flat, laws, id_), models, tmp_path, rng)
+
+
+@pytest.mark.parametrize(
+    ("model", "ids"),
+    [
+        ("Cart", ("gain@F", "dead_zone@F", "coulomb_friction@v", "cubic_stiffness@v", "offset@q", "gain@q")),
+        ("TankPair", ("square_law@u", "overflow@h1", "linear_loss@h2", "offset@h2", "offset@y")),
+        ("Shaft.Motor", ("lag@V", "heating@inductor.p", "viscous_friction@load.a", "coulomb_friction@rotor.a")),
+    ],
+)
+def test_several_laws_at_once(
+    model: str, ids: tuple[str, ...], laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    sources = [RIGS / f"{model.partition('.')[0]}.mo"]
+    agree(model, sources, uses_at(rig(model), laws, *ids), models, tmp_path, rng)
+
+
+def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    flat = rig("Cart")
+    written = write_law([RIGS / "Cart.mo"], "Cart", flat, uses_at(flat, laws, "coulomb_friction@v"), tmp_path)
+    gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
+    assert [line.split()[0] for line in gone] == ["model", "M", "end"]
+    assert (
+        '  M * der(v) = F - F_v * v - K * x - coulomb_friction.f "Newton\'s second law" annotation '
+        '(Documentation(info = "a balance; of forces"));'
+    ) in written.text.splitlines()
+    assert '  // the balance of forces; "equation" is only a word here' in written.text
+    assert "F_v(unit" in written.text
+    assert (
+        'parameter Real F_c(unit = "N", min = 0, max = 25, nominal = 0.25) = 0.25 "Dry friction at v";' in written.text
+    )
+    assert written.name == "Cart_coulomb_friction"
+    assert written.path.read_text(encoding="utf-8") == written.text
+
+
+def test_a_law_at_a_connector_extends_and_one_in_series_splits_a_connection(
+    laws: tuple[Law, ...], tmp_path: Path
+) -> None:
+    flat = rig("Shaft.Motor")
+    sources = [RIGS / "Shaft.mo"]
+    node = write_law(sources, "Shaft.Motor", flat, uses_at(flat, laws, "coulomb_friction@load.a"), tmp_path)
+    assert "  extends Shaft.Motor;" in node.text
+    assert "  connect(coulomb_friction.port, load.a);" in node.text
+    assert node.diff.startswith("--- /dev/null\n")
+    series = write_law(sources, "Shaft.Motor", flat, uses_at(flat, laws, "contact_drop@inductor.p"), tmp_path)
+    changed = [line for line in series.diff.splitlines() if line.startswith(("-  ", "+  ")) and "connect" in line]
+    assert changed == [
+        "-  connect(resistor.n, inductor.p);",
+        "+  connect(resistor.n, contact_drop.p);",
+        "+  connect(contact_drop.n, inductor.p);",
+    ]
+
+
+def test_names_that_are_taken_get_the_ports_name(laws: tuple[Law, ...]) -> None:
+    flat = rig("Pendulum")  # has a parameter d
+    (use,) = uses_at(flat, laws, "viscous_friction@w")
+    assert use.names == {"d": "d_w"}
+    assert use.unit(use.law.switch) == "N.m.s/rad"
+
+
+def test_outputs_that_are_states_and_readings_that_feed_back(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    """The reading changes, what the rig does with the true quantity does not."""
+    path = tmp_path / "Level.mo"
+    path.write_text(
+        """model Level
+  input Real u(unit = "m3/s");
+  output Real h(unit = "m", start = 1, fixed = true) "Level";
+  output Real twice(unit = "m") = 2 * h + u;
+equation
+  der(h) = u - 0.3 * h;
+end Level;
+
+model Other "stands beside it"
+  Real x = 1;
+end Other;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Level", str(path))
+    for ids in (("offset@output_h",), ("gain@twice", "dead_zone@u")):
+        uses = uses_at(flat, laws, *ids)
+        agree("Level", [path], uses, models, tmp_path / "out", rng)
+    offset = Numbers(explicit(compose_laws(flat, uses_at(flat, laws, "offset@output_h"), models)))
+    point = somewhere(offset.names(), rng)
+    found = offset(point)
+    assert found["twice"] == pytest.approx(2 * point["offset.u"] + point["u"])
+    assert found["h"] == pytest.approx(point["offset.u"] + 0.1 * SIZES["u_n"])
+
+
+def test_a_class_of_a_package_keeps_its_meanings(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    """Short names, imports and constants of the packages around a class still mean the same in its copy."""
+    folder = tmp_path / "Bench"
+    (folder / "Rigs").mkdir(parents=True)
+    (folder / "package.mo").write_text(
+        'within ;\npackage Bench "Über allem"\n  import P = Bench.Parts;\n  constant Real g = 9.81;\nend Bench;\n',
+        encoding="utf-8",
+    )
+    (folder / "Parts.mo").write_text(
+        "within Bench;\npackage Parts\n  block Gain\n    parameter Real k = 2;\n    input Real u;\n"
+        "    output Real y = k * u;\n"
+        "  end Gain;\nend Parts;\n",
+        encoding="utf-8",
+    )
+    (folder / "Rigs" / "package.mo").write_text('within Bench;\npackage Rigs "ä ö ü"\nend Rigs;\n', encoding="utf-8")
+    (folder / "Rigs" / "Fall.mo").write_text(
+        """within Bench.Rigs;
+model Fall "Fällt"
+  parameter Real m = 0.5 "Größe";
+  input Real u;
+  output Real y = x;
+  P.Gain gain(k = 3, u = u);
+  Real x(start = 0, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(x) = v;
+  m * der(v) = gain.y - m * g;
+end Fall;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Bench.Rigs.Fall", str(folder))
+    (port,) = (p for p in ports_of(flat, laws) if p.id == "v")
+    assert str(port.place) == "Bench/Rigs/Fall.mo:11"
+    uses = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
+    written = agree("Bench.Rigs.Fall", [folder], uses, models, tmp_path / "out", rng)
+    assert "  m * der(v) = gain.y - m * Bench.g - quadratic_drag.f;" in written.text
+    assert "  Bench.Parts.Gain gain(k = 3, u = offset.y);" in written.text
+
+
+def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Loose.mo"
+    path.write_text(
+        """model Base
+  Real x(start = 0, fixed = true);
+equation
+  der(x) = -x;
+end Base;
+
+model Loose
+  extends Base;
+  output Real y = x;
+end Loose;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Loose", str(path))
+    with pytest.raises(InputError, match=r"Loose\.mo:4: the balance of 'x' stands in the class Base"):
+        write_law([path], "Loose", flat, uses_at(flat, laws, "linear_loss@x"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="Nowhere: the class was not found"):
+        write_law([path], "Nowhere", flat, [], tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("model", "id_", "output"),
+    [("Cart", "end_stop@v", "q"), ("Shaft.Motor", "heating@inductor.p", "speed")],
+)
+def test_the_written_model_moves_like_the_composed_one(
+    model: str, id_: str, output: str, laws: tuple[Law, ...], models: Models, tmp_path: Path
+) -> None:
+    """Two FMUs, one from the flat model and one from the written source: equal to 1e-9 of the range."""
+    flat, sources = rig(model), [RIGS / f"{model.partition('.')[0]}.mo"]
+    uses = uses_at(flat, laws, id_)
+    written = write_law(sources, model, flat, uses, tmp_path)
+    files = (
+        export_flat(compose_laws(flat, uses, models), tmp_path / "composed.fmu"),
+        export_fmu(written.name, tmp_path / "written.fmu", compiler="embedded", sources=[*sources, written.path]),
+    )
+    (name,) = (v.name for v in flat.variables if v.causality == "input" and "." not in v.name)
+    one, two = (
+        simulate_fmu(
+            str(f), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-10, stop_time=4.0,
+            output_interval=0.1, start_values={name: 3.0}, output=[output],
+        )[output]
+        for f in files
+    )  # fmt: skip
+    assert np.ptp(one) > 0.01
+    assert np.abs(one - two).max() < 1e-9 * np.ptp(one)
+
+
+def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    """pymoca's grammar, which shares nothing with the reader here."""
+    parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")
+    for model, id_ in (("Cart", "delay@q"), ("TankPair", "overflow@h1"), ("Shaft.Motor", "contact_drop@inductor.p")):
+        flat = rig(model)
+        sources = [RIGS / f"{model.partition('.')[0]}.mo"]
+        written = write_law(sources, model, flat, uses_at(flat, laws, id_), tmp_path)
+        tree = parser.parse(written.text.replace("within ;\n", ""))
+        assert tree is not None
+        assert written.name in tree.classes
