@@ -35,11 +35,11 @@ package Shapes
   end horner;
   function shifted
     input Real v[:];
-    input Integer by = 1;
+    input Integer by = 2;
     output Real w[size(v, 1)];
   algorithm
     for i in 1:size(v, 1) loop
-      w[i] := v[mod(i - 1 + by, size(v, 1)) + 1];
+      w[i] := v[size(v, 1) + 1 - i] * by;
     end for;
     if w[1] > 0 then
       w[1] := 2 * w[1];
@@ -96,7 +96,7 @@ def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, t
         before = np.r_[0.0, x[:-1]]
         expected = np.where(np.arange(6) == 0, 0.3 - x, k * (before - x))
         assert [rates[f"x[{i}]"] for i in range(1, 7)] == pytest.approx(expected)
-        w = np.array([-x[1], x[2], x[0]])
+        w = 2 * np.array([x[2], -x[1], x[0]])
         if w[0] > 0:
             w[0] *= 2
         elif w[1] > 0:
