@@ -30,7 +30,7 @@ def load_model(
     sources : sequence of Path
         Further Modelica files that the class needs.
     libraries : sequence of Path
-        Folders that hold packages which the sources use.
+        Folders of Modelica packages that these use.
     folder : Path, optional
         Where a built FMU is kept; a temporary folder that lasts as long as the process by default.
 
@@ -43,6 +43,5 @@ def load_model(
         return Model.load(Path(name))
     target = folder if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
     target.mkdir(parents=True, exist_ok=True)
-    return Model.load(
-        export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources, libraries=libraries)
-    )
+    built = export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources, libraries=libraries)
+    return Model.load(built)

@@ -26,7 +26,8 @@ class ExplicitModel:
     """``der(states) = rates``; every other variable's expression in ``solved``.
 
     ``starts`` are in terms of parameters, and of other states where initial equations tie them together. Unknowns of
-    ``loops`` are symbols; ``discrete`` is in terms of states, these, and of what is constant between events.
+    ``loops`` are symbols; ``discrete`` is in terms of states, these, and of what is constant between events. What
+    initial equations say beyond ``starts`` is left to Newton's method in ``initial``.
     """
 
     system: System
@@ -36,6 +37,7 @@ class ExplicitModel:
     starts: tuple[Node, ...]
     loops: tuple[Loop, ...]
     discrete: Discrete
+    initial: Loop | None = None
 
     def timed(self, difference: Node) -> tuple[Node, Node] | None:
         """When a relation between time and parameters changes, and its slope, where both are known in advance."""
@@ -52,12 +54,29 @@ class ExplicitModel:
         known = sum(self.timed(r.difference) is not None for r in self.discrete.relations)
         return len(self.discrete.relations) - known + 2 * len(self.discrete.roundings)
 
+    def needs(self, expression: Node) -> frozenset[Node] | None:
+        """States, inputs and parameters that an expression depends on; None where it is not known without events."""
+        b = self.system.builder
+        loop_of = {u: loop for loop in self.loops for u in loop.unknowns}
+        found: set[Node] = set()
+        stack = [expression]
+        while stack:
+            for s in b.symbols(stack.pop()) - found:
+                found.add(s)
+                stack += loop_of[s].residuals if s in loop_of else ()
+        between = set(self.discrete.updates) | {r.symbol for r in self.discrete.relations}
+        between |= {r.symbol for r in self.discrete.roundings}
+        if found & between or any(s.name.startswith(("pre(", "sample#", "initial(")) for s in found):
+            return None
+        return frozenset(found - loop_of.keys())
+
     @property
     def deeper(self) -> tuple[Node, ...]:
         """Expressions of loops and events, which rates and outputs depend on through symbols."""
         d = self.discrete
         return (
             *(r for loop in self.loops for r in loop.residuals),
+            *(self.initial.residuals if self.initial is not None else ()),
             *d.updates.values(),
             *(x for r in d.reinits for x in (r.active, r.value)),
             *(r.difference for r in d.relations),
@@ -104,13 +123,13 @@ def causalise(system: System) -> ExplicitModel:
     solved, loops = _solve(system, equations, unknowns, matched)
     states_in_order = tuple(v.name for v in system.variables if v.name in states)
     rates = tuple(solved[system.derivatives[n]] for n in states_in_order)
-    starts = _starts(system, states_in_order, solved, loops)
+    starts, initial = _starts(system, states_in_order, solved, loops)
     named = {n.name: e for n, e in solved.items()}
     named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
     named |= {v.name: b.symbol(v.name) for v in whole.steps}
     everything = {b.symbol(n): e for n, e in named.items()}
     discrete = resolve(whole.name, b, whole.discrete, everything, {b.symbol(n) for n in states_in_order})
-    return ExplicitModel(whole, states_in_order, rates, named, starts, loops, discrete)
+    return ExplicitModel(whole, states_in_order, rates, named, starts, loops, discrete, initial)
 
 
 def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
@@ -338,8 +357,13 @@ def _components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
     return found
 
 
-def _starts(system: System, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[Loop]) -> tuple[Node, ...]:
-    """Initial value of each state: its start attribute, or what initial equations and other fixed values give."""
+def _starts(
+    system: System, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[Loop]
+) -> tuple[tuple[Node, ...], Loop | None]:
+    """Initial value of each state: its start attribute, or what initial equations and other fixed values give.
+
+    Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned.
+    """
     b = system.builder
     by_name = {v.name: v for v in system.variables}
     starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
@@ -351,25 +375,40 @@ def _starts(system: System, states: Sequence[str], solved: dict[Node, Node], loo
         if v.fixed and v.name not in states
     ]
     in_loops = {u for loop in loops for u in loop.unknowns}
+    behind = frozenset[Node]().union(*(b.symbols(r) for loop in loops for r in loop.residuals))
     open_states = [b.symbol(n) for n in states if not by_name[n].fixed]
-    residuals: list[Node] = []
-    used: list[Node] = []
-    for r, must in [(r, True) for r in stated] + [(r, False) for r in fixed]:
-        choice = [s for s in open_states if s in b.symbols(r) and s not in used]
-        if b.symbols(r) & in_loops:
-            raise InputError(f"model {system.name}: an initial value depends on an algebraic loop, which is not solved")
-        if choice:
-            used.append(choice[0])
-            residuals.append(r)
-        elif must:
+    rows = [*stated, *fixed]
+    reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
+    owner: dict[Node, int] = {}
+
+    def place(k: int, seen: set[Node]) -> bool:
+        for state in open_states:
+            if state in reach[k] and state not in seen:
+                seen.add(state)
+                if state not in owner or place(owner[state], seen):
+                    owner[state] = k
+                    return True
+        return False
+
+    for k in range(len(rows)):
+        if not place(k, set()) and k < len(stated):
             raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
+    used, residuals = list(owner), [rows[k] for k in owner.values()]
+    unsolved = None
     if residuals:
         matrix = [[b.derivative(r, s) for s in used] for r in residuals]
-        if any(b.symbols(a) & set(used) for row in matrix for a in row):
-            raise InputError(f"model {system.name}: the initial equations are not linear in the states")
-        right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
-        solution = linear_solve(system, matrix, right, used)
-        if solution is None:
-            raise InputError(f"model {system.name}: the initial equations depend on which branch is taken")
-        starts.update(zip(used, solution, strict=True))
-    return tuple(starts[b.symbol(n)] for n in states)
+        solution = None
+        if not any(b.symbols(a) & set(used) for row in matrix for a in row) and not any(
+            b.symbols(r) & in_loops for r in residuals
+        ):
+            right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
+            solution = linear_solve(system, matrix, right, used)
+        if solution is not None:
+            starts.update(zip(used, solution, strict=True))
+        else:
+            more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
+            unsolved = Loop(
+                (*used, *(u for loop in more for u in loop.unknowns)),
+                (*residuals, *(r for loop in more for r in loop.residuals)),
+            )
+    return tuple(starts[b.symbol(n)] for n in states), unsolved

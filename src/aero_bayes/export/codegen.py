@@ -146,6 +146,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "JX": nrow * (nx + nu), "JP": nrow * np_, "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
         "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
         "DUE": len(events.relations), "SLOPE": len(events.relations),
+        "START": len(model.initial.unknowns) if model.initial is not None else 0,
     }  # fmt: skip
     for name, size in sizes.items():
         memory.add(name, size)
@@ -197,6 +198,11 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     functions = [_function("k", early, leaves, {})]
     functions += [_function(name, found, leaves, kept) for name, found in groups.items()]
     functions.append(_reinit_function(model, reinits, {**leaves, **kept}, states))
+    if model.initial is not None:
+        rows_there = prepare(model.initial.residuals)
+        there = {**leaves, **{u: f"m->data[{memory.at['START'] + i}]" for i, u in enumerate(model.initial.unknowns)}}
+        found_there = _loop_targets(b, [model.initial], [rows_there], stage)[0]
+        functions.append(_loop_function("initial", found_there, there))
     functions.append(_assertion_function(assertions, {**leaves, **kept}))
     functions += [_loop_function(i, found, {**leaves, **kept}) for i, found in enumerate(loop_rows)]
     before = _step_starts(model, steps, prepare)
@@ -232,6 +238,10 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "unsigned char below": [str(int(r.below)) for r in events.relations],
         "unsigned char timed": [str(int(i in instants)) for i in range(len(events.relations))],
         "Block block": _blocks(loops),
+        "int initial_at": [
+            leaves[u].removeprefix("m->data[").removesuffix("]")
+            for u in (model.initial.unknowns if model.initial is not None else ())
+        ],
         "char *const message": [_text(message) for _, message in events.assertions],
     }
     names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
@@ -245,6 +255,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "const Info model_info = {",
         f'    .guid = "{guid}",',
         *(f"    .{name} = {count}," for name, count in counts.items()),
+        *([f"    .initial = {{0, {sizes['START']}, eval_loop_initial}},"] if sizes["START"] else []),
         *(f"    .at[{name}] = {at}," for name, at in memory.at.items()),
         *(f"    .{t.rpartition(' ')[2]} = {t.rpartition(' ')[2]}," for t, items in tables.items() if items),
         *(f"    .{name} = {name if name in ('set_defaults', 'start') else f'eval_{name}'}," for name in names),
@@ -291,7 +302,7 @@ def _loop_targets(
     return found
 
 
-def _loop_function(k: int, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
+def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
     writer = _Writer(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]

@@ -73,6 +73,8 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
         outputs.append(
             writer.add(v, layout.first_output + i, causality="output", variability=kind, initial="calculated")
         )
+    calculated = list(outputs)
+    shown = [model.solved[v.name] for v in layout.outputs]
     top = {v.name: v for v in model.system.variables}
     for name, vr in layout.aliases.items():
         v = top[name]
@@ -98,10 +100,8 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     structure = ET.SubElement(root, "ModelStructure")
     knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
     knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, inputs, strict=True)}
-    needs = {
-        index: sorted(knowns[s] for s in b.symbols(e) if s in knowns)
-        for index, e in zip(rates, model.rates, strict=True)
-    }
+    expressions = {**dict(zip(rates, model.rates, strict=True)), **dict(zip(calculated, shown, strict=True))}
+    needs = {index: model.needs(e) for index, e in expressions.items()}
     open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
     for tag, indices in (
         ("Outputs", outputs),
@@ -112,8 +112,9 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
             group = ET.SubElement(structure, tag)
             for index in indices:
                 unknown = ET.SubElement(group, "Unknown", index=str(index))
-                if tag == "Derivatives":
-                    unknown.set("dependencies", " ".join(str(known) for known in needs[index]))
+                on = needs.get(index)
+                if tag != "InitialUnknowns" and on is not None:
+                    unknown.set("dependencies", " ".join(map(str, sorted(knowns[s] for s in on if s in knowns))))
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()

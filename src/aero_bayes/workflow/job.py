@@ -88,9 +88,10 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     name, fmu = _which_model(config, options)
     own = fmu is None and not name.startswith(f"{PACKAGE}.")
     # The columns of a model of the user's own are those that it declares.
-    model = Model.load(fmu) if fmu is not None else None
-    if own:
-        model = load_model(name, sources=config.model.sources, libraries=config.model.libraries)
+    sources, libraries = config.model.sources, config.model.libraries
+    model = None
+    if fmu is not None or own:
+        model = Model.load(fmu) if fmu is not None else load_model(name, sources=sources, libraries=libraries)
     layout = layout_of(config, model)
     columns = columns_of(config)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
@@ -101,7 +102,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         if model is not None:
             shutil.copyfile(model.path, built)
         else:
-            export_fmu(name, built, sources=config.model.sources, libraries=config.model.libraries)
+            export_fmu(name, built, sources=sources, libraries=libraries)
         model = Model.load(built)
     assert model is not None
     parameters = _parameters(model, config)

@@ -79,7 +79,8 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
         return job
     out = job.options.out
     sources = [*job.config.model.sources, out / loop.modelica_path]
-    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=sources))
+    libraries = job.config.model.libraries
+    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=sources, libraries=libraries))
     parameters = job.parameters.extended(loop.added)
     found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
     return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))

@@ -8,7 +8,7 @@
 #define AERO_BAYES_MODEL_H
 #include <math.h>
 
-enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, GROUPS };
+enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, START, GROUPS };
 
 typedef struct Model {
     double time, tolerance, step, next_event;
@@ -28,6 +28,8 @@ typedef struct {
     const double *nominal;
     const unsigned char *below, *timed; /* of relations: which side of zero they hold on; known in advance */
     const Block *block;
+    Block initial; /* initial equations in START, copies of the values at initial_at */
+    const int *initial_at;
     const char *const *message;
     void (*set_defaults)(Model *m);
     void (*start)(Model *m);

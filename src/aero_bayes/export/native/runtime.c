@@ -91,9 +91,9 @@ static double residual(Model *m, const Block *b, double *f, double *j) {
     }
     return worst;
 }
-static int solve_block(Model *m, const Block *b) {
+static int solve_block(Model *m, const Block *b, double *w) {
     const int n = b->n;
-    double *w = group(m, W) + b->first, f[n], j[n * n], old[n];
+    double f[n], j[n * n], old[n];
     int pivot[n];
     double size = residual(m, b, f, j);
     for (int round = 0; round < 100; round++) {
@@ -132,7 +132,7 @@ static inline void need_w(Model *m) {
     if (m->fresh & FRESH_W) return;
     need_k(m);
     for (int i = 0; i < INFO.blocks; i++)
-        if (!solve_block(m, INFO.block + i)) {
+        if (!solve_block(m, INFO.block + i, group(m, W) + INFO.block[i].first)) {
             m->failed = 1;
             for (int k = 0; k < INFO.nw; k++) group(m, W)[k] = NAN;
             break;
@@ -417,12 +417,22 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 
 /* initial values that depend on parameters, unless somebody has set them */
 static void start_states(Model *m) {
+    double relations[INFO.relations + 1];
     need_k(m);
-    for (int round = 0; round < 2; round++) { /* they may depend on which branch is taken */
+    for (int round = 0; round < 20; round++) { /* they may depend on which branches are taken */
+        memcpy(relations, group(m, REL), sizeof(double) * INFO.relations);
         INFO.start(m);
         stale(m, moved);
+        double *x = group(m, START);
+        for (int i = 0; i < INFO.initial.n; i++) x[i] = m->data[INFO.initial_at[i]];
+        if (INFO.initial.n && !solve_block(m, &INFO.initial, x)) m->failed = 1;
+        for (int i = 0; i < INFO.initial.n && !m->failed; i++) {
+            int at = INFO.initial_at[i];
+            if (at >= NX || !group(m, STARTED)[at]) m->data[at] = x[i];
+        }
+        stale(m, moved);
         first_event(m);
-        if (!INFO.nd && !INFO.relations) break;
+        if (!memcmp(relations, group(m, REL), sizeof(double) * INFO.relations)) break;
     }
 }
 
