@@ -11,6 +11,7 @@ import hashlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -23,7 +24,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.checkpoint import pack, pack_random, read_arrays, unpack, unpack_random, write_arrays
 from aero_bayes.inference.diagnostics import Diagnosis, diagnose
 from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, ScreenedMove, StretchMove
-from aero_bayes.inference.tuning import GOOD, Density, Tuned, log_prior_of, retuned, scout
+from aero_bayes.inference.tuning import Density, Tuned, log_prior_of, retuned, scout
 
 FloatArray = NDArray[np.float64]
 
@@ -121,24 +122,10 @@ class Chain:
 def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
     """Mostly proposals screened by the stand-in, or independent ones where there is none; and two that need neither."""
     main: Move = IndependenceMove(tuned.proposal)
-    if tuned.surrogate is not None and not (tuned.frozen and tuned.overlap == 0.0):
-        main = ScreenedMove(_Approximation(tuned.surrogate, prior), tuned.proposal, tuned.steps)
+    if tuned.stand_in is not None and not (tuned.frozen and tuned.overlap == 0.0):
+        main = ScreenedMove(partial(tuned.stand_in.log_density, prior=prior), tuned.proposal, tuned.steps)
     shares = (0.85, 0.09, 0.06) if tuned.frozen else (0.5, 0.3, 0.2)
     return list(zip((main, DifferentialMove(), StretchMove()), shares, strict=True))
-
-
-@dataclass(frozen=True)
-class _Approximation:
-    """Prior plus stand-in, evaluated inside the support only."""
-
-    surrogate: Density
-    prior: Density
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        total = np.array(self.prior(points))
-        inside = np.isfinite(total)
-        total[inside] += self.surrogate(points[inside])
-        return total
 
 
 def run(
@@ -350,7 +337,7 @@ class _Walk:
             )
             self.rounds += 1
             planned, extra = self.settings.burn_in, self.rounds - len(self.settings.burn_in)
-            if extra >= self.settings.extra_rounds or (extra >= 0 and self.tuned.overlap >= GOOD):
+            if extra >= self.settings.extra_rounds or (extra >= 0 and self.tuned.good):
                 self.tuned, self._left, self._seen = replace(self.tuned, frozen=True), self.settings.settle, []
             else:
                 self._left = planned[self.rounds] if extra < 0 else int(planned[-1] * 1.5 ** (extra + 1))

@@ -16,26 +16,61 @@ from aero_bayes.inference.moves.warp import SCORES
 FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
-#: Overlap with the target above which a stand-in needs no more tuning.
-GOOD = 0.6
+#: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
+GOOD, STICKY = 0.7, 25.0
+#: Logarithm of the proposal's share in a stand-in.
+_SHARE = float(np.log(0.05))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
-    """The approximations that moves may propose from.
+class StandIn:
+    """A surrogate of the target less its prior, and a little of the heavy-tailed proposal, as one log-density.
 
-    ``surrogate`` stands for the target less its prior (None as long as too little is known); ``steps`` is how many
-    steps on it forget where they started; ``overlap`` the share of its proposals that the target would accept, judged
-    on points that it was not fitted to; ``frozen`` is True for the kept chain.
+    The proposal's share keeps it from falling far below the target where nothing has been seen, which is where a
+    chain would be stuck. ``level`` is the logarithm of the rest's integral.
+    """
+
+    surrogate: Surrogate
+    level: float
+
+    @classmethod
+    def of(cls, surrogate: Surrogate, prior: Density, points: FloatArray) -> StandIn:
+        """With the integral estimated from draws of about the target, (n, d)."""
+        ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
+        return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
+
+    def log_density(self, points: FloatArray, prior: Density) -> FloatArray:
+        """Not normalised, shape (n,); minus infinity outside the prior's support, at no cost."""
+        total = np.array(prior(points))
+        inside = np.isfinite(total)
+        some = points[inside]
+        least = self.surrogate.coordinates.log_density(some) + self.level + _SHARE
+        total[inside] = np.logaddexp(total[inside] + self.surrogate(some), least)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What moves may propose from.
+
+    ``stand_in`` is None as long as too little is known; ``steps`` is how many steps on it forget where they started;
+    ``overlap`` the share of its proposals that the target would accept, judged on points that it was not fitted to;
+    ``sticky`` how many it takes to leave all but a hundredth of the points; ``frozen`` is True for the kept chain.
     """
 
     proposal: HeavyTail
-    surrogate: Surrogate | None = None
+    stand_in: StandIn | None = None
     steps: int = 20
     overlap: float = 0.0
+    sticky: float = np.inf
     frozen: bool = False
+
+    @property
+    def good(self) -> bool:
+        """Whether more tuning would hardly pay."""
+        return self.overlap >= GOOD and self.sticky <= STICKY
 
 
 def log_prior_of(density: Density) -> Density:
@@ -98,33 +133,54 @@ def retuned(
     seen : tuple of ndarray, (m, d) and (m,)
         All that was evaluated so far.
     """
-    d = tuned.proposal.mean.size
-    floor = 0.5 * float(chi2.isf(1e-7, d)) + 10.0
-    good = visited[1] >= visited[1].max() - floor
+    d, dof = tuned.proposal.mean.size, tuned.proposal.dof
+    good = visited[1] >= visited[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
     points, values = visited[0][good], visited[1][good]
     if len(np.unique(points[:, 0])) <= 4 * d:
         return tuned
-    quality = 0.0
-    if tuned.surrogate is not None and tuned.proposal.resembles(points):
-        quality = overlap(tuned.surrogate(points) + prior(points) - values)
-    proposal = HeavyTail.fit(points, tuned.proposal.dof)
-    plain = overlap(proposal.log_density(points) - values)
-    seen_points, seen_values = seen
-    good = seen_values >= seen_values.max() - floor
-    surrogate, steps = None, tuned.steps
-    if good.sum() > Surrogate.least(d):
-        where, level = seen_points[good], seen_values[good]
-        surrogate = Surrogate.fit(proposal, where, level - prior(where), level.max() - level)
-        approximate = surrogate(points) + prior(points)
-        steps = int(np.clip(6.0 / overlap(proposal.log_density(points) - approximate), 12, 200))
-    return Tuned(proposal, surrogate, steps, quality if quality > plain else 0.0)
+    quality, sticky = 0.0, np.inf
+    if tuned.stand_in is not None:
+        missed = tuned.stand_in.log_density(points, prior) - values
+        quality, sticky = overlap(missed), memory(missed)
+    plain, proposal = max(
+        (
+            (overlap(fitted.log_density(points) - values), fitted)
+            for curved in (False, True)
+            for first in (False, True)
+            for fitted in (HeavyTail.fit(points, dof, curved=curved, bent_first=first),)
+        ),
+        key=lambda pair: pair[0],
+    )
+    depth = seen[1].max() - seen[1]
+    near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
+    if near.sum() <= Surrogate.least(d):
+        return Tuned(proposal)
+    where = seen[0][near]
+    surrogate = Surrogate.fit(proposal, where, seen[1][near] - prior(where), depth[near])
+    stand_in = StandIn.of(surrogate, prior, points)
+    steps = int(np.clip(memory(proposal.log_density(points) - stand_in.log_density(points, prior)), 12, 200))
+    return Tuned(proposal, stand_in, steps, quality if quality > plain else 0.0, sticky)
 
 
 def overlap(log_ratio: FloatArray) -> float:
     """Share of independent proposals from s that a stationary chain of p accepts, from log(s / p) at draws of p.
 
-    It is the expectation of min(r, r') over pairs of draws, over that of r.
+    It is the expectation of min(r, r') over pairs of draws, over that of r. The largest ratios are cut: they come from
+    tails that have no share in it.
     """
-    ratio = np.sort(np.exp(log_ratio - log_ratio.max()))
+    ratio = np.sort(_ratios(log_ratio))
     n = ratio.size
     return float(ratio @ (2.0 * (n - np.arange(n)) - 1.0) / (n * ratio.sum()))
+
+
+def memory(log_ratio: FloatArray) -> float:
+    """Proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
+
+    At a point of weight w = s / q, over its mean under q, about w proposals are needed.
+    """
+    ratio = _ratios(log_ratio)
+    return 1.5 * float(ratio.mean() / np.quantile(ratio, 0.01))
+
+
+def _ratios(log_ratio: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(np.minimum(log_ratio, np.quantile(log_ratio, 0.98)) - np.median(log_ratio)))

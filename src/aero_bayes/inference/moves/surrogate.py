@@ -18,7 +18,7 @@ _LENGTHS, _BENT, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.ar
 #: Error, in nats, that is accepted at the mode; it grows with the depth below it.
 _ERROR = 0.02
 #: Points that choose the scales, and points that the stand-in rests on.
-_CHOOSING, _POINTS = 400, 1200
+_CHOOSING, _POINTS = 400, 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,10 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
 
 def _kernel(one: FloatArray, two: FloatArray) -> FloatArray:
     """Rational quadratic kernel of shape one, (n, d) and (m, d) to (n, m)."""
-    half = 0.5 * np.sum(one**2, axis=1)[:, None] + 0.5 * np.sum(two**2, axis=1) - one @ two.T
-    return np.asarray(1.0 / (1.0 + np.maximum(half, 0.0)))
+    kernel = one @ -two.T
+    kernel += 0.5 * np.sum(one**2, axis=1)[:, None]
+    kernel += 0.5 * np.sum(two**2, axis=1) + 1.0
+    return np.asarray(np.reciprocal(np.maximum(kernel, 1.0, out=kernel), out=kernel))
 
 
 def _choose(
