@@ -329,6 +329,7 @@ class _Walk:
     def _end_phase(self) -> None:
         """After a round, learn from it and freeze what is good enough; after the settling, begin the kept chain."""
         if not self.tuned.frozen:
+            self._look_further()
             rows = slice(len(self.visited) // 4, None)
             points = np.concatenate(self.visited[rows]).reshape(-1, self.dimension)
             seen = np.concatenate(self._seen)
@@ -343,6 +344,19 @@ class _Walk:
                 self._left = planned[self.rounds] if extra < 0 else int(planned[-1] * 1.5 ** (extra + 1))
             self._make_samplers()
         self.visited, self._levels = [], []
+
+    def _look_further(self) -> None:
+        """Evaluate draws of the stand-in at a higher temperature, so that the next one knows the ends of the density."""
+        if self.tuned.stand_in is None:
+            return
+        warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=2.0)
+        random = np.random.RandomState()
+        for e, state in enumerate(self._states):
+            random.set_state(state.random_state)
+            move = ScreenedMove(warm, self.tuned.proposal.widened(1.4, 4.0), self.tuned.steps)
+            for _ in range(2):
+                self._evaluate(move.propose_from(state.coords, random)[0])
+            self._states[e].random_state = random.get_state(legacy=True)
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything, as arrays."""

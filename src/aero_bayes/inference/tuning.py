@@ -41,14 +41,14 @@ class StandIn:
         ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
         return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
 
-    def log_density(self, points: FloatArray, prior: Density) -> FloatArray:
+    def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.0) -> FloatArray:
         """Not normalised, shape (n,); minus infinity outside the prior's support, at no cost."""
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
         least = self.surrogate.coordinates.log_density(some) + self.level + _SHARE
         total[inside] = np.logaddexp(total[inside] + self.surrogate(some), least)
-        return total
+        return total / temperature
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,11 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
     def __init__(
         self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 20
     ) -> None:
-        super().__init__(self._propose, ndim=proposal.mean.size)
+        super().__init__(self.propose_from, ndim=proposal.mean.size)
         self.approximation, self.proposal, self.steps = approximation, proposal, steps
 
-    def _propose(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+    def propose_from(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """Where the inner chains from (n, d) end, and log s(x) - log s(x')."""
         n = len(coords)
         # Independence proposals do not depend on where the chain is: all are made and weighed at once.
         new = self.proposal.sample(random, n * self.steps)
