@@ -17,13 +17,13 @@ from typing import Protocol
 
 import emcee
 import numpy as np
-from emcee.moves import Move
+from emcee.moves import GaussianMove, Move, RedBlueMove
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.inference.checkpoint import pack, pack_random, read_arrays, unpack, unpack_random, write_arrays
 from aero_bayes.inference.diagnostics import Diagnosis, diagnose
-from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, ScreenedMove, StretchMove
+from aero_bayes.inference.moves import DifferentialMove, HeavyTail, IndependenceMove, ScreenedMove, ScreenedWalkMove, StretchMove
 from aero_bayes.inference.tuning import Density, Tuned, log_prior_of, retuned, scout
 
 FloatArray = NDArray[np.float64]
@@ -120,12 +120,17 @@ class Chain:
 
 
 def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
-    """Mostly proposals screened by the stand-in, or independent ones where there is none; and two that need neither."""
-    main: Move = IndependenceMove(tuned.proposal)
-    if tuned.stand_in is not None and not (tuned.frozen and tuned.overlap == 0.0):
-        main = ScreenedMove(partial(tuned.stand_in.log_density, prior=prior), tuned.proposal, tuned.steps)
-    shares = (0.85, 0.09, 0.06) if tuned.frozen else (0.5, 0.3, 0.2)
-    return list(zip((main, DifferentialMove(), StretchMove()), shares, strict=True))
+    """Proposals screened by the stand-in and a plain random walk; where there is none, moves that need to know little."""
+    if tuned.stand_in is None or (tuned.frozen and tuned.overlap == 0.0):
+        share = 0.85 if tuned.frozen else 0.3
+        return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
+    approximation = partial(tuned.stand_in.log_density, prior=prior)
+    factor = tuned.proposal.factor
+    return [
+        (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.78),
+        (ScreenedWalkMove(approximation, tuned.proposal), 0.15),
+        (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.07),
+    ]
 
 
 def run(
@@ -181,7 +186,7 @@ def run(
         kept, late = walk.kept, walk.seconds > settings.time_limit
         over = late or kept >= settings.max_steps
         if kept >= walk.next_check or over:
-            verdict = judge(np.stack(walk.visited, axis=1) if kept else None, proposal.mean.size, settings)
+            verdict = judge(walk.chain()[0], settings, coupled=walk.coupled)
             walk.next_check = verdict.next_check
             if progress is not None and kept:
                 progress("sampling", min(1.0, kept / walk.next_check), verdict.line)
@@ -225,14 +230,14 @@ class Verdict:
         )
 
 
-def judge(points: FloatArray | None, dimension: int, settings: SampleSettings) -> Verdict:
-    """The stop rule, for kept points of shape (ensembles, steps, walkers, d)."""
-    length = max(settings.lengths, 50.0)
-    if points is None or points.shape[1] < 8:
+def judge(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> Verdict:
+    """The stop rule, for kept points of shape (ensembles, steps, walkers, d), and whether walkers meet each other."""
+    length, dimension = max(settings.lengths, 50.0), points.shape[-1]
+    if points.shape[1] < 8:
         nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
         return Verdict(False, "hardly any step was kept", (nothing,) * dimension, int(length))
     steps = points.shape[1]
-    diagnoses = tuple(diagnose(points[..., j]) for j in range(dimension))
+    diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
     tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
     low = min(min(d.ess_bulk, d.ess_tail) for d in diagnoses)
     missed, wanted = [], float(steps)
@@ -269,6 +274,11 @@ class _Walk:
     def kept(self) -> int:
         """Steps of the kept chain; zero before it begins."""
         return len(self.visited) if self.tuned.frozen and self._left == 0 else 0
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a walker moves by where the others of its ensemble are."""
+        return any(isinstance(move, RedBlueMove) for move, _ in self._moves(self.tuned, self.prior))
 
     def chain(self) -> tuple[FloatArray, FloatArray]:
         """Points (ensembles, steps, walkers, d) and log-densities of what is kept."""

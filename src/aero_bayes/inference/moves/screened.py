@@ -51,3 +51,33 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
         with np.errstate(invalid="ignore"):
             ratio = value[:n] - value[at]
         return every[at], np.where(np.isnan(ratio), 0.0, ratio)
+
+
+class ScreenedWalkMove(MHMove):  # type: ignore[misc]
+    """Delayed acceptance after a few short steps on s: leaves the places where s is poor, since it is poor around them.
+
+    Parameters
+    ----------
+    approximation : callable
+        Logarithm of s, (n, d) to (n,), not normalised.
+    proposal : HeavyTail
+        Its factor gives the steps their shape.
+    steps : int
+    """
+
+    def __init__(self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 6) -> None:
+        super().__init__(self.propose_from, ndim=proposal.mean.size)
+        self.approximation, self.steps = approximation, steps
+        self.factor = proposal.factor / np.sqrt(proposal.mean.size)
+
+    def propose_from(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
+        """Where the inner chains from (n, d) end, and log s(x) - log s(x')."""
+        at, first = coords.copy(), self.approximation(coords)
+        value = first.copy()
+        for _ in range(self.steps):
+            scale = np.exp(random.randn(len(at), 1))
+            new = at + scale * random.randn(*at.shape) @ self.factor.T
+            level = self.approximation(new)
+            taken = np.log(random.rand(len(at))) < level - value
+            at[taken], value[taken] = new[taken], level[taken]
+        return at, first - value
