@@ -65,7 +65,7 @@ class SampleSettings:
 
     ensembles: int = 4
     walkers: int | None = None
-    burn_in: tuple[int, ...] = (6, 8, 10)
+    burn_in: tuple[int, ...] = (8, 10, 12)
     extra_rounds: int = 8
     settle: int = 5
     max_steps: int = 8000
@@ -73,7 +73,7 @@ class SampleSettings:
     r_hat: float = 1.01
     lengths: float = 50.0
     ess: float = 1000.0
-    dof: float = 12.0
+    dof: float = 5.0
     draws: int = 1000
     predictive: int = 200
     checkpoint_seconds: float = 15.0
@@ -127,9 +127,9 @@ def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]
     approximation = partial(tuned.stand_in.log_density, prior=prior)
     factor = tuned.proposal.factor
     return [
-        (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.78),
+        (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.75),
         (ScreenedWalkMove(approximation, tuned.proposal), 0.15),
-        (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.07),
+        (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.1),
     ]
 
 
@@ -359,11 +359,11 @@ class _Walk:
         """Evaluate draws of the stand-in at a higher temperature, so that the next one knows the ends of the density."""
         if self.tuned.stand_in is None:
             return
-        warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=2.0)
+        warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=3.0)
         random = np.random.RandomState()
         for e, state in enumerate(self._states):
             random.set_state(state.random_state)
-            move = ScreenedMove(warm, self.tuned.proposal.widened(1.4, 4.0), self.tuned.steps)
+            move = ScreenedMove(warm, self.tuned.proposal.widened(1.7, 4.0), self.tuned.steps)
             for _ in range(2):
                 self._evaluate(move.propose_from(state.coords, random)[0])
             self._states[e].random_state = random.get_state(legacy=True)

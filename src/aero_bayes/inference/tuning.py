@@ -17,9 +17,9 @@ FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
 #: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
-GOOD, STICKY = 0.7, 25.0
+GOOD, STICKY = 0.7, 40.0
 #: Logarithm of the proposal's share in a stand-in.
-_SHARE = float(np.log(0.05))
+_SHARE = float(np.log(0.15))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
@@ -57,7 +57,7 @@ class Tuned:
 
     ``stand_in`` is None as long as too little is known; ``steps`` is how many steps on it forget where they started;
     ``overlap`` the share of its proposals that the target would accept, judged on points that it was not fitted to;
-    ``sticky`` how many it takes to leave all but a hundredth of the points; ``frozen`` is True for the kept chain.
+    ``sticky`` how many it takes to leave all but a few in a thousand points; ``frozen`` is True for the kept chain.
     """
 
     proposal: HeavyTail
@@ -155,8 +155,11 @@ def retuned(
     near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
     if near.sum() <= Surrogate.least(d):
         return Tuned(proposal)
-    where = seen[0][near]
-    surrogate = Surrogate.fit(proposal, where, seen[1][near] - prior(where), depth[near])
+    where, level = seen[0][near], seen[1][near]
+    if tuned.stand_in is not None:  # first of all those that the last one knew least of
+        order = np.argsort(-np.abs(tuned.stand_in.log_density(where, prior) - level), kind="stable")
+        where, level = where[order], level[order]
+    surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
     stand_in = StandIn.of(surrogate, prior, points)
     steps = int(np.clip(memory(proposal.log_density(points) - stand_in.log_density(points, prior)), 12, 200))
     return Tuned(proposal, stand_in, steps, quality if quality > plain else 0.0, sticky)
@@ -179,7 +182,7 @@ def memory(log_ratio: FloatArray) -> float:
     At a point of weight w = s / q, over its mean under q, about w proposals are needed.
     """
     ratio = _ratios(log_ratio)
-    return 1.5 * float(ratio.mean() / np.quantile(ratio, 0.01))
+    return 1.5 * float(ratio.mean() / np.quantile(ratio, 0.003))
 
 
 def _ratios(log_ratio: FloatArray) -> FloatArray:
