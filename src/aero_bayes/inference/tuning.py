@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ Density = Callable[[FloatArray], FloatArray]
 #: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
 GOOD, STICKY = 0.7, 40.0
 #: Logarithm of the proposal's share in a stand-in.
-_SHARE = float(np.log(0.15))
+_SHARE = float(np.log(0.2))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
@@ -74,7 +75,7 @@ class Tuned:
 
 
 def log_prior_of(density: Density) -> Density:
-    """The part of a density that costs nothing: its method ``log_prior`` (minus infinity outside its support), or zero."""
+    """What costs nothing of a density: its method ``log_prior``, minus infinity outside its support; or zero."""
     prior: Density | None = getattr(density, "log_prior", None)
     return prior if prior is not None else lambda points: np.zeros(len(points))
 
@@ -112,7 +113,7 @@ def _quantiles(cut: dict[float, float]) -> FloatArray:
     place = np.array(sorted(cut))
     level = np.array([cut[t] for t in place.tolist()])
     level = np.where(np.isfinite(level), level - level.max(), -3.0 * _DEEP)
-    fine = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in zip(place[:-1], place[1:], strict=True)]))
+    fine = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(place.tolist())]))
     density = np.exp(np.interp(fine, place, level))
     mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
     return np.asarray(np.interp(ndtr(SCORES), mass / mass[-1], fine))

@@ -4,6 +4,7 @@ from aero_bayes.inference.moves.differential import DifferentialMove
 from aero_bayes.inference.moves.heavytail import HeavyTail
 from aero_bayes.inference.moves.independence import IndependenceMove
 from aero_bayes.inference.moves.screened import ScreenedMove, ScreenedWalkMove
+from aero_bayes.inference.moves.shear import Shear
 from aero_bayes.inference.moves.stretch import StretchMove
 from aero_bayes.inference.moves.surrogate import Surrogate
 from aero_bayes.inference.moves.warp import Warp
@@ -14,6 +15,7 @@ __all__ = [
     "IndependenceMove",
     "ScreenedMove",
     "ScreenedWalkMove",
+    "Shear",
     "StretchMove",
     "Surrogate",
     "Warp",

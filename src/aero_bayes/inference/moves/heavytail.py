@@ -65,7 +65,7 @@ class HeavyTail:
 
     def scores(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of points (n, d), and the log-determinant of the bending, shape (n,)."""
-        return self.warp.forward(self.shear.forward(np.linalg.solve(self.factor, (points - self.mean).T).T))
+        return self.warp.forward(self.shear.forward(np.asarray(np.linalg.solve(self.factor, (points - self.mean).T).T)))
 
     def points(self, scores: FloatArray) -> FloatArray:
         """Points of scores (n, d)."""

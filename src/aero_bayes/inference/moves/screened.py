@@ -18,7 +18,8 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
 
     The inner chain is reversible with respect to s, so accepting its end x' with probability
     min(1, p(x') s(x) / (p(x) s(x'))) leaves p invariant however poor s is; if s is good nearly every evaluation of p is
-    a new, nearly independent sample. Christen and Fox (2005), JCGS 14, 795; Lykkegaard et al. (2023), SIAM/ASA JUQ 11, 1.
+    a new, nearly independent sample. Christen and Fox (2005), J. Comp. Graph. Stat. 14, 795; Lykkegaard et al. (2023),
+    SIAM/ASA JUQ 11, 1.
 
     Parameters
     ----------
@@ -29,9 +30,7 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
     steps : int
     """
 
-    def __init__(
-        self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 20
-    ) -> None:
+    def __init__(self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 20) -> None:
         super().__init__(self.propose_from, ndim=proposal.mean.size)
         self.approximation, self.proposal, self.steps = approximation, proposal, steps
 

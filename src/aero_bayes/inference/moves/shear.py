@@ -41,7 +41,7 @@ class Shear:
             for _ in range(2):
                 design = np.column_stack([np.ones(n), products[:, kept]])
                 inverse = np.linalg.pinv(design.T @ design)
-                estimate = inverse @ (design.T @ samples[:, k])
+                estimate: FloatArray = inverse @ (design.T @ samples[:, k])
                 rest = samples[:, k] - design @ estimate
                 error = np.sqrt(np.diag(inverse) * float(rest @ rest) / max(n - design.shape[1], 1))
                 large = np.abs(estimate[1:]) > _SIGNIFICANT * error[1:]
@@ -49,7 +49,8 @@ class Shear:
                     break
                 kept = kept[large]
             else:
-                estimate = np.linalg.lstsq(np.column_stack([np.ones(n), products[:, kept]]), samples[:, k])[0]
+                design = np.column_stack([np.ones(n), products[:, kept]])
+                estimate = np.asarray(np.linalg.lstsq(design, samples[:, k])[0], dtype=np.float64)
             if kept.size:
                 found.offsets[k] = estimate[0]
                 found.coefficients[k, i[kept], j[kept]] = estimate[1:]
@@ -63,7 +64,7 @@ class Shear:
 
     def forward(self, x: FloatArray) -> FloatArray:
         """Straightened points of (n, d)."""
-        return x - np.stack([self._shift(x, k) for k in range(x.shape[1])], axis=1)
+        return np.asarray(x - np.stack([self._shift(x, k) for k in range(x.shape[1])], axis=1))
 
     def inverse(self, z: FloatArray) -> FloatArray:
         """Points of straightened ones (n, d)."""

@@ -55,10 +55,12 @@ class Surrogate:
             How far each point's density lies below the highest, in nats: the deeper, the less it matters.
         """
         d = points.shape[1]
-        most = max(_POINTS, 3 * cls.least(d))
+        most = max(min(_POINTS, 25 * cls.least(d)), 3 * cls.least(d))
         rows = _spread(len(points), most)
         if len(points) > most:
-            rows = np.concatenate([np.arange(most // 2), most // 2 + _spread(len(points) - most // 2, most - most // 2)])
+            rows = np.concatenate(
+                [np.arange(most // 2), most // 2 + _spread(len(points) - most // 2, most - most // 2)]
+            )
         scores, error = coordinates.scores(points[rows])[0], _ERROR * (1.0 + depth[rows])
         pairs = list(itertools.combinations_with_replacement(range(d + 1), 2))
         ahead = np.insert(scores, 0, 1.0, axis=1)
