@@ -43,11 +43,13 @@ def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]
         return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
     approximation = partial(tuned.stand_in.log_density, prior=prior)
     factor = tuned.proposal.factor
-    return [
+    moves: list[tuple[Move, float]] = [
         (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.75),
         (ScreenedWalkMove(approximation, tuned.proposal), 0.15),
         (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.1),
     ]
+    # Until the stand-in is frozen the walkers also find their own way, to where it knows nothing yet.
+    return moves if tuned.frozen else [*moves, (DifferentialMove(), 0.6), (StretchMove(), 0.3)]
 
 
 class Walk:
@@ -155,9 +157,10 @@ class Walk:
         self.visited, self._levels = [], []
 
     def _look_further(self) -> None:
-        """Evaluate draws of the stand-in at a higher temperature: the next one is to know the ends of the density."""
+        """Evaluate cuts, and draws of the stand-in at a higher temperature; the next one shall know its ends."""
         if self.tuned.stand_in is None:
             return
+        scout(self._evaluate, self.tuned.proposal)
         warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=3.0)
         random = np.random.RandomState()
         for e, state in enumerate(self._states):
