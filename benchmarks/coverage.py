@@ -227,7 +227,7 @@ def sampled(fit: Fit, simulator: Simulator, found: Weighted, rng: np.random.Gene
     proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance)
     if found.ess > 50.0:
         proposal = HeavyTail.of(found.mean, found.covariance)
-    settings = SampleSettings(ess=800.0, burn_in=(30, 40, 50), max_steps=1500, time_limit=45.0)
+    settings = SampleSettings(ess=800.0, max_steps=1500, time_limit=45.0)
     chain = run(joint_target(fit, simulator), proposal, settings, int(rng.integers(2**31)))
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
 

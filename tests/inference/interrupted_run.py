@@ -12,7 +12,14 @@ from aero_bayes.sample.mcmc import SampleSettings, run
 from aero_bayes.sample.moves import HeavyTail
 
 SETTINGS = SampleSettings(
-    walkers=8, burn_in=(10, 20), settle=5, max_steps=150, checkpoint_seconds=0.0, time_limit=1e9, ess=1e9
+    walkers=8,
+    burn_in=(10, 20),
+    extra_rounds=1,
+    settle=5,
+    max_steps=150,
+    checkpoint_seconds=0.0,
+    time_limit=1e9,
+    ess=1e9,
 )
 PROPOSAL = HeavyTail.of(np.array([0.5, 0.5]), 3.0 * np.eye(2))
 

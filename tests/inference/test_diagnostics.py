@@ -38,6 +38,13 @@ def test_what_walkers_share_is_counted() -> None:
     assert autocorrelation_time(x) == pytest.approx(truth, rel=0.2)
 
 
+def test_a_walker_that_stays_where_it_is_counts_for_little() -> None:
+    x = np.random.default_rng(6).normal(size=(4, 500, 12))
+    x[:, :, 0] = 3.0
+    assert autocorrelation_time(x, coupled=False) > 20.0
+    assert autocorrelation_time(np.random.default_rng(6).normal(size=(4, 500, 12)), coupled=False) < 1.3
+
+
 @pytest.mark.parametrize("kind", ["same", "shifted", "wider"])
 def test_r_hat_agrees_with_arviz(kind: str) -> None:
     x = np.random.default_rng(3).normal(size=(4, 300, 8))
