@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from aero_bayes.estimate.refit import RefitSettings, refit
+from aero_bayes.loop.baseline import fit_base, nuisance_parameters, prepare
 
 from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
@@ -21,7 +22,6 @@ from aero_bayes.estimate.aero import aero_overrides
 from aero_bayes.estimate.objective import Study, problem_of
 from aero_bayes.estimate.parameters import parameters_from_model
 from aero_bayes.export import CATALOGUE
-from aero_bayes.loop.baseline import fit_base, nuisance_parameters, prepare
 from aero_bayes.physics.catalogue import candidates_of
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.sensors.noise import OutputNoise
