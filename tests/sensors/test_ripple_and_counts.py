@@ -179,7 +179,7 @@ def test_counts_are_described(counted):
     assert found.share == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
     assert found.gain > 0.0
     assert counts_of(time, readings[:, 0], smooth[:, 0]) is None
-    assert fitted.sensors["theta"]["counts"]["step"] == pytest.approx(step, rel=1e-6)
+    assert fitted.sensors["theta"]["encoder"]["step"] == pytest.approx(step, rel=1e-6)
 
 
 def test_exact_likelihood_of_counts_replaces_the_gaussian_one(counted):
