@@ -86,7 +86,8 @@ def test_a_wrong_model_follows_the_data_as_least_squares_does(wrong):
     )  # fmt: skip
     squares = np.sqrt(np.mean(least.fun**2))
     assert squares > 10.0 * NOISE
-    assert squares * (1.0 - 1e-4) < found.rms["x"] < 1.05 * squares
+    # An error that is held weighs as least squares does, so that hardly anything is allowed but the solvers' error.
+    assert squares * (1.0 - 1e-3) < found.rms["x"] < 1.005 * squares
 
 
 def test_a_wrong_model_says_so_and_widens_its_intervals(wrong):
