@@ -200,11 +200,14 @@ def calibrate(
         if settings.most_readings is not None:
             experiment = thin(experiment, settings.most_readings)
         experiments.append(replace(experiment, start=start))
+    # What the caller searches as a parameter of his own is no nuisance beside it.
+    taken = {(p.target, p.recording) for p in parameters}
+    new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
     made = Calibration(
         model,
         tuple(experiments),
         tuple(recording.name for recording in recordings),
-        parameters.extended(nuisances),
+        parameters.extended(new),
         dict(fixed or {}),
         noise or NoiseModel(),
         settings.solver,

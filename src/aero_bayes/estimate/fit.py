@@ -285,6 +285,8 @@ def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: fl
     _, here = judge(objective, replace(here, coordinates=point), sampled)
     verdict = _with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
+    rest = [j for j in range(len(values)) if j not in sampled]
+    values[rest] = calibration.parameters.start[rest]
     fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
     spread = spread_of(objective.series, here, part.prior_sd())
     hessian = here.whitened.slopes @ here.whitened.slopes.T

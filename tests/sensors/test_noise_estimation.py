@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
-from aero_bayes.sensors.noise import Covariance, log_density
+from aero_bayes.sensors.noise import Sampling, log_density, whiten
 
 
 def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:
@@ -36,17 +36,17 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: O
     reference = multivariate_normal(np.zeros(60), dense(t, noise)).logpdf(r)
     assert log_density(t, r, noise) == pytest.approx(reference, rel=1e-8)
     white = innovations(t, r, noise)
-    assert -0.5 * float(white @ white) - 0.5 * Covariance(t, noise).log_determinant - 30 * np.log(
-        2 * np.pi
-    ) == pytest.approx(reference, rel=1e-8)
+    _, log_determinant = whiten(r[None], Sampling.of(t, r), noise)
+    density = -0.5 * float(white @ white) - 0.5 * log_determinant - 30 * np.log(2 * np.pi)
+    assert density == pytest.approx(reference, rel=1e-8)
     gaps = rng.random(60) < 0.3
     kept = ~gaps
     reference = multivariate_normal(np.zeros(kept.sum()), dense(t[kept], noise)).logpdf(r[kept])
     assert log_density(t, np.where(gaps, np.nan, r), noise) == pytest.approx(reference, rel=1e-8)
     columns = rng.normal(size=(60, 3))
-    np.testing.assert_allclose(
-        Covariance(t, noise).solve(columns), np.linalg.solve(dense(t, noise), columns), rtol=1e-6, atol=1e-6
-    )
+    white, _ = whiten(columns.T, Sampling.of(t, r), noise)
+    products = columns.T @ np.linalg.solve(dense(t, noise), columns)
+    np.testing.assert_allclose(white @ white.T, products, rtol=1e-6, atol=1e-6 * np.max(np.diag(products)))
 
 
 @pytest.mark.parametrize("truth", [OutputNoise(0.2), OutputNoise(0.1, 0.4, 0.3), OutputNoise(0.5, 0.4, 2.0)])
@@ -77,21 +77,20 @@ def test_lag_one_correlation_of_the_sum() -> None:
     assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
 
 
-def test_slow_noise_of_the_right_kind_is_suspected_but_searched_and_smooth_errors_are_held() -> None:
+def test_what_lasts_too_long_for_noise_is_held_at_its_own_size_and_the_rest_is_searched() -> None:
+    """The limit is a fiftieth of the recording, here 0.6 s, for what is larger than the white noise."""
     time = np.arange(3000) * 0.01
     rng = np.random.default_rng(8)
-    truth = OutputNoise(0.01, 0.02, 1.2)
-    step = np.exp(-0.01 / truth.tau)
-    values = np.empty(time.size)
-    values[0] = truth.sd_ou * rng.standard_normal()
-    for k in range(1, time.size):
-        values[k] = step * values[k - 1] + truth.sd_ou * np.sqrt(1.0 - step**2) * rng.standard_normal()
-    white = truth.sd_white * rng.standard_normal(time.size)
-    found = estimate_noise([time], [values + white])
-    assert found.structured
-    assert not found.held
-    assert found.searched == (True, True, True)
-    smooth = estimate_noise([time], [0.03 * np.sin(2.0 * time) + white])
-    assert smooth.structured
-    assert smooth.held
-    assert smooth.searched == (False, False, False)
+    brief = estimate_noise([time], [draw(rng, time, OutputNoise(0.01, 0.02, 0.15))])
+    assert not brief.held
+    assert brief.searched == (True, True, True)
+    small = estimate_noise([time], [draw(rng, time, OutputNoise(0.05, 0.02, 1.2))])
+    assert not small.held
+    slow = draw(rng, time, OutputNoise(0.01, 0.02, 1.2))
+    smooth = 0.03 * np.sin(2.0 * time) + 0.01 * rng.standard_normal(time.size)
+    for residual in (slow, smooth):
+        found = estimate_noise([time], [residual])
+        assert found.held
+        assert found.kind == "white"
+        assert found.sd == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
+        assert found.searched == (False, False, False)

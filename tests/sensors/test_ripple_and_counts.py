@@ -13,16 +13,15 @@ from aero_bayes import bench
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, NoiseModel, OutputNoise, fit
+from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.evidence import joint_target
+from aero_bayes.sample.counts import EncoderDensity
 from aero_bayes.sensors.counts import (
     counts_of,
-    describe_counts,
-    encoder_density,
     interval_log_density,
     rounding_error,
 )
-from aero_bayes.sensors.ripple import find_ripple, without_ripple
+from aero_bayes.sensors.ripple import find_ripple
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.curves import ripple_series
 
@@ -110,13 +109,13 @@ def test_a_fit_is_freed_of_its_ripple(model):
     )  # fmt: skip
     fitted = fit(recording, model, settings=FitSettings(method="local", ripple="describe"), workers=0)
     assert fitted.sensors["i_m"]["ripple_subtracted"] is False
-    (cleaned,), report = without_ripple(fitted)
+    cleaned, report = without_ripple(fitted.calibration, fitted.fitted)
     ripple = report[recording.name]["i_m"]
     assert [o.order for o in ripple.orders][-1] == 2
     assert ripple.noise.sd == pytest.approx(0.005, rel=0.15)
     assert ripple.noise_with.sd > 1.4 * ripple.noise.sd
     assert "omega_m" not in report[recording.name]
-    assert np.array_equal(cleaned.outputs["i_m"], recording.outputs["i_m"] - ripple.values)
+    assert np.array_equal(cleaned.measured[0][:, 0], recording.outputs["i_m"] - ripple.values)
     again = fit(recording, model, settings=FitSettings(method="local"), workers=0)
     assert again.sensors["i_m"]["ripple_subtracted"] is True
     assert set(again.sensors) == {"i_m"}
@@ -173,22 +172,22 @@ def counted(model):
 
 def test_counts_are_described(counted):
     fitted, step = counted
-    found = describe_counts(fitted, "theta")
+    time, readings, smooth = fitted.calibration.experiments[0].time, fitted.calibration.readings[0], fitted.fitted[0]
+    found = counts_of(time, readings[:, 2], smooth[:, 2])
     assert found.step == pytest.approx(step, rel=1e-6)
     assert found.sd == pytest.approx(0.2 * step, rel=0.25)
     assert found.share == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
     assert found.gain > 0.0
-    assert describe_counts(fitted, "i_m") is None
-    with pytest.raises(InputError, match="was not fitted"):
-        describe_counts(fitted, "yaw")
+    assert counts_of(time, readings[:, 0], smooth[:, 0]) is None
+    assert fitted.sensors["theta"]["encoder"]["step"] == pytest.approx(step, rel=1e-6)
 
 
 def test_exact_likelihood_of_counts_replaces_the_gaussian_one(counted):
     fitted, step = counted
     with open_simulator(fitted.calibration.problem(), workers=0) as simulator:
-        joint = joint_target(fitted, simulator)
+        joint = fitted.joint_target(simulator)
         name = "noise.theta.sd_white"
-        density = encoder_density(joint, {"theta": step})
+        density = EncoderDensity(joint, {"theta": step})
         points = np.tile(fitted.laplace.mean, (3, 1))
         points[:, joint.names.index(name)] = np.log([0.2 * step, 0.3 * step, 5.0 * step])
         found, gaussian = density(points), joint(points)
@@ -201,16 +200,16 @@ def test_exact_likelihood_of_counts_replaces_the_gaussian_one(counted):
         assert found[k] - gaussian[k] == pytest.approx(exact - norm.logpdf(reading, predicted[k], sd).sum(), rel=1e-3)
     assert found[0] > found[2]
     with pytest.raises(InputError, match="was not fitted"):
-        encoder_density(joint, {"yaw": 0.1})
+        EncoderDensity(joint, {"yaw": 0.1})
 
 
 def test_counts_of_correlated_noise_have_no_exact_likelihood(counted):
     fitted, step = counted
     noise = {**fitted.noise, "theta": OutputNoise(0.01, 0.02, 0.3)}
     with open_simulator(fitted.calibration.problem(), workers=0) as simulator:
-        joint = joint_target(replace(fitted, noise=noise), simulator)
+        joint = replace(fitted, optimum=replace(fitted.optimum, noise=noise)).joint_target(simulator)
     with pytest.raises(InputError, match="white"):
-        encoder_density(joint, {"theta": step})
+        EncoderDensity(joint, {"theta": step})
 
 
 @pytest.mark.parametrize(("size", "exact"), [(0.1, True), (1.5, False)])

@@ -90,10 +90,10 @@ def test_predictive_band_holds_its_share_of_the_readings(posterior: Posterior) -
     assert np.all(band.fit_upper - band.fit_lower < band.upper - band.lower)
 
 
-def test_a_missing_effect_is_called_structured_and_leaves_the_motor_alone(models: dict[str, Model]) -> None:
+def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[str, Model]) -> None:
     truth = Truth("one_dof", TRUTH, (effect("pivot_coulomb_friction", tau_c=1.5e-3),), 0.006)
     wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
-    assert wrong.noise["theta"].structured
+    assert wrong.noise["theta"].held
     assert any("does not explain theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
         assert abs(wrong.value(name) - getattr(TRUTH, name)) < 5.5 * wrong.parameters[name].sd, name
@@ -124,7 +124,7 @@ def test_one_step_densities_add_up_to_the_joint_one() -> None:
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
     assert found.rms["theta"] < 0.0108
-    assert found.noise["theta"].structured
+    assert found.noise["theta"].held
     assert 9.0 < found.value("R_a") < 10.5
     assert 0.003 < found.value("input_delay") < 0.006
     assert found.parameters["L_a"].sd is None

@@ -13,7 +13,6 @@ from aero_bayes.check.crossvalidation import leave_one_recording_out, time_order
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.evidence import joint_target
 from aero_bayes.simulation import Model, open_simulator
 
 BLOCKS, EACH = 12, 8
@@ -116,7 +115,7 @@ def two_recordings(tmp_path_factory: pytest.TempPathFactory):
         )
         for name, delay in (("first", 0.004), ("second", 0.011))
     ]  # fmt: skip
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free"))
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", resting=("theta",)))
     return fit(recordings, model, settings=settings, workers=0)
 
 
@@ -127,7 +126,7 @@ def opened(problem):
 def test_stretches_add_up_to_the_likelihood(two_recordings):
     fitted = two_recordings
     with opened(fitted.calibration.problem()) as simulator:
-        joint = joint_target(fitted, simulator)
+        joint = fitted.joint_target(simulator)
         blocks = block_log_likelihood(joint, fitted.laplace.mean[None], block_edges(joint, 6))
     assert pool(blocks).shape == (1, 12)
     assert pool(blocks).sum() == pytest.approx(fitted.log_likelihood, rel=1e-6)
