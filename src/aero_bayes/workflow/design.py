@@ -34,6 +34,7 @@ from aero_bayes.inference.fit import fit
 from aero_bayes.inference.result import Fit
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model
+from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job
@@ -96,6 +97,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     write_series(options.out, only_measured(series) | plan)
     signal.write_csv(options.out / SIGNAL)
     result = merge(result, part, closing)
+    result |= context_part(job, result)
     write_result(options.out, result)
     page = write_report(options.out)
     click.echo(result["verdict"]["text"].replace("`", ""))

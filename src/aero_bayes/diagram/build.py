@@ -1,0 +1,232 @@
+"""From a model's structure to a diagram: what its authors drew, and a tidy layout of what they did not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from aero_bayes.diagram.source import Call, Part, read_library
+from aero_bayes.diagram.structure import Tree, grow
+from aero_bayes.schema import Component, Connection, Diagram, Shape
+from aero_bayes.simulation.model import Model, Variable
+
+_HALF = 10.0
+_STEP_ACROSS, _STEP_DOWN = 50.0, 34.0
+_SCALARS = {"Real", "Integer", "Boolean", "String"}
+
+
+def model_diagrams(
+    model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
+) -> list[Diagram]:
+    """The model's diagram, then one for each component within which an effect was added.
+
+    Parameters
+    ----------
+    model : Model
+        The FMU: its inputs, states and outputs make the diagram of a model without components.
+    name : str
+        Modelica class of the base model; ignored where no file has it.
+    files : iterable of Path
+        Modelica files.
+    extended : str
+        Modelica class of the model that came out of the loop; its diagram is drawn, marked where it differs.
+    ports : sequence of str
+        Names of ports where an effect was added, for models whose structure does not show it.
+
+    Returns
+    -------
+    list of Diagram
+        At least one.
+    """
+    library = read_library(files)
+    if name not in library:
+        return [_of_variables(model, name, ports)]
+    base = grow(library, name)
+    shown = grow(library, extended) if extended in library else base
+    if not any(part for part in shown.inside):
+        return [_of_variables(model, name, ports)]
+    return _of_tree(shown, base, name.rpartition(".")[2], ports)
+
+
+def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
+    changed = {
+        part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
+    }
+    visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
+    marked = changed or {name for name in visible if name in ports}
+    links = _links(shown, visible)
+    places = {name: _placement(part) for name, part in visible.items()}
+    drawn = sum(place is not None for place in places.values()) > len(places) / 2
+    laid = {} if drawn else _layers(visible, links)
+    extents = {
+        name: (place if drawn and place else (laid.get(name) or (-_HALF, -_HALF, _HALF, _HALF), 0.0))
+        for name, place in places.items()
+    }
+    components = [
+        Component(
+            name=name, type=tree.name if (tree := shown.inside.get(name)) else part.type,
+            description=part.description or (tree.description if tree else ""), extent=extents[name][0],
+            rotation=extents[name][1], shapes=_shapes(tree.icon if tree else []), marked=name in marked,
+            terminal=_terminal(part),
+        )
+        for name, part in visible.items()
+    ]  # fmt: skip
+    connections = [
+        Connection(first=a, second=b, points=points if drawn else [], signal=signal) for a, b, points, signal in links
+    ]
+    found = [Diagram(title=title, drawn=drawn, components=components, connections=connections)]
+    within: dict[str, Tree] = {}
+    for name in changed:
+        before = base.inside.get(name) if base is not None else None
+        if before is not None and before.name == shown.inside[name].name and shown.inside[name].name not in within:
+            within[shown.inside[name].name] = shown.inside[name]
+            found += _of_tree(shown.inside[name], before, f"within {name}", ports)
+    return found
+
+
+def _is_visible(part: Part, known: bool) -> bool:
+    """Components, inputs and outputs; not parameters, and not variables of the equations."""
+    if part.prefixes & {"parameter", "constant"}:
+        return False
+    return known or bool(_terminal(part)) or part.type not in _SCALARS and _placement(part) is not None
+
+
+def _terminal(part: Part) -> str:
+    return next((kind for kind in ("input", "output") if kind in part.prefixes), "")
+
+
+def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
+    placement = part.annotation.find("Placement")
+    where = placement.find("transformation") if placement is not None else None
+    if where is None:
+        return None
+    corners = _points(where.keys.get("extent"))
+    origin = _pair(where.keys.get("origin")) or (0.0, 0.0)
+    if len(corners) != 2:
+        return None
+    (x1, y1), (x2, y2) = ((x + origin[0], y + origin[1]) for x, y in corners)
+    turned = where.keys.get("rotation")
+    return (x1, y1, x2, y2), float(turned) if isinstance(turned, float) else 0.0
+
+
+def _links(
+    shown: Tree, visible: Mapping[str, Part]
+) -> list[tuple[str, str, list[tuple[float, float]], bool]]:
+    """Connections, then where a value is handed over by a modifier or an equation, each pair of parts once."""
+    found: dict[frozenset[str], tuple[str, str, list[tuple[float, float]], bool]] = {}
+
+    def add(first: str, second: str, points: list[tuple[float, float]], signal: bool) -> None:
+        ends = frozenset((first, second))
+        if len(ends) == 2 and ends <= visible.keys() and not (signal and ends in found):
+            found[ends if signal else frozenset((first, second, str(len(found))))] = (first, second, points, signal)
+            found.setdefault(ends, (first, second, points, signal))
+
+    for link in shown.links:
+        line = link.annotation.find("Line")
+        drawn = line is not None or bool(link.annotation.keys)
+        points = _points(line.keys.get("points")) if line is not None else []
+        add(_head(link.first), _head(link.second), points, signal=not drawn and not points and _is_value(link, visible))
+    for name, part in visible.items():
+        for used in part.uses:
+            add(_head(used), name, [], signal=True)
+    return list(dict.fromkeys((a, b, tuple(p), s) for a, b, p, s in found.values()))  # type: ignore[arg-type]
+
+
+def _is_value(link: object, visible: Mapping[str, Part]) -> bool:
+    ends = (_head(getattr(link, "first", "")), _head(getattr(link, "second", "")))
+    return any(_terminal(visible[end]) for end in ends if end in visible)
+
+
+def _head(reference: str) -> str:
+    return re.split(r"[.\s\[]", reference.strip(), maxsplit=1)[0]
+
+
+def _layers(
+    visible: Mapping[str, Part], links: Sequence[tuple[str, str, object, bool]]
+) -> dict[str, tuple[float, float, float, float]]:
+    """Columns by distance from the inputs, outputs last; each column centred."""
+    near: dict[str, set[str]] = {name: set() for name in visible}
+    for first, second, _, _ in links:
+        near[first].add(second)
+        near[second].add(first)
+    level: dict[str, int] = {}
+    front = [name for name in visible if _terminal(visible[name]) == "input"] or list(visible)[:1]
+    while front or len(level) < len(visible):
+        front = front or [next(name for name in visible if name not in level)]
+        depth = max(level.values(), default=-1) + 1
+        level |= dict.fromkeys(front, depth)
+        front = [
+            other
+            for other in dict.fromkeys(o for name in front for o in visible if o in near[name])
+            if other not in level and _terminal(visible[other]) != "output"
+        ]
+        if not front and all(name in level or _terminal(visible[name]) == "output" for name in visible):
+            level |= {name: depth + 1 for name in visible if name not in level}
+    return _grid([[name for name in level if level[name] == k] for k in range(max(level.values(), default=0) + 1)])
+
+
+def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, float, float]]:
+    """Extents of names in columns, each centred."""
+    left = -0.5 * _STEP_ACROSS * (len(columns) - 1)
+    return {
+        name: (x - _HALF, y - _HALF, x + _HALF, y + _HALF)
+        for k, names in enumerate(columns)
+        for row, name in enumerate(names)
+        for x, y in [(left + k * _STEP_ACROSS, _STEP_DOWN * (0.5 * (len(names) - 1) - row))]
+    }
+
+
+def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
+    """Inputs, states and outputs in three columns, for a model that is all equations."""
+    groups: list[tuple[str, Sequence[Variable]]] = [
+        ("input", model.inputs), ("state", model.states), ("output", model.outputs)
+    ]  # fmt: skip
+    names = [[f"{kind} {v.name}" for v in variables] for kind, variables in groups]
+    places = _grid([column for column in names if column])
+    marks = {port.removeprefix("der(").rstrip(")") for port in ports}
+    components = [
+        Component(
+            name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"],
+            terminal="" if kind == "state" else kind, marked=v.name in marks,
+            shapes=[] if kind != "state" else [Shape(kind="rectangle", points=[(-100.0, -60.0), (100.0, 60.0)])],
+        )
+        for kind, variables in groups for v in variables
+    ]  # fmt: skip
+    filled = [variables for _, variables in groups if variables]
+    arrows = [
+        Connection(first=a.name, second=b.name, points=[], signal=True)
+        for first, second in pairwise(filled) for a in first for b in second if a.name != b.name
+    ]  # fmt: skip
+    return Diagram(title=name.rpartition(".")[2], components=components, connections=arrows)
+
+
+def _shapes(graphics: Sequence[Call]) -> list[Shape]:
+    """Icons without their colours, text and gradients."""
+    found = []
+    for item in graphics:
+        kind = item.name.lower()
+        points = _points(item.keys.get("points" if kind in {"line", "polygon"} else "extent"))
+        origin = _pair(item.keys.get("origin")) or (0.0, 0.0)
+        if kind not in {"line", "polygon", "rectangle", "ellipse"} or len(points) < 2:
+            continue
+        pattern = str(item.keys.get("fillPattern", ""))
+        found.append(
+            Shape.model_validate({
+                "kind": kind, "points": [(x + origin[0], y + origin[1]) for x, y in points],
+                "filled": kind != "line" and not pattern.endswith("None") and bool(pattern),
+            })
+        )  # fmt: skip
+    return found
+
+
+def _points(value: object) -> list[tuple[float, float]]:
+    pairs = [_pair(item) for item in value] if isinstance(value, list) else []
+    return [pair for pair in pairs if pair is not None]
+
+
+def _pair(value: object) -> tuple[float, float] | None:
+    if isinstance(value, list) and len(value) == 2 and all(isinstance(x, float) for x in value):
+        return (value[0], value[1])
+    return None
