@@ -277,7 +277,7 @@ class EncoderResult(_Part):
     """Counts of an encoder and what rounding to them adds."""
 
     step: float
-    share: Number
+    share: float
     error_sd: Number = None
     error_lasts_s: Number = None
     sd_before_rounding: Number = None

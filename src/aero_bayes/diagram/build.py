@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 from aero_bayes.diagram.source import Call, Part, read_library
 from aero_bayes.diagram.structure import Tree, grow
@@ -15,6 +16,10 @@ from aero_bayes.simulation.model import Model, Variable
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 50.0, 34.0
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
+
+#: First and second part, points of the line, and whether only a value is handed on.
+_Link = tuple[str, str, list[tuple[float, float]], bool]
+_Terminal = Literal["", "input", "output"]
 
 
 def model_diagrams(
@@ -90,11 +95,11 @@ def _is_visible(part: Part, known: bool) -> bool:
     """Components, inputs and outputs; not parameters, and not variables of the equations."""
     if part.prefixes & {"parameter", "constant"}:
         return False
-    return known or bool(_terminal(part)) or part.type not in _SCALARS and _placement(part) is not None
+    return known or bool(_terminal(part)) or (part.type not in _SCALARS and _placement(part) is not None)
 
 
-def _terminal(part: Part) -> str:
-    return next((kind for kind in ("input", "output") if kind in part.prefixes), "")
+def _terminal(part: Part) -> _Terminal:
+    return "input" if "input" in part.prefixes else "output" if "output" in part.prefixes else ""
 
 
 def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
@@ -111,41 +116,36 @@ def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | 
     return (x1, y1, x2, y2), float(turned) if isinstance(turned, float) else 0.0
 
 
-def _links(
-    shown: Tree, visible: Mapping[str, Part]
-) -> list[tuple[str, str, list[tuple[float, float]], bool]]:
-    """Connections, then where a value is handed over by a modifier or an equation, each pair of parts once."""
-    found: dict[frozenset[str], tuple[str, str, list[tuple[float, float]], bool]] = {}
-
-    def add(first: str, second: str, points: list[tuple[float, float]], signal: bool) -> None:
-        ends = frozenset((first, second))
-        if len(ends) == 2 and ends <= visible.keys() and not (signal and ends in found):
-            found[ends if signal else frozenset((first, second, str(len(found))))] = (first, second, points, signal)
-            found.setdefault(ends, (first, second, points, signal))
-
+def _links(shown: Tree, visible: Mapping[str, Part]) -> list[_Link]:
+    """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
+    found: list[_Link] = []
+    values = []
     for link in shown.links:
+        ends = _head(link.first), _head(link.second)
         line = link.annotation.find("Line")
-        drawn = line is not None or bool(link.annotation.keys)
-        points = _points(line.keys.get("points")) if line is not None else []
-        add(_head(link.first), _head(link.second), points, signal=not drawn and not points and _is_value(link, visible))
-    for name, part in visible.items():
-        for used in part.uses:
-            add(_head(used), name, [], signal=True)
-    return list(dict.fromkeys((a, b, tuple(p), s) for a, b, p, s in found.values()))  # type: ignore[arg-type]
+        if line is None and any(_terminal(visible[end]) for end in ends if end in visible):
+            values.append(ends)
+        else:
+            found.append((*ends, _points(line.keys.get("points")) if line is not None else [], False))
+    values += [(_head(used), name) for name, part in visible.items() for used in part.uses]
+    found = [link for link in found if _joins(link, visible)]
+    known = {frozenset(link[:2]) for link in found}
+    for first, second in dict.fromkeys(values):
+        if frozenset((first, second)) not in known and _joins((first, second), visible):
+            found.append((first, second, [], True))
+            known.add(frozenset((first, second)))
+    return found
 
 
-def _is_value(link: object, visible: Mapping[str, Part]) -> bool:
-    ends = (_head(getattr(link, "first", "")), _head(getattr(link, "second", "")))
-    return any(_terminal(visible[end]) for end in ends if end in visible)
+def _joins(link: Sequence[object], visible: Mapping[str, Part]) -> bool:
+    return link[0] != link[1] and {link[0], link[1]} <= visible.keys()
 
 
 def _head(reference: str) -> str:
     return re.split(r"[.\s\[]", reference.strip(), maxsplit=1)[0]
 
 
-def _layers(
-    visible: Mapping[str, Part], links: Sequence[tuple[str, str, object, bool]]
-) -> dict[str, tuple[float, float, float, float]]:
+def _layers(visible: Mapping[str, Part], links: Sequence[_Link]) -> dict[str, tuple[float, float, float, float]]:
     """Columns by distance from the inputs, outputs last; each column centred."""
     near: dict[str, set[str]] = {name: set() for name in visible}
     for first, second, _, _ in links:
@@ -180,8 +180,8 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
 
 def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
     """Inputs, states and outputs in three columns, for a model that is all equations."""
-    groups: list[tuple[str, Sequence[Variable]]] = [
-        ("input", model.inputs), ("state", model.states), ("output", model.outputs)
+    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
+        ("input", model.inputs), ("", model.states), ("output", model.outputs)
     ]  # fmt: skip
     names = [[f"{kind} {v.name}" for v in variables] for kind, variables in groups]
     places = _grid([column for column in names if column])
@@ -189,8 +189,8 @@ def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
     components = [
         Component(
             name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"],
-            terminal="" if kind == "state" else kind, marked=v.name in marks,
-            shapes=[] if kind != "state" else [Shape(kind="rectangle", points=[(-100.0, -60.0), (100.0, 60.0)])],
+            terminal=kind, marked=v.name in marks,
+            shapes=[] if kind else [Shape(kind="rectangle", points=[(-100.0, -60.0), (100.0, 60.0)])],
         )
         for kind, variables in groups for v in variables
     ]  # fmt: skip

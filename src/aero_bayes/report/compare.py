@@ -133,7 +133,9 @@ def parameter_table(runs: Runs) -> Markup | None:
     rows = []
     for name, entries in _shared(runs).items():
         unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")
-        rows.append((symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values()))))
+        rows.append(
+            (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
+        )
     heads = [Column(run, "right") for run in runs]
     last = Column("largest difference, in joint standard deviations", "right")
     return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
@@ -196,7 +198,9 @@ def _of_run(source: Source, run: str) -> Source:
 def error_table(runs: Runs) -> Markup | None:
     """RMS of what is left, by recording and output."""
     rows = []
-    places = dict.fromkeys((r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r))
+    places = dict.fromkeys(
+        (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)
+    )
     for recording, output in places:
         sizes = [_rms(run, recording, output) for run in runs.values()]
         unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
@@ -224,9 +228,7 @@ def _settings(run: RunDirectory) -> Iterator[tuple[str, object]]:
     result = run.result
     yield "command", result.command
     yield "seed", None if result.seed is None else str(result.seed)
-    yield from (
-        (f"model.{key}", value) for key, value in result.model.model_dump().items() if key != "fmu_sha256"
-    )
+    yield from ((f"model.{key}", value) for key, value in result.model.model_dump().items() if key != "fmu_sha256")
     yield "data", [f"{row.file} {row.sha256[:8]}" for row in result.data]
     yield "effects", [effect.id for effect in result.loop.effects] if result.loop else []
     yield from (("versions." + key, value) for key, value in result.versions.items())

@@ -66,7 +66,7 @@ def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tup
 
 
 def opening_scene(run: RunDirectory) -> Scene | None:
-    """The output that the final model changes most, else leaves most of, on data that was not fitted if there is any."""
+    """The output that most was left of, before or after, on data that was not fitted if there is any."""
     unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
     stretches = unseen or [(name, run.span(name)) for name in run.recordings()]
     best: tuple[float, Scene] | None = None
@@ -118,8 +118,12 @@ def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Pla
 
 def _legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
     fitted, base = run.signals(FINAL, recording), run.signals(BASE, recording)
-    entries = [(MEASURED, "measured", True), (WARM, "before", bool(base)), (ACCENT, "after" if base else "fitted",
-               bool(fitted)), (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording)))]  # fmt: skip
+    entries = [
+        (MEASURED, "measured", True),
+        (WARM, "before", bool(base)),
+        (ACCENT, "after" if base else "fitted", bool(fitted)),
+        (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording))),
+    ]
     return tuple((colour, label) for colour, label, there in entries if there)
 
 

@@ -42,7 +42,9 @@ def diagram_plate(diagram: Diagram) -> Plate | None:
         for c in diagram.components
     ]  # fmt: skip
     caption = Markup("Marked: where the effect was added.") if marked else Markup("")
-    return Plate(canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt))
+    return Plate(
+        canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)
+    )
 
 
 def _neighbours(diagram: Diagram, name: str) -> list[str]:
@@ -106,9 +108,7 @@ def _outline(shape: Shape, icon: Place) -> Iterator[tuple[float, float]]:
         points = [(x1, y1), (x2, y1), (x2, y2), (x1, y2)]
     elif shape.kind == "ellipse":
         turns = np.linspace(0, 2 * math.pi, 24, endpoint=False)
-        points = [
-            (0.5 * (x1 + x2 + (x2 - x1) * math.cos(a)), 0.5 * (y1 + y2 + (y2 - y1) * math.sin(a))) for a in turns
-        ]
+        points = [(0.5 * (x1 + x2 + (x2 - x1) * math.cos(a)), 0.5 * (y1 + y2 + (y2 - y1) * math.sin(a))) for a in turns]
     else:
         points = shape.points
     return (icon(x, y) for x, y in points)

@@ -270,7 +270,8 @@ def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[flo
                 _draw_line(canvas, layer, frame, columns)
             case Band():
                 data = layer.source.spec("area", layer.label) if layer.source else None
-                x, low, high = band_envelope(*_seen(frame, layer.x, layer.low, layer.high), columns)
+                seen = _seen(frame, layer.x, layer.low, layer.high)
+                x, low, high = band_envelope(seen[0], seen[1], seen[2], columns)
                 area = frame.across(x), frame.down(low), frame.down(high)
                 canvas.area(*area, layer.colour, layer.opacity, layer.edge, data)
             case Dots():

@@ -1,9 +1,10 @@
-"""A figure of the page: its drawings, the words and the table for those who do not see it, and what the script needs."""
+"""A figure of the page: drawings, the words and the table for those who do not see it, and what the script needs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
@@ -28,7 +29,7 @@ class Plate:
     alt: str
     caption: Markup
     legend: tuple[tuple[str, str], ...] = ()
-    table: Markup = Markup("")
+    table: Markup | None = None
     link: str = ""
     keys: frozenset[str] = frozenset()
     css: str = ""
@@ -67,13 +68,13 @@ def plate(
     return Plate(draw(panels, width, alt, x_label), narrow, alt, Markup.escape(caption), legend, table, link, keys)
 
 
-def numbers(panels: Sequence[Panel], x_label: str, alt: str) -> Markup:
+def numbers(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
     """The labelled layers of a figure as a table: means over equal stretches of the x axis, RMS for residuals."""
     shown = [
         (panel, layer) for panel in panels for layer in panel.layers if isinstance(layer, Line | Band) and layer.label
     ]
     if not shown:
-        return Markup("")
+        return None
     given = next((panel.x_limits for panel in panels if panel.x_limits), None)
     low, high = given or (
         min(float(np.min(layer.x)) for _, layer in shown), max(float(np.max(layer.x)) for _, layer in shown)
@@ -85,7 +86,7 @@ def numbers(panels: Sequence[Panel], x_label: str, alt: str) -> Markup:
         heads.append(Column(f"{panel.title}: {words}", "right"))
     rows = [
         (f"{tidy(first)} … {tidy(last)}", *(_cell(layer, first, last) for _, layer in shown))
-        for first, last in zip(edges[:-1], edges[1:], strict=True)
+        for first, last in pairwise(edges.tolist())
     ]
     return html_table(heads, rows, alt)
 

@@ -90,7 +90,7 @@ def rms_table(run: RunDirectory) -> Markup | None:
          pretty_unit(run.result.unit(output)))
         for output in outputs
     ]  # fmt: skip
-    columns = ("output", *(Column(role_words(split), "right") for split in errors), "unit")
+    columns: tuple[Column | str, ...] = ("output", *(Column(role_words(split), "right") for split in errors), "unit")
     return html_table(columns, rows, "RMS error of the fit")
 
 

@@ -41,11 +41,11 @@ def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
         f"Round {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
-        "Log-evidence that each candidate gains in each round, all parameters refitted, on a logarithmic scale. Orange: "
-        "chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
+        "Log-evidence that each candidate gains in each round, all parameters refitted, on a logarithmic scale. "
+        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
     ).format(f"{len(ids) - len(shown)} candidates that gain nothing are left out." if len(ids) > len(shown) else "")
-    drawings = [_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW)]
-    return Plate(*drawings, alt, caption, (), _rounds_table(steps, ids, words))
+    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW))
+    return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
 
 
 def _rounds_drawing(
@@ -93,7 +93,9 @@ def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, 
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
         odds = f", odds {significant(found.odds, 2)}" if found.odds is not None else ""
-        canvas.text(left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5)
+        canvas.text(
+            left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5
+        )
 
 
 def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:
@@ -102,7 +104,9 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
     for id_ in ids:
         name = Markup("<code>{}</code><small>{}</small>").format(id_, words.get(id_, ""))
         port = next((by_id[id_].port for by_id in cells if id_ in by_id), NOTHING)
-        rows.append((name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True))))
+        rows.append(
+            (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
+        )
     heads = [Column(f"round {step.round}", "right") for step in steps]
     return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, round by round")
 

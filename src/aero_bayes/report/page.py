@@ -90,9 +90,7 @@ def render(run: RunDirectory) -> str:
     return fill("page.html.jinja", context, series, run.result.effect_words())
 
 
-def fill(
-    template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], words: Mapping[str, str]
-) -> str:
+def fill(template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], words: Mapping[str, str]) -> str:
     """A page from its template.
 
     Parameters
@@ -200,7 +198,8 @@ def _posterior(run: RunDirectory) -> dict[str, Any] | None:
 
 def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
     return {
-        "outcome": _OUTCOMES[loop.outcome], "effects": loop_story.effects(loop, run.result.parameters), "story": loop.story,
+        "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
+        "effects": loop_story.effects(loop, run.result.parameters),
         "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
         "scores": loop_story.port_table(loop.steps[0]) if loop.steps else None,
         "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),

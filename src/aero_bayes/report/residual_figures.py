@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from markupsafe import Markup
 
 from aero_bayes.report.curves import FINAL, largest, left_over
 from aero_bayes.report.drawing import Band, FloatArray, Line, Panel

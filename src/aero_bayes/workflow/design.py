@@ -34,8 +34,8 @@ from aero_bayes.inference.fit import fit
 from aero_bayes.inference.result import Fit
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model
-from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.commands import fit_job, fit_part
+from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job
 from aero_bayes.workflow.progress import ProgressBar
