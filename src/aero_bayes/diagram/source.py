@@ -117,8 +117,11 @@ class _Reader:
         equations = False
         while self._at < len(self._tokens):
             if self._take("end"):
+                within_body = self._peek() in {"if", "for", "when", "while"}
                 self._skip()
-                break
+                if not within_body:
+                    break
+                continue
             if self._peek() in _SECTIONS:
                 equations = self._next() in {"equation", "algorithm", "initial"}
             elif self._peek() == "annotation":
