@@ -95,7 +95,8 @@ class Shape(_Part):
 class Component(_Part):
     """A part of the model, its place in the diagram (two opposite corners) and its icon.
 
-    ``terminal`` says whether it is an input or an output of the model; ``marked`` that an effect was added there.
+    ``terminal`` says whether it is an input, an output or a connector of the model; ``marked`` that an effect was added
+    there.
     """
 
     name: str
@@ -104,7 +105,7 @@ class Component(_Part):
     extent: tuple[float, float, float, float]
     rotation: float = 0.0
     shapes: list[Shape] = []
-    terminal: Literal["", "input", "output"] = ""
+    terminal: Literal["", "input", "output", "connector"] = ""
     marked: bool = False
 
 

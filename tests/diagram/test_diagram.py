@@ -19,14 +19,21 @@ LIBRARY = """
 within ;
 package Rig "A rig"
   connector Pin Real v; flow Real i; end Pin;
-  partial model Slot "What may act" Pin p; annotation (Icon(graphics = {
-      Rectangle(origin = {10, 0}, extent = {{-60, 40}, {60, -40}}, fillPattern = FillPattern.Solid), Text(extent = {{0, 0}, {1, 1}}, textString = "%name")})); end Slot;
+  partial model Slot "What may act"
+    Pin p;
+    annotation (Icon(graphics = {
+      Rectangle(origin = {10, 0}, extent = {{-60, 40}, {60, -40}}, fillPattern = FillPattern.Solid),
+      Text(extent = {{0, 0}, {1, 1}}, textString = "%name")}));
+  end Slot;
   model Nothing extends Slot; equation p.i = 0; end Nothing;
-  model Friction "Dry // friction; with \\"marks\\"" extends Slot; parameter Real c = 1; equation p.i = c * tanh(p.v); end Friction;
+  model Friction "Dry // friction; with \\"marks\\""
+    extends Slot; parameter Real c = 1; equation p.i = c * tanh(p.v);
+  end Friction;
   model Motor "A motor"
     replaceable model Effect = Nothing constrainedby Slot "slot" annotation (choicesAllMatching = true);
     Pin p annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
-    Effect effect annotation (Placement(transformation(origin = {50, 0}, extent = {{-10, -10}, {10, 10}}, rotation = 90)));
+    Effect effect
+      annotation (Placement(transformation(origin = {50, 0}, extent = {{-10, -10}, {10, 10}}, rotation = 90)));
     /* a comment; with a semicolon */
   equation
     connect(p, effect.p) annotation (Line(points = {{-100, 0}, {40, 0}}));
@@ -36,7 +43,8 @@ package Rig "A rig"
     input Real u(unit = "V") "Voltage" annotation (Placement(transformation(extent = {{-120, -10}, {-100, 10}})));
     output Real y annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
     parameter Real gain = 2 * 3 "Gain";
-    Motor motor(redeclare model Effect = Effect, k = -u) annotation (Placement(transformation(extent = {{-10, -10}, {10, 10}})));
+    Motor motor(redeclare model Effect = Effect, k = -u)
+      annotation (Placement(transformation(extent = {{-10, -10}, {10, 10}})));
     Motor other annotation (Placement(transformation(extent = {{40, -10}, {60, 10}})));
   equation
     connect(motor.p, other.p) annotation (Line(points = {{10, 0}, {40, 0}}, color = {0, 0, 200}));

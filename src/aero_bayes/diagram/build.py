@@ -19,7 +19,7 @@ _SCALARS = {"Real", "Integer", "Boolean", "String"}
 
 #: First and second part, points of the line, and whether only a value is handed on.
 _Link = tuple[str, str, list[tuple[float, float]], bool]
-_Terminal = Literal["", "input", "output"]
+_Terminal = Literal["", "input", "output", "connector"]
 
 
 def model_diagrams(
@@ -61,20 +61,21 @@ def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -
     }
     visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
     marked = changed or {name for name in visible if name in ports}
-    links = _links(shown, visible)
     places = {name: _placement(part) for name, part in visible.items()}
     drawn = sum(place is not None for place in places.values()) > len(places) / 2
+    if drawn:  # what its authors did not place is not part of their picture
+        visible = {name: part for name, part in visible.items() if places[name] is not None or name in marked}
+    links = _links(shown, visible)
     laid = {} if drawn else _layers(visible, links)
     extents = {
-        name: (place if drawn and place else (laid.get(name) or (-_HALF, -_HALF, _HALF, _HALF), 0.0))
-        for name, place in places.items()
+        name: (drawn and places[name]) or (laid.get(name, (-_HALF, -_HALF, _HALF, _HALF)), 0.0) for name in visible
     }
     components = [
         Component(
             name=name, type=tree.name if (tree := shown.inside.get(name)) else part.type,
             description=part.description or (tree.description if tree else ""), extent=extents[name][0],
             rotation=extents[name][1], shapes=_shapes(tree.icon if tree else []), marked=name in marked,
-            terminal=_terminal(part),
+            terminal=_terminal(part) or ("" if tree else "connector"),
         )
         for name, part in visible.items()
     ]  # fmt: skip

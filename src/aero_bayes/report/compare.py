@@ -55,9 +55,8 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
         "intervals": interval_plate(runs), "parameters": parameter_table(runs),
         "errors": error_table(runs), "residuals": figures, "settings": settings_table(runs),
     }  # fmt: skip
-    words = {id_: text for run in runs.values() for id_, text in run.result.effect_words().items()}
     series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
-    page = fill("compare.html.jinja", context, series, words)
+    page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
     target = Path(out)
     with whole_file(target) as temporary:
         temporary.write_text(page, encoding="utf-8")

@@ -41,7 +41,10 @@ def diagram_plate(diagram: Diagram) -> Plate | None:
          "effect added here" if c.marked else "")
         for c in diagram.components
     ]  # fmt: skip
-    caption = Markup("Marked: where the effect was added.") if marked else Markup("")
+    caption = Markup("<strong>{}</strong>. {}").format(
+        diagram.title,
+        f"Marked: where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
+    )
     return Plate(
         canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)
     )
@@ -71,7 +74,11 @@ def _draw(canvas: Canvas, component: Component, place: Place, scale: float) -> N
     x1, y1, x2, y2 = component.extent
     (left, top), (right, foot) = place(min(x1, x2), max(y1, y2)), place(max(x1, x2), min(y1, y2))
     middle = 0.5 * (left + right)
-    if component.terminal:
+    if component.terminal == "connector":
+        middle, y = 0.5 * (left + right), 0.5 * (top + foot)
+        canvas.dots(np.array([middle]), np.array([y]), MUTED, 6.0, 1.0)
+        foot, top = y + 4, y - 4
+    elif component.terminal:
         side = min(5.0, 0.4 * (right - left))
         y = 0.5 * (top + foot)
         arrow = f"M{middle - side:.1f} {y - side:.1f}L{middle + side:.1f} {y:.1f}L{middle - side:.1f} {y + side:.1f}Z"

@@ -53,7 +53,7 @@ def _rounds_drawing(
 ) -> Markup:
     wide = width > 600
     ports = {c.id: c.port for step in steps for c in step.candidates}
-    label = 330.0 if wide else 0.0
+    label = 350.0 if wide else 0.0
     row = _ROW if wide else 2 * _ROW
     canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
     column = (width - label - 10) / len(steps)
@@ -66,7 +66,7 @@ def _rounds_drawing(
         y = _TOP + row * index
         canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
         text = words.get(id_, id_)
-        canvas.text(0, y + 13, text if len(text) < 48 or not wide else f"{text[:46]}…", INK, 11.5)
+        canvas.text(0, y + 13, text if len(text) < 45 or not wide else f"{text[:43]}…", INK, 11.5)
         if wide:
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):

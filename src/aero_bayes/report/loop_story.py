@@ -88,7 +88,7 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         rows.append((
             symbol(name), f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
             NOTHING if share is None else f"{signed(share, 1)} %",
-            NOTHING if moved.in_sd is None else signed(moved.in_sd, 1),
+            significant(moved.in_sd, 2),
         ))  # fmt: skip
     if not rows:
         return None

@@ -81,11 +81,11 @@ def provenance(result: RunResult) -> list[Markup]:
 
 
 def warnings(result: RunResult) -> list[str]:
-    """The run's warnings, and those that the page itself must add."""
+    """The run's warnings but for what the verdict says, and that of parameters on a bound."""
     found = list(result.warnings)
-    if result.mcmc is not None and not result.mcmc.converged:
-        reason = result.mcmc.reason or "no reason given"
-        found.append(f"The sampler has not converged ({reason}). Intervals below may be wrong.")
+    reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
+    if reason and reason in verdict(result).text:  # said already
+        found = [text for text in found if reason not in text]
     bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
     if bounds:
         found.append(f"{', '.join(bounds)}: the best value is the edge of the range that was searched; no interval.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -34,7 +34,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table
 from aero_bayes.report.text import named_effect, sentence, symbol
-from aero_bayes.schema import LoopPart
+from aero_bayes.schema import LoopPart, RunResult
 
 _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
@@ -87,10 +87,12 @@ def render(run: RunDirectory) -> str:
     """The page's text. The same run always gives the same page."""
     context = _context(run)
     series = dict(run.series) | posterior_figures.drawn(run.posterior)
-    return fill("page.html.jinja", context, series, run.result.effect_words())
+    return fill("page.html.jinja", context, series, [run.result])
 
 
-def fill(template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], words: Mapping[str, str]) -> str:
+def fill(
+    template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], results: Sequence[RunResult]
+) -> str:
     """A page from its template.
 
     Parameters
@@ -100,12 +102,14 @@ def fill(template: str, context: Mapping[str, Any], series: Mapping[str, FloatAr
         What the template shows. The series that its figures are drawn from are put into the page.
     series : mapping of str to ndarray, shape (n,)
         All that figures may ask for.
-    words : mapping of str to str
-        What effects are, by their id.
+    results : sequence of RunResult
+        The runs that the page is about: they say what the names of effects and signals stand for.
     """
     environment = _environment().overlay()
+    words = {id_: text for result in results for id_, text in result.effect_words().items()}
+    signals = {name for result in results for name in result.signals}
     environment.filters = environment.filters | {
-        "sentence": partial(sentence, words=words), "effect": partial(named_effect, words=words)
+        "sentence": partial(sentence, words=words, signals=signals), "effect": partial(named_effect, words=words)
     }  # fmt: skip
     script = _script()
     keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from markupsafe import Markup, escape
@@ -185,21 +185,26 @@ def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
     return Markup("{} ({})").format(words[id_], code) if words.get(id_) else code
 
 
-def sentence(text: object, words: Mapping[str, str] | None = None) -> Markup:
-    """Escaped text in which ``backquoted`` names are set as symbols, and ids of effects are put in words."""
+def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
+    """Escaped text with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
     words = words or {}
     parts = str(text).split("`")
     if len(parts) % 2 == 0:
-        return _with_words(str(text), words)
+        return _with_words(str(text), words, signals)
     return Markup("").join(
-        (named_effect(part, words) if part in words else symbol(part)) if index % 2 else _with_words(part, words)
+        (named_effect(part, words) if part in words else symbol(part))
+        if index % 2
+        else _with_words(part, words, signals)
         for index, part in enumerate(parts)
     )
 
 
-def _with_words(text: str, words: Mapping[str, str]) -> Markup:
-    if not words:
+def _with_words(text: str, words: Mapping[str, str], signals: Collection[str]) -> Markup:
+    known = sorted({*words, *(name for name in signals if symbol(name)[:5] == "<span")}, key=len, reverse=True)
+    if not known:
         return escape(text)
-    ids = "|".join(re.escape(id_) for id_ in sorted(words, key=len, reverse=True))
-    parts = re.split(rf"(?<!\w)({ids})(?!\w)", text)
-    return Markup("").join(named_effect(part, words) if index % 2 else escape(part) for index, part in enumerate(parts))
+    parts = re.split(rf"(?<!\w)({'|'.join(map(re.escape, known))})(?!\w)", text)
+    return Markup("").join(
+        escape(part) if index % 2 == 0 else named_effect(part, words) if part in words else symbol(part)
+        for index, part in enumerate(parts)
+    )
