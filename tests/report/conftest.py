@@ -53,8 +53,8 @@ def _make(folder: Path) -> None:
     for name, seed in (("train", 5), ("unseen", 6)):
         rng = np.random.default_rng(seed)
         truth = Truth("one_dof", Parameters(), (friction,), 0.006)
-        volts = random_levels(rng, 20.0, 15.0)
-        recording = simulate_recording(truth, volts, white(), rng, duration=20.0, rate_hz=50.0)
+        volts = random_levels(rng, 20.0, 12.0)
+        recording = simulate_recording(truth, volts, white(), rng, duration=12.0, rate_hz=50.0)
         write_csv(recording, folder / f"{name}.csv")
     (folder / "simulated.json").write_text(json.dumps({"recordings": ["train", "unseen"]}), "utf-8")
     (folder / "loop.toml").write_text(CONFIG, "utf-8")
