@@ -40,6 +40,7 @@ _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
     "design": "The next experiment", "all": "From model to posterior",
 }  # fmt: skip
+SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "start")
 _OUTCOMES = {
     "adequate": "nothing is missing: the residual is noise",
     "extended": "the model was extended",
@@ -131,7 +132,10 @@ def _environment() -> Environment:
 
 @cache
 def _script() -> str:
-    return Path(__file__).with_name("templates").joinpath("explore.js").read_text("utf-8")
+    """The page's script: its parts in order, in one scope of their own."""
+    folder = Path(__file__).with_name("script")
+    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    return '"use strict";\n(() => {\n' + "\n".join(parts) + "})();"
 
 
 def _plates(values: Iterable[Any]) -> Iterable[Plate]:
