@@ -131,8 +131,14 @@ def test_a_model_without_placements_is_laid_out_without_overlaps_from_inputs_to_
 def test_a_model_of_equations_shows_inputs_states_and_outputs(files: list[Path], fmu: Model, name: str) -> None:
     (diagram,) = model_diagrams(fmu, name, files, ports=["x"])
     parts = named(diagram)
-    assert list(parts) == ["u", "v", "x", "y"]
+    box = name.rpartition(".")[2]
+    assert list(parts) == [box, "u", "v", "x", "y"]
     assert parts["u"].extent[0] < parts["x"].extent[0] == parts["v"].extent[0] < parts["y"].extent[0]
+    assert {(line.first, line.second) for line in diagram.connections} == {("u", box), (box, "y")}
+    left, foot, right, top = parts[box].extent
+    for state in ("v", "x"):
+        a, b, c, d = parts[state].extent
+        assert (left, foot) < (a, b) < (c, d) < (right, top)
     assert [part for part, found in parts.items() if found.marked] == ["x"]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +13,9 @@ from aero_bayes.schema import Component, Connection, Diagram, Shape
 from aero_bayes.simulation.model import Model, Variable
 
 _HALF = 10.0
-_STEP_ACROSS, _STEP_DOWN = 50.0, 34.0
+_STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
+_BOX = Shape(kind="rectangle", points=[(-100.0, -100.0), (100.0, 100.0)])
+_STATE = Shape(kind="rectangle", points=[(-60.0, -40.0), (60.0, 40.0)], filled=True)
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
 
 #: First and second part, points of the line, and whether only a value is handed on.
@@ -56,11 +57,11 @@ def model_diagrams(
 
 
 def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
-    changed = {
+    changed = [
         part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
-    }
+    ]
     visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
-    marked = changed or {name for name in visible if name in ports}
+    marked = changed or [name for name in visible if name in ports]
     places = {name: _placement(part) for name, part in visible.items()}
     drawn = sum(place is not None for place in places.values()) > len(places) / 2
     if drawn:  # what its authors did not place is not part of their picture
@@ -180,27 +181,28 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
 
 
 def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
-    """Inputs, states and outputs in three columns, for a model that is all equations."""
-    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
-        ("input", model.inputs), ("", model.states), ("output", model.outputs)
-    ]  # fmt: skip
-    names = [[f"{kind} {v.name}" for v in variables] for kind, variables in groups]
-    places = _grid([column for column in names if column])
+    """A model that is all equations: a box with its states between inputs and outputs."""
+    outside = {v.name for v in (*model.inputs, *model.outputs)}
+    states = [v for v in model.states if v.name not in outside]
+    columns = [[v.name for v in found] for found in (model.inputs, states, model.outputs)]
+    places = _grid(columns)
+    title = name.rpartition(".")[2]
+    high = 0.5 * _STEP_DOWN * max(1, len(states))
+    box = Component(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
     marks = {port.removeprefix("der(").rstrip(")") for port in ports}
-    components = [
+    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
+        ("input", model.inputs), ("", states), ("output", model.outputs)
+    ]  # fmt: skip
+    parts = [
         Component(
-            name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"],
-            terminal=kind, marked=v.name in marks,
-            shapes=[] if kind else [Shape(kind="rectangle", points=[(-100.0, -60.0), (100.0, 60.0)])],
+            name=v.name, type=v.unit, description=v.description, extent=places[v.name], terminal=kind,
+            marked=v.name in marks, shapes=[] if kind else [_STATE],
         )
         for kind, variables in groups for v in variables
     ]  # fmt: skip
-    filled = [variables for _, variables in groups if variables]
-    arrows = [
-        Connection(first=a.name, second=b.name, points=[], signal=True)
-        for first, second in pairwise(filled) for a in first for b in second if a.name != b.name
-    ]  # fmt: skip
-    return Diagram(title=name.rpartition(".")[2], components=components, connections=arrows)
+    lines = [Connection(first=v.name, second=title, signal=True) for v in model.inputs]
+    lines += [Connection(first=title, second=v.name, signal=True) for v in model.outputs]
+    return Diagram(title=title, components=[box, *parts], connections=lines)
 
 
 def _shapes(graphics: Sequence[Call]) -> list[Shape]:
