@@ -16,11 +16,11 @@ class Drawing {
   get range() { return this.figure.link.range ?? this.home; }
   async refresh() {
     if (!this.shown || !this.figure.visible) return;
-    const { link } = this.figure, key = () => (link.range ? link.range.join() : "");
+    const { link } = this.figure, key = () => (link.range ? `${link.range} ${link.moving}` : "");
     if (key() !== (this.drawn ?? "") || link.cursor !== null) await (this.ready ??= Promise.all(this.panels.map((p) => p.load())));
     if (key() !== (this.drawn ?? "")) {
       this.drawn = key();
-      for (const panel of this.panels) panel.draw(this.range);
+      for (const panel of this.panels) panel.draw(this.range, link.moving ? 2 : 1);
       this.paint();
       this.ticks();
     }

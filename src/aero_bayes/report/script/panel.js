@@ -24,8 +24,8 @@ class Panel {
     }
   }
   // Least and greatest value of every pixel column within the range.
-  reduce(layer, [first, last]) {
-    const { time, low, high } = layer, columns = Math.round(this.width);
+  reduce(layer, [first, last], wide) {
+    const { time, low, high } = layer, columns = Math.round(this.width / wide);
     const from = Math.max(0, index(time, first) - 1), to = Math.min(time.length, index(time, last) + 1);
     layer.fine = to - from <= 2 * columns;
     const size = layer.fine ? to - from : columns, across = columns / (last - first);
@@ -48,10 +48,10 @@ class Panel {
     }
     Object.assign(layer, { x, lows, highs });
   }
-  draw(range) {
+  draw(range, wide) {
     let low = Infinity, high = -Infinity;
     for (const layer of this.layers) {
-      this.reduce(layer, range);
+      this.reduce(layer, range, wide);
       for (let c = 0; c < layer.x.length; c++) { if (layer.lows[c] < low) low = layer.lows[c]; if (layer.highs[c] > high) high = layer.highs[c]; }
     }
     if (this.fixed || !(high >= low)) [low, high] = this.y;
@@ -82,7 +82,7 @@ class Panel {
       context.fillStyle = context.strokeStyle = ink(colour);
       context.globalAlpha = layer.k === "area" && !bare ? +style.fillOpacity || 1 : 1;
       context.lineWidth = bare ? 1.2 : parseFloat(style.strokeWidth) || 1;
-      context.lineJoin = "round";
+      context.lineJoin = "bevel";
       const at = (c) => this.left + x[c], known = (c) => highs[c] >= lows[c];
       if (layer.k === "area" && !fine) {
         const wide = x[1] - x[0];
@@ -103,7 +103,7 @@ class Panel {
         const y = this.down(lows[c]);
         if (open && layer.held && fine) context.lineTo(at(c), this.down(lows[c - 1]));
         context[open ? "lineTo" : "moveTo"](at(c), y);
-        if (highs[c] !== lows[c]) context.lineTo(at(c), this.down(highs[c]));
+        if (y - this.down(highs[c]) > 0.7) context.lineTo(at(c), this.down(highs[c]));
         open = true;
       }
       context.stroke();
