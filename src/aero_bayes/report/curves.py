@@ -36,7 +36,7 @@ def largest(*arrays: FloatArray | None) -> float:
     return max((float(np.nanmax(np.abs(a))) for a in arrays if a is not None and np.isfinite(a).any()), default=0.0)
 
 
-def named(run: RunDirectory, signals: Sequence[str]) -> str:
+def named(signals: Sequence[str]) -> str:
     """Signals in words for an alternative text."""
     words = [plain_name(name) for name in signals]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
@@ -112,7 +112,7 @@ def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Pla
         panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
     for name in outputs:
         panels += _output_panels(run, recording, name, (130.0, 78.0))
-    alt = f"Recording {recording}: inputs, {named(run, outputs)} measured and modelled, and what the model leaves."
+    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
     return plate(panels, alt, "time (s)", legend=_legend(run, recording), link=recording)
 
 

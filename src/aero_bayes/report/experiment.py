@@ -85,7 +85,7 @@ def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
     held = Line(time, values, INK, 1.3, label="input", source=source, held=True)
     panels = [Panel(signal_title(plan.input, unit), (held,), height=70, ticks=3)]
     panels += [_output(run, plan, time, name, models) for name in outputs]
-    alt = f"Proposed {plan.input} over {duration(float(time[-1] - time[0]))} and the expected {named(run, outputs)}."
+    alt = f"Proposed {plan.input} over {duration(float(time[-1] - time[0]))} and the expected {named(outputs)}."
     legend = tuple(
         (SERIES[k % len(SERIES)], "expected, with its 90 % band" if model == "expected" else f"if {model} is true")
         for k, model in enumerate(models)
