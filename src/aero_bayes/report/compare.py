@@ -217,13 +217,14 @@ def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
 
 def settings_table(runs: Runs) -> Markup | None:
     """Everything about how the runs were made that is not the same for all."""
-    found = [dict(_settings(run)) for run in runs.values()]
+    told = all(run.result.settings for run in runs.values())
+    found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]
     keys = [key for key in dict.fromkeys(k for f in found for k in f) if len({repr(f.get(key)) for f in found}) > 1]
     rows = [(Markup("<code>{}</code>").format(key), *(generic_cell(f.get(key)) for f in found)) for key in keys]
     return html_table(("setting", *runs), rows, "Settings that differ") if rows else None
 
 
-def _settings(run: RunDirectory) -> Iterator[tuple[str, object]]:
+def _circumstances(run: RunDirectory) -> Iterator[tuple[str, object]]:
     result = run.result
     yield "command", result.command
     yield "seed", None if result.seed is None else str(result.seed)
@@ -231,7 +232,6 @@ def _settings(run: RunDirectory) -> Iterator[tuple[str, object]]:
     yield "data", [f"{row.file} {row.sha256[:8]}" for row in result.data]
     yield "effects", [effect.id for effect in result.loop.effects] if result.loop else []
     yield from (("versions." + key, value) for key, value in result.versions.items())
-    yield from _flat("", result.settings)
 
 
 def _flat(path: str, node: object) -> Iterator[tuple[str, object]]:
