@@ -118,6 +118,7 @@ class LoopResult:
     failures: int
     seconds: Mapping[str, float]
     added: tuple[Parameter, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
     drawn: str = ""
     data_notes: tuple[str, ...] = ()
 

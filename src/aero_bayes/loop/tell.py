@@ -62,6 +62,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
+        words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
         added=written.parameters if written is not None else (),
         drawn=names[probing.recording] if probing is not None else names[0],
     )

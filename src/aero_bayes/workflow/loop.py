@@ -104,6 +104,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             for output, noise in loop.noise.items()
         },
         "loop": loop.to_dict(),
+        "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "verdict": {"level": _level(loop), "text": loop.sentence},
     }
