@@ -70,7 +70,10 @@ class Component:
 
 @dataclass
 class ClassText:
-    """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix."""
+    """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix.
+
+    ``classes`` are those with a body inside it, ``class_names`` the names of all inside it.
+    """
 
     kind: str
     name: str
@@ -85,7 +88,7 @@ class ClassText:
     statements: list[Statement] = field(default_factory=list)
     sections: list[tuple[str, int, int]] = field(default_factory=list)
     classes: list[ClassText] = field(default_factory=list)
-    short: list[str] = field(default_factory=list)
+    class_names: list[str] = field(default_factory=list)
     annotation: tuple[Token, ...] = ()
     annotation_start: int = -1
 
@@ -291,7 +294,7 @@ class _Reader:
             elif section in ("public", "protected") and self.class_head() is not None:
                 at = self.class_head()
                 assert at is not None
-                cls.short.append(self.tokens[at].word)
+                cls.class_names.append(self.tokens[at].word)
                 inner = self.class_(cls.full_name)
                 if inner is not None:
                     cls.classes.append(inner)

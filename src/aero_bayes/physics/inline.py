@@ -50,7 +50,7 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
 
 def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
     """The text of a class outside its package, moved to the margin, with names that still mean the same."""
-    own = {c.name for c in cls.components()} | set(cls.short)
+    own = {c.name for c in cls.components()} | set(cls.class_names)
     meanings = {k: v for k, v in known.meanings(cls).items() if k not in own}
     begin = file.text.rfind("\n", 0, cls.start) + 1
     margin = file.text[begin : cls.start] if not file.text[begin : cls.start].strip() else ""

@@ -54,7 +54,7 @@ class Sources:
     def resolve(self, cls: ClassText, name: str) -> str:
         """Full name of a class by the name that another class uses."""
         first, dot, rest = name.removeprefix(".").partition(".")
-        if first in cls.short:
+        if first in cls.class_names:
             return f"{cls.full_name}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
@@ -65,7 +65,7 @@ class Sources:
         around = cls.within
         while around:
             for package in (c for c in every if c.full_name == around):
-                for name in (*package.short, *(c.name for c in package.components())):
+                for name in (*package.class_names, *(c.name for c in package.components())):
                     found.setdefault(name, f"{around}.{name}")
                 for statement in package.declarations:
                     if statement.first == "import":
