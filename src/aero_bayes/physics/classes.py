@@ -25,8 +25,9 @@ _COMPOUND = frozenset({"if", "for", "when", "while"})
 class Statement:
     """An element that ends in a semicolon: a declaration, an extends clause, an equation.
 
-    ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them; ``inside``
-    names the compound equations around it. ``tokens`` exclude the semicolon, ``end`` includes it.
+    ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them, or class for
+    a short class definition; ``inside`` names the compound equations around it. ``tokens`` exclude the semicolon,
+    ``end`` includes it.
     """
 
     section: str
@@ -295,9 +296,13 @@ class _Reader:
                 at = self.class_head()
                 assert at is not None
                 cls.class_names.append(self.tokens[at].word)
+                begin = self.at
                 inner = self.class_(cls.full_name)
                 if inner is not None:
                     cls.classes.append(inner)
+                else:
+                    tokens = self.tokens[begin : self.at - 1]
+                    cls.statements.append(Statement("class", tokens, here, self.tokens[self.at - 1].end))
             elif section in ("public", "protected") or word == "external":
                 self.simple(cls, section, ())
             else:
