@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import RIGS, Numbers, explicit, rig, somewhere
 from fmpy import simulate_fmu
 from numpy.random import Generator
+from physics_rigs import RIGS, Numbers, explicit, rig, somewhere
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
