@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from conftest import RIGS
 from numpy.random import Generator
+from physics_rigs import RIGS
 
 from aero_bayes.errors import InputError
 from aero_bayes.physics.balance import entry_of, sides_of

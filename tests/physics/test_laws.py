@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Numbers, explicit, rig
 from numpy.random import Generator
+from physics_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.expression import evaluate

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import Numbers, explicit, rig, somewhere
 from numpy.random import Generator
+from physics_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_law, probe, screening

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import RIGS, Numbers, explicit, rig, somewhere
 from fmpy import simulate_fmu
 from numpy.random import Generator
+from physics_rigs import RIGS, Numbers, explicit, rig, somewhere
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
@@ -193,14 +193,22 @@ def test_a_class_of_a_package_keeps_its_meanings(
         encoding="utf-8",
     )
     (folder / "Rigs" / "package.mo").write_text('within Bench;\npackage Rigs "ä ö ü"\nend Rigs;\n', encoding="utf-8")
+    (folder / "Rigs" / "Height.mo").write_text(
+        'within Bench.Rigs;\ntype Height = Real(unit = "m");\n', encoding="utf-8"
+    )
     (folder / "Rigs" / "Fall.mo").write_text(
         """within Bench.Rigs;
 model Fall "Fällt"
   parameter Real m = 0.5 "Größe";
   input Real u;
   output Real y = x;
+  model Double
+    P.Gain twice;
+  end Double;
+  type Place = Height(min = -1e3);
   P.Gain gain(k = 3, u = u);
-  Real x(start = 0, fixed = true);
+  Double double(twice(u = u));
+  Place x(start = 0, fixed = true);
   Real v(start = 0, fixed = true);
 equation
   der(x) = v;
@@ -211,7 +219,7 @@ end Fall;
     )
     flat = rig("Bench.Rigs.Fall", str(folder))
     (port,) = (p for p in ports_of(flat, laws) if p.id == "v")
-    assert str(port.place) == "Bench/Rigs/Fall.mo:11"
+    assert str(port.place) == "Bench/Rigs/Fall.mo:16"
     uses = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
     written = agree("Bench.Rigs.Fall", [folder], uses, models, tmp_path / "out", rng)
     assert "  m * der(v) = gain.y - m * Bench.g - c * v * abs(v);" in written.text

@@ -25,8 +25,9 @@ _COMPOUND = frozenset({"if", "for", "when", "while"})
 class Statement:
     """An element that ends in a semicolon: a declaration, an extends clause, an equation.
 
-    ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them; ``inside``
-    names the compound equations around it. ``tokens`` exclude the semicolon, ``end`` includes it.
+    ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them, or class for
+    a short class definition; ``inside`` names the compound equations around it. ``tokens`` exclude the semicolon,
+    ``end`` includes it.
     """
 
     section: str
@@ -70,7 +71,10 @@ class Component:
 
 @dataclass
 class ClassText:
-    """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix."""
+    """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix.
+
+    ``classes`` are those with a body inside it, ``class_names`` the names of all inside it.
+    """
 
     kind: str
     name: str
@@ -85,7 +89,7 @@ class ClassText:
     statements: list[Statement] = field(default_factory=list)
     sections: list[tuple[str, int, int]] = field(default_factory=list)
     classes: list[ClassText] = field(default_factory=list)
-    short: list[str] = field(default_factory=list)
+    class_names: list[str] = field(default_factory=list)
     annotation: tuple[Token, ...] = ()
     annotation_start: int = -1
 
@@ -291,10 +295,14 @@ class _Reader:
             elif section in ("public", "protected") and self.class_head() is not None:
                 at = self.class_head()
                 assert at is not None
-                cls.short.append(self.tokens[at].word)
+                cls.class_names.append(self.tokens[at].word)
+                begin = self.at
                 inner = self.class_(cls.full_name)
                 if inner is not None:
                     cls.classes.append(inner)
+                else:
+                    tokens = self.tokens[begin : self.at - 1]
+                    cls.statements.append(Statement("class", tokens, here, self.tokens[self.at - 1].end))
             elif section in ("public", "protected") or word == "external":
                 self.simple(cls, section, ())
             else:

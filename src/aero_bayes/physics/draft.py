@@ -90,7 +90,7 @@ class Draft:
     ) -> None:
         """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
         name = "".join(w[:1].upper() + w[1:] for w in use.instance.split("_"))
-        while name in self.around or name in self.cls.short:
+        while name in self.around or name in self.cls.class_names:
             name += "Law"
         lines = class_text(
             use.law, name, sizes=use.all_sizes, signals=inside,

@@ -50,14 +50,17 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
 
 def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
     """The text of a class outside its package, moved to the margin, with names that still mean the same."""
-    own = {c.name for c in cls.components()} | set(cls.short)
+    own = {c.name for c in cls.components()} | set(cls.class_names)
     meanings = {k: v for k, v in known.meanings(cls).items() if k not in own}
     begin = file.text.rfind("\n", 0, cls.start) + 1
     margin = file.text[begin : cls.start] if not file.text[begin : cls.start].strip() else ""
     changed: list[Edit] = []
-    for s in cls.statements:
-        names = {c.name_token.start for c in cls.components() if c.statement is s}
-        changed += [e for e in replace_names(s.tokens, meanings.get) if e.start not in names]
+    for inner in cls.walk():
+        local = {c.name for c in inner.components()} | set(inner.class_names)
+        outer = {k: v for k, v in meanings.items() if k not in local}
+        for s in inner.statements:
+            names = {c.name_token.start for c in inner.components() if c.statement is s}
+            changed += [e for e in replace_names(s.tokens, outer.get) if e.start not in names]
     body = apply(file.text[begin : cls.end], [e.moved(-begin) for e in changed])
     return re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n" if margin else body + "\n"
 

@@ -10,6 +10,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel, Place
 from aero_bayes.export.library import modelica_root
 from aero_bayes.physics.classes import ClassText, innermost, read_classes
+from aero_bayes.physics.tokens import tokenize
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,15 @@ class SourceFile:
     file: str
     text: str
     classes: tuple[ClassText, ...]
+
+    @property
+    def short_name(self) -> str:
+        """Full name of what a file without a class that has a body defines, such as a type."""
+        if self.classes:
+            return ""
+        words = [t.word for t in tokenize(self.text)]
+        within = "".join(words[1 : words.index(";")]) if words[:1] == ["within"] else ""
+        return f"{within}.{Path(self.file).stem}"
 
     def character(self, byte: int) -> int:
         """Position in characters of a position in bytes."""
@@ -54,7 +64,7 @@ class Sources:
     def resolve(self, cls: ClassText, name: str) -> str:
         """Full name of a class by the name that another class uses."""
         first, dot, rest = name.removeprefix(".").partition(".")
-        if first in cls.short:
+        if first in cls.class_names:
             return f"{cls.full_name}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
@@ -65,7 +75,7 @@ class Sources:
         around = cls.within
         while around:
             for package in (c for c in every if c.full_name == around):
-                for name in (*package.short, *(c.name for c in package.components())):
+                for name in (*package.class_names, *(c.name for c in package.components())):
                     found.setdefault(name, f"{around}.{name}")
                 for statement in package.declarations:
                     if statement.first == "import":
@@ -77,6 +87,9 @@ class Sources:
             for inner in every:
                 if inner.within == around:
                     found.setdefault(inner.name, inner.full_name)
+            for file in self.files.values():
+                if file.short_name.rpartition(".")[0] == around:
+                    found.setdefault(file.short_name.rpartition(".")[2], file.short_name)
             around = around.rpartition(".")[0]
         return found
 
