@@ -67,12 +67,12 @@ class _Reader(TreeReader):
             if not v.constant and v.binding is not None:
                 bindings.append(FlatEquation(Name(v.name), v.binding, "binding", v.name.rpartition(".")[0], v.place))
                 variables[i] = replace(v, binding=None)
-        fields = {key: tuple(str(x["name"]) for x in r["fields"]) for key, r in f["record_types"].items()}
-        records = {
-            n: fields[str(r["type_def_id"])]
-            for n, r in f["record_instances"].items()
-            if str(r["type_def_id"]) in fields
-        }
+        types_of = {str(key): r for key, r in f["record_types"].items()}
+        fields = {key: tuple(str(x["name"]) for x in r["fields"]) for key, r in types_of.items()}
+        records = {str(r["name"]): fields[key] for key, r in types_of.items()}
+        for name, r in f["record_instances"].items():
+            if str(r["type_def_id"]) in fields:
+                records[name] = fields[str(r["type_def_id"])]
         return FlatModel(
             self.name,
             tuple(variables),
