@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick coverage lock clean
+.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick rig-trial coverage lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -91,6 +91,9 @@ trial: setup ## the blind trial -> reports/trial.json (resumable)
 
 trial-quick: setup ## a small part of the blind trial
 	$(BIN)/python benchmarks/trial.py --quick --out reports
+
+rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
+	$(BIN)/python benchmarks/rig_trial.py --out reports
 
 coverage: setup ## calibration study -> reports/coverage.json
 	$(BIN)/python benchmarks/coverage.py --out reports

@@ -8,12 +8,11 @@ import numpy as np
 
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.target import Target
-from aero_bayes.sensors.noise import noise_array
 
 
 def density(fit: Fit, target: Target) -> Callable[[np.ndarray], np.ndarray]:
     """Log-posterior of the eight parameters with the noise held."""
-    noise = noise_array(fit.outputs, fit.noise)
+    noise = target.objective.noise_rows(fit.noise)
 
     def value(points: np.ndarray) -> np.ndarray:
         total = np.full(len(points), -np.inf)

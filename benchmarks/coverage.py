@@ -47,7 +47,7 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.evidence import importance_posterior, joint_target
+from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.sample.importance import Weighted
 from aero_bayes.sample.mcmc import SampleSettings, run
 from aero_bayes.sample.moves import HeavyTail
@@ -218,7 +218,7 @@ def judge(
     row["ranks"] = {n: float(r) for n, r in zip(names, ranks, strict=False) if n in truth}
     row["noise"] = {output: noise.kind for output, noise in fit.noise.items()}
     row["warned"] = len(fit.warnings)
-    row["structured"] = {o: n.held for o, n in fit.noise.items() if n.structured}
+    row["held"] = [output for output, noise in fit.noise.items() if noise.held]
     return row
 
 
@@ -227,8 +227,8 @@ def sampled(fit: Fit, simulator: Simulator, found: Weighted, rng: np.random.Gene
     proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance)
     if found.ess > 50.0:
         proposal = HeavyTail.of(found.mean, found.covariance)
-    settings = SampleSettings(ess=800.0, burn_in=(30, 40, 50), max_steps=1500, time_limit=45.0)
-    chain = run(joint_target(fit, simulator), proposal, settings, int(rng.integers(2**31)))
+    settings = SampleSettings(ess=800.0, max_steps=1500, time_limit=45.0)
+    chain = run(fit.joint_target(simulator), proposal, settings, int(rng.integers(2**31)))
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
 
 

@@ -17,11 +17,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
-import json
 import multiprocessing
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -31,6 +29,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 from trial_distance import distances, scaled_to
+from trial_runs import run_all, write_summary
 from trial_table import summarise
 
 from aero_bayes.bench import draw_trial
@@ -120,15 +119,6 @@ def attempt(task: Task) -> dict[str, Any]:
         return {"key": task.key, "kind": task.kind, "noise": task.noise, "error": f"{type(error).__name__}: {error}"}
 
 
-def outcomes(tasks: Sequence[Task], processes: int) -> Iterator[dict[str, Any]]:
-    """Rows as they are finished."""
-    if processes <= 1:
-        yield from map(attempt, tasks)
-        return
-    with multiprocessing.get_context("spawn").Pool(processes, maxtasksperchild=50) as pool:
-        yield from pool.imap_unordered(attempt, tasks)
-
-
 def build_curves(cache: Path, processes: int) -> None:
     """Every FMU with a learned curve, so that no trial waits for one."""
     places = [(port, over) for port, states in CURVE_STATES.items() for over in states]
@@ -162,27 +152,11 @@ def main() -> None:
     ModelFamily(BASE, cache).screening()
     if not arguments.quick:  # A few trials build the few curves that they need; many would all wait for the same ones.
         build_curves(cache, arguments.processes)
-    done: dict[str, dict[str, Any]] = {}
-    lines = work / "trials.jsonl"
-    if lines.exists():
-        for line in lines.read_text(encoding="utf-8").splitlines():
-            if line.endswith("}"):
-                row = json.loads(line)
-                done[row["key"]] = row
     tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
-    wanted = [task for task in tasks if task.key not in done]
-    with lines.open("a", encoding="utf-8") as stream, tqdm(total=len(tasks), initial=len(tasks) - len(wanted)) as bar:
-        for row in outcomes(wanted, arguments.processes):
-            stream.write(json.dumps(row) + "\n")
-            stream.flush()
-            done[row["key"]] = row
-            bar.update()
-    rows = [done[task.key] for task in tasks if task.key in done]
+    rows = run_all(tasks, attempt, work / "trials.jsonl", arguments.processes)
     summary, text = summarise(rows, root, DEVELOPMENT)
     print(text)
-    temporary = work / "trial.tmp"
-    temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))
+    write_summary(summary, arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))
 
 
 if __name__ == "__main__":

@@ -12,21 +12,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from aero_bayes.estimate.refit import RefitSettings, refit
-from aero_bayes.loop.baseline import fit_base, nuisance_parameters, prepare
 
 from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
-from aero_bayes.estimate.aero import aero_overrides
-from aero_bayes.estimate.objective import Study, problem_of
-from aero_bayes.estimate.parameters import parameters_from_model
+from aero_bayes.estimate import aero_overrides, calibrate, parameters_from_model
+from aero_bayes.estimate.ascent import Climber
+from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.export import CATALOGUE
+from aero_bayes.loop import LoopSettings
 from aero_bayes.physics.catalogue import candidates_of
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.interface import Problem, Simulator, SolverSettings
 
 OUTPUTS = ("i_m", "omega_m", "theta")
 
@@ -77,18 +77,20 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Se
     shared = parameters_from_model(
         model, overrides={name: item for name, item in aero_overrides(model).items() if name != "L_a"}
     )
-    prepared = prepare([_as_read(spec, silent)], OUTPUTS)
-    experiment = prepared.experiments[0]
+    loop = LoopSettings()
+    settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
+    read = calibrate([_as_read(spec, silent)], model, shared, settings=settings)
+    (experiment,) = read.experiments
     assert experiment.measured is not None
     exact = silent.measured(experiment.outputs)[np.searchsorted(silent.time, experiment.time)]
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
-    base = shared.extended(nuisance_parameters(prepared, model))
+    base = read.parameters
     extra, _ = candidates_of([id_ for id_ in known if id_ in CATALOGUE], len(base), OUTPUTS, [silent])
     parameters = base.extended(extra)
-    problem = problem_of(model, [experiment], parameters, {}, SolverSettings(1e-6, 1e-6))
-    with open_simulator(problem, workers=0) as simulator:
-        study = Study(simulator, parameters)
-        first = fit_base(study, range(len(base)), RefitSettings())
+    calibration = replace(read, experiments=(experiment,), parameters=parameters)
+    with _here(calibration.problem()) as simulator:
+        objective = Objective(calibration, simulator)
+        first = Climber(objective, loop.ascent).to_optimum(range(len(base)), _here, np.random.default_rng(1)).optimum
         start = first.coordinates.copy()
         truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
         for item in extra:
@@ -96,11 +98,14 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Se
                 start[parameters.index(item.name)] = parameters.to_search(
                     np.array([truth.get(p.name, p.start) for p in parameters])
                 )[parameters.index(item.name)]
-        found = refit(
-            study, start, range(len(parameters)), noise=true_noise(spec),
-            settings=RefitSettings(iterations=40, hold_noise=True),
-        )  # fmt: skip
+        found = climb(
+            objective, start, range(len(parameters)), noise=true_noise(spec), settings=ClimbSettings(hold_noise=True)
+        )
     return float(np.linalg.norm(found.whitened.residual))
+
+
+def _here(problem: Problem) -> Simulator:
+    return open_simulator(problem, workers=0)
 
 
 def _as_read(spec: TrialSpec, silent: Recording) -> Recording:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from trial_runs import BANDS, Row, quantile, rate, show
 
 from aero_bayes.export import CATALOGUE
-
-Row = dict[str, Any]
-BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
 
 
 def right_effect(row: Row) -> bool:
@@ -67,39 +65,39 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
     unseen = [max(row["after_over_noise"].values()) for row in curves]
     summary: dict[str, Any] = {
         "trials": len(rows),
-        "right_effect": {"d>=20": _rate(strong, right_effect), "8<=d<20": _rate(weak, right_effect)},
-        "right_pair": _rate(clear_pairs, right_pair),
-        "right_port": _rate([*strong, *weak], right_port),
-        "right_port_outside": _rate(clear_outside, right_port),
-        "nothing_missing": _rate(none, lambda row: row["outcome"] == "adequate"),
-        "false_discovery": _rate(none, lambda row: bool(row["found"])),
-        "abstained_outside": _rate(outside, abstained),
+        "right_effect": {"d>=20": rate(strong, right_effect), "8<=d<20": rate(weak, right_effect)},
+        "right_pair": rate(clear_pairs, right_pair),
+        "right_port": rate([*strong, *weak], right_port),
+        "right_port_outside": rate(clear_outside, right_port),
+        "nothing_missing": rate(none, lambda row: row["outcome"] == "adequate"),
+        "false_discovery": rate(none, lambda row: bool(row["found"])),
+        "abstained_outside": rate(outside, abstained),
         "learned_outside": {
             "trials": len(curves),
-            "right_port": _rate(curves, right_port),
-            "unseen_over_noise_median": _quantile(unseen, 0.5),
-            "unseen_within_1.3": _rate(curves, lambda row: max(row["after_over_noise"].values()) <= 1.3),
+            "right_port": rate(curves, right_port),
+            "unseen_over_noise_median": quantile(unseen, 0.5),
+            "unseen_within_1.3": rate(curves, lambda row: max(row["after_over_noise"].values()) <= 1.3),
         },
         "outside_by_effect": {
             id_: _of_one([row for row in outside if row["truth"][0]["id"] == id_])
             for id_ in sorted({row["truth"][0]["id"] for row in outside})
         },
-        "abstained_outside_d>=8": _rate(clear_outside, abstained),
-        "extra_effects": _rate([*strong, *weak], lambda row: len(row["found"]) > 1),
-        "after_over_noise_median": _quantile(after, 0.5),
-        "after_over_noise_q95": _quantile(after, 0.95),
-        "after_within_1.05": _rate([*strong, *weak], lambda row: max(row["after_over_noise"].values()) <= 1.05),
-        "seconds_median": _quantile([row["seconds"] for row in good], 0.5),
-        "cpu_seconds_median": _quantile([row["cpu_seconds"] for row in good], 0.5),
+        "abstained_outside_d>=8": rate(clear_outside, abstained),
+        "extra_effects": rate([*strong, *weak], lambda row: len(row["found"]) > 1),
+        "after_over_noise_median": quantile(after, 0.5),
+        "after_over_noise_q95": quantile(after, 0.95),
+        "after_within_1.05": rate([*strong, *weak], lambda row: max(row["after_over_noise"].values()) <= 1.05),
+        "seconds_median": quantile([row["seconds"] for row in good], 0.5),
+        "cpu_seconds_median": quantile([row["cpu_seconds"] for row in good], 0.5),
         "counts": {
             "d>=20": len(strong), "8<=d<20": len(weak), "none": len(none), "pair": len(clear_pairs),
             "outside": len(outside), "failed": len(rows) - len(good),
         },
         "by_noise": {
             noise: {
-                "d>=20": _rate([r for r in strong if r["noise"] == noise], right_effect),
-                "8<=d<20": _rate([r for r in weak if r["noise"] == noise], right_effect),
-                "false_discovery": _rate([r for r in none if r["noise"] == noise], lambda row: bool(row["found"])),
+                "d>=20": rate([r for r in strong if r["noise"] == noise], right_effect),
+                "8<=d<20": rate([r for r in weak if r["noise"] == noise], right_effect),
+                "false_discovery": rate([r for r in none if r["noise"] == noise], lambda row: bool(row["found"])),
             }
             for noise in ("white", "real")
         },
@@ -113,11 +111,11 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
 def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
     return {
         "trials": len(rows),
-        "no_false_name": _rate(rows, abstained),
+        "no_false_name": rate(rows, abstained),
         "learned": sum(map(learned, rows)),
         "moment": sum(row["moment"] is not None for row in rows),
-        "right_port": _rate(rows, right_port),
-        "unseen_over_noise_median": _quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
+        "right_port": rate(rows, right_port),
+        "unseen_over_noise_median": quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
     }
 
 
@@ -126,24 +124,13 @@ def _band(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
     return {
         "d": [low, high if np.isfinite(high) else None],
         "trials": len(inside),
-        "right_effect": _rate(inside, right_effect),
-        "right_port": _rate(inside, right_port),
-        "found_something": _rate(inside, lambda row: bool(row["found"])),
+        "right_effect": rate(inside, right_effect),
+        "right_port": rate(inside, right_port),
+        "found_something": rate(inside, lambda row: bool(row["found"])),
     }
 
 
-def _rate(rows: Sequence[Row], test: Callable[[Row], bool]) -> float | None:
-    return sum(map(test, rows)) / len(rows) if rows else None
-
-
-def _quantile(values: Sequence[float], q: float) -> float | None:
-    return float(np.quantile(values, q)) if values else None
-
-
 def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row]) -> str:
-    def show(value: float | None, percent: bool = True) -> str:
-        return "-" if value is None else f"{100 * value:.1f} %" if percent else f"{value:.3g}"
-
     counts, learnt = summary["counts"], summary["learned_outside"]
     lines = [
         f"{summary['trials']} trials ({counts['failed']} failed)",

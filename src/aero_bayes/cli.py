@@ -185,6 +185,16 @@ def report(directory: Path) -> None:
 
 
 @main.command()
+@click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIR DIR [DIR ...]")
+@click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="The page to write.")
+def compare(directories: tuple[Path, ...], out: Path) -> None:
+    """Set finished runs side by side on one page: parameters, residuals, settings that differ."""
+    from aero_bayes.report import write_comparison
+
+    click.echo(f"wrote {write_comparison(directories, out)}")
+
+
+@main.command()
 @click.argument("recordings", type=FILE, nargs=-1, required=True)
 @click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
 def check(recordings: tuple[Path, ...], config: Path | None) -> None:

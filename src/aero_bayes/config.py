@@ -67,6 +67,7 @@ class DataSection(Section):
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
+    interpolation: Literal["auto", "hold", "linear"] | None = None
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 

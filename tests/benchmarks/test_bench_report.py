@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -89,8 +90,21 @@ def test_the_ladder_is_a_chain_of_low_passes(tmp_path):
     np.testing.assert_allclose(found, expected, atol=48e-5)
 
 
-def test_memory_is_measured_in_a_real_worker(tmp_path):
-    assert 0.0 <= bench_growth.memory(tmp_path, 20, 40) < 64.0
+def test_memory_that_a_process_takes_is_seen():
+    """A process that fills 48 MiB between two readings of its peak."""
+    script = "input(); held = b'x' * (48 << 20); print(len(held), flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        before = bench_growth.peak_mib(process.pid)
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+        assert int(process.stdout.readline()) == 48 << 20
+        grown = bench_growth.peak_mib(process.pid) - before
+        process.communicate(b"\n")
+    assert 47.0 < grown < 64.0
+
+
+def test_twice_as_many_runs_take_no_more_memory(tmp_path):
+    assert bench_growth.memory(tmp_path, 20, 40) < 1.0
 
 
 @pytest.fixture(scope="module")

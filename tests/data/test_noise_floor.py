@@ -71,7 +71,8 @@ def test_quantised_readings_never_fall_below_the_quantum() -> None:
     assert floor.quantum == pytest.approx(step, rel=1e-6)
     assert step / np.sqrt(12.0) <= floor.sd < 1.3 * step / np.sqrt(12.0)
     standing = noise_floor(np.where(TIME < 30.0, 0.0, step), TIME)
-    assert standing.sd == pytest.approx(step / np.sqrt(12.0), rel=0.01) or standing.quantum is None
+    assert standing.quantum == pytest.approx(step, rel=1e-6)
+    assert standing.sd == pytest.approx(step / np.sqrt(12.0), rel=1e-6)
 
 
 @pytest.mark.parametrize("decimals", [4, 6, 9])

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.openmodelica import FLAGS, first_error, script
+from aero_bayes.export import export_fmu, first_compiler
+from aero_bayes.export.openmodelica import DERIVATIVES, FLAGS, first_error, script
 
 STAND_IN = """#!/bin/sh
 # writes what a compiler would write for the name that the script gives
@@ -34,11 +34,11 @@ def install(folder: Path, action: str, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_script_loads_everything_and_builds_both_kinds() -> None:
     text = script("My.Model", ["Aero/package.mo", "More.mo"])
     lines = text.splitlines()
-    assert lines[0] == f'setCommandLineOptions("{FLAGS}");'
+    assert lines[0] == f'setCommandLineOptions("{DERIVATIVES}{FLAGS}");'
     assert lines.index('loadFile("Aero/package.mo");') < lines.index('loadFile("More.mo");')
     assert 'buildModelFMU(My.Model, version="2.0", fmuType="me_cs", fileNamePrefix="My_Model");' in lines
     assert "--fmiFlags=s:cvode" in FLAGS
-    assert "-disableDirectionalDerivatives" in FLAGS
+    assert "-disableDirectionalDerivatives" in DERIVATIVES
 
 
 def test_missing_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,10 +51,44 @@ def test_missing_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_what_omc_writes_becomes_the_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
     log = install(tmp_path, action, monkeypatch)
-    out = export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="auto")
+    out = export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
     with zipfile.ZipFile(out) as archive:
         assert archive.namelist() == ["modelDescription.xml"]
     assert "Aero.Systems.OneDof" in log.read_text(encoding="utf-8")
+
+
+def refuse(*_: object) -> None:
+    raise InputError("too hard")
+
+
+def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
+    install(tmp_path, action, monkeypatch)
+    monkeypatch.setattr("aero_bayes.export.embedded.export_embedded", refuse)
+    assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu").is_file()
+    used: list[str] = []
+    monkeypatch.undo()
+    assert first_compiler("auto", lambda one: (used.append(one), tmp_path)[1]) == tmp_path
+    assert used == ["embedded"]
+
+
+def test_both_refusals_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, 'echo "Error: Class Foo not found."', monkeypatch)
+    monkeypatch.setattr("aero_bayes.export.embedded.export_embedded", refuse)
+    with pytest.raises(InputError, match=r"too hard; and OpenModelica: .*Class Foo"):
+        export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu")
+
+
+def test_derivatives_whose_code_does_not_compile_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    action = """if grep -q disableDirectional "$1"; then echo "x_12jac.c:7:3: error: 'y' undeclared"; exit 0
+    fi; printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml"""
+    install(tmp_path, action, monkeypatch)
+    assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc").is_file()
+
+
+def test_the_c_compilers_line_comes_first() -> None:
+    log = "Error building simulator. Build log: make ...\nx_06inz.c:12:5: error: unknown type name 'foo'\nmake: Error 1"
+    assert first_error(log) == "the C compiler: unknown type name 'foo'"
 
 
 def test_an_error_of_omc_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

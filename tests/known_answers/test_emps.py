@@ -54,13 +54,26 @@ def record(rng: np.random.Generator, rate: float = 250.0, steps: int = 40) -> Re
     )
 
 
-def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path):
+@pytest.mark.parametrize(
+    "resting",
+    [
+        (),
+        pytest.param(
+            None,
+            marks=pytest.mark.xfail(
+                strict=True, reason="with the start free as well, the local search stops where the carriage sticks"
+            ),
+        ),
+    ],
+    ids=["start known", "start free"],
+)
+def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path, resting):
     fmu = export_fmu("Emps", tmp_path / "Emps.fmu", sources=[Path(__file__).parent / "models" / "Emps.mo"])
     model = Model.load(fmu)
     parameters = parameters_from_model(
         model, overrides={"M": Override(), "F_v": Override(), "F_c": Override(scale="linear"), "offset": Override()}
     )
-    settings = FitSettings(method="local", staged=False, calibration=CalibrationSettings(delay="none"))
+    settings = FitSettings(method="local", staged=False, calibration=CalibrationSettings(delay="none", resting=resting))
     found = fit(record(np.random.default_rng(3)), model, parameters=parameters, settings=settings, workers=0)
     for name, value in PUBLISHED.items():
         estimate = found.parameters[name]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.climb import LocalSettings, Products, search
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
 
 STRD = json.loads((Path(__file__).parent / "nist_strd.json").read_text())["problems"]
 
@@ -86,26 +86,21 @@ def residual(name, b):
     return y - MODELS[name](x if x.shape[0] > 1 else x[0], b)
 
 
-def products(name):
+def terrain(name, logarithmic):
     """The sum of squares as the search wants it: half of it, its gradient and Gauss-Newton Hessian."""
 
-    def at(points):
+    def at(point):
         with np.errstate(all="ignore"):
-            cost, gradient, hessian = zip(*(one(b) for b in points), strict=True)
-        return Products(np.array(cost), np.array(gradient), np.array(hessian))
+            b = np.exp(point) if logarithmic else point
+            r = residual(name, b)
+            step = 1e-200
+            columns = [residual(name, b + 1j * step * row).imag / step for row in np.eye(b.size)]
+            jacobian = np.stack(columns, axis=1) * (b if logarithmic else 1.0)
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(jacobian))):
+            return None
+        return Ground(0.5 * r @ r, jacobian.T @ r, jacobian.T @ jacobian)
 
-    def one(b):
-        p = b.size
-        r = residual(name, b)
-        step = 1e-200
-        columns = [residual(name, b + 1j * step * np.eye(p)[j]).imag / step for j in range(p)]
-        jacobian = np.stack(columns, axis=1)
-        usable = np.all(np.isfinite(r)) and np.all(np.isfinite(jacobian))
-        if not usable:
-            return np.inf, np.zeros(p), np.zeros((p, p))
-        return 0.5 * r @ r, jacobian.T @ r, jacobian.T @ jacobian
-
-    return at
+    return Plain(at)
 
 
 def fit(name: str, start: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -116,24 +111,17 @@ def fit(name: str, start: int) -> tuple[np.ndarray, np.ndarray, float]:
     """
     first = np.array(STRD[name]["starts"][start])
     logarithmic = name == "MGH10"
-    at = products(name)
-
-    def on_log_axes(points):
-        values = np.exp(points)
-        natural = at(values)
-        outer = values[:, :, None] * values[:, None, :]
-        return Products(natural.cost, natural.gradient * values, natural.hessian * outer)
-
     settings = LocalSettings(
         max_iterations=1000, tolerance=0.0, relative_tolerance=1e-15, step_tolerance=1e-13, damping=1e4
     )
     origin = np.log(first) if logarithmic else first
     width = np.full(first.size, 50.0) if logarithmic else 1e6 * np.maximum(np.abs(first), 1e-3)
-    found = search(on_log_axes if logarithmic else at, origin[None, :], origin - width, origin + width, settings)
-    values = np.exp(found.points[0]) if logarithmic else found.points[0]
-    scale = np.sqrt(np.diag(found.hessian[0]))
-    inverse = np.diag(np.linalg.inv(found.hessian[0] / np.outer(scale, scale))) / scale**2
-    return values, inverse * (values**2 if logarithmic else 1.0), 2.0 * found.cost[0]
+    found = search(terrain(name, logarithmic), origin, origin - width, origin + width, settings)
+    values = np.exp(found.point) if logarithmic else found.point
+    hessian = found.ground.hessian
+    scale = np.sqrt(np.diag(hessian))
+    inverse = np.diag(np.linalg.inv(hessian / np.outer(scale, scale))) / scale**2
+    return values, inverse * (values**2 if logarithmic else 1.0), 2.0 * found.cost
 
 
 def digits(value, certified):

@@ -22,8 +22,8 @@ from aero_bayes.physics.edit import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.physics.ports import is_driver
-from aero_bayes.physics.tokens import tokenize
+from aero_bayes.physics.find import is_driver
+from aero_bayes.physics.tokens import one_line, tokenize
 
 NOISE = [
     " ",
@@ -243,3 +243,8 @@ def test_what_is_no_modelica_is_named_with_its_line() -> None:
 def test_overlapping_edits_are_refused() -> None:
     with pytest.raises(ValueError, match="overlap"):
         apply("abcdef", [Edit(0, 3, "x"), Edit(2, 4, "y")])
+
+
+def test_one_line_keeps_strings_and_drops_comments() -> None:
+    text = 'f = k * v // drag\n    * v /* and\n more */ "two  blanks // here";'
+    assert one_line(text) == 'f = k * v * v "two  blanks // here";'

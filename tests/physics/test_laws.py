@@ -12,9 +12,9 @@ from numpy.random import Generator
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.expression import evaluate
-from aero_bayes.physics.compose import Models, compose_law
+from aero_bayes.physics.compose import Models, compose_law, law_models
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
-from aero_bayes.physics.ports import ports_of
 from aero_bayes.physics.use import use_of
 
 LISTED = {
@@ -187,9 +187,15 @@ def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
     extends Laws.Interfaces.MotionLaw(v(unit = "m/s"));
     parameter Real r(min = 0, max = 5 * f_n, nominal = 0.2 * f_n / v_n ^ 3) = 0 "Drag of the rope";
   equation
-    f = r * v ^ 3;
+    f = r // a comment within
+      * cube(v);
     annotation (__aero_bayes(refines = "quadratic_drag"));
   end RopeDrag;
+  function cube
+    input Real x;
+    output Real y = x ^ 3;
+  algorithm
+  end cube;
   model NoLaw
     Real y = 1;
   end NoLaw;
@@ -202,6 +208,9 @@ end Mine;
     assert law.needs_unit == {"v": "m/s"}
     assert law.uses == {"v"}
     assert law.switch.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
+    model = explicit(law_models([law], [own])["motion", "rope_drag"])
+    at = {model.system.builder.symbol(n): v for n, v in {"r": 2.0, "v": 3.0}.items()}
+    assert evaluate([model.solved["f"]], at) == [54.0]
     own.write_text(
         "model Bare\n  extends Laws.Interfaces.StorageLaw;\n  parameter Real k = 1;\nequation\n  q = k;\nend Bare;\n",
         encoding="utf-8",

@@ -8,10 +8,13 @@ import pytest
 from conftest import Numbers, explicit, rig, somewhere
 from numpy.random import Generator
 
+from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_law, probe, screening
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import candidates, port_table, ports_of
-from aero_bayes.physics.use import use_of
+from aero_bayes.physics.ports import candidates, port_table
+from aero_bayes.physics.use import levels_of, use_of
+from aero_bayes.physics.write import write_law
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
@@ -59,6 +62,21 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert tanks["h1"].neighbours == ("h2",)
     bodies = {p.id: p for p in ports_of(rig("Bodies.Pair"), laws)}
     assert "radiation" in bodies["one.port"].laws
+
+
+def test_temperatures_count_from_where_they_start(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+    flat = rig("Bodies.Pair")
+    port = next(p for p in ports_of(flat, laws) if p.id == "one.port")
+    assert levels_of(flat, port) == {"h_0": 295.0, "h_z": 0.0}
+    tanks = rig("TankPair")
+    assert [levels_of(tanks, p) for p in ports_of(tanks, laws) if p.kind == "storage"] == [{}, {}]
+    law = next(law for law in laws if law.id == "radiation")
+    taken = [v.name for v in flat.variables]
+    use = use_of(law, port, taken, sizes={"h_n": 301.5, **levels_of(flat, port)}, values={"c": 2e-9})
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+    point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
+    change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
+    assert change == pytest.approx(-2e-9 * (310.0**4 - 295.0**4) / 20, rel=1e-9)
 
 
 def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:
@@ -126,6 +144,69 @@ end Form;
     change = wide(point)["der(v)"] - base(point)["der(v)"]
     factor = {"1 / M": 1 / 2.5, "1": 1.0, "-1 / n": 1 / 3.0}[gain]
     assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
+
+
+def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    """A pendulum on a cart: both equations contain both accelerations. A screw turns an angle into a displacement."""
+    path = tmp_path / "Crane.mo"
+    path.write_text(
+        """model Crane
+  parameter Real M = 2;
+  parameter Real m = 0.3;
+  parameter Real l = 0.4;
+  input Real F(unit = "N");
+  output Real y(unit = "m") = x;
+  output Real a(unit = "rad") = phi;
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+  Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real z(unit = "m", start = 0, fixed = true) "Nut of a screw";
+equation
+  der(x) = v;
+  der(phi) = w;
+  m * l * cos(phi) * der(v) + m * l ^ 2 * der(w) = -m * 9.81 * l * sin(phi);
+  (M + m) * der(v) + m * l * cos(phi) * der(w) = F + m * l * w ^ 2 * sin(phi);
+  der(z) = 0.01 * w;
+end Crane;
+""",
+        encoding="utf-8",
+    )
+    ports = {p.id: p for p in ports_of(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
+    lines = {i: p.place.line if p.place else 0 for i, p in ports.items()}
+    assert lines == {"v": 17, "w": 16}
+    assert all(p.kind == "motion" for p in ports.values())
+    assert ports["w"].signals == {"v": "w", "x": "phi"}
+
+
+def test_states_in_an_array_are_states(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
+    path = tmp_path / "Chain.mo"
+    path.write_text(
+        """model Chain
+  parameter Real k[2] = {3, 5};
+  input Real u;
+  output Real y = x[1];
+  Real x[2](each start = 0, each fixed = true);
+equation
+  der(x[1]) = x[2];
+  der(x[2]) = (u - k[1] * x[1] - 0.1 * x[2]) / k[2];
+end Chain;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Chain", str(path))
+    (port,) = (p for p in ports_of(flat, laws) if p.kind not in ("input", "output"))
+    assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})
+    law = next(law for law in laws if law.id == "viscous_friction")
+    use = use_of(law, port, [v.name for v in flat.variables], values={"d": 0.9})
+    wide_flat = compose_law(flat, use, models)
+    written = write_law([path], "Chain", flat, [use], tmp_path / "out")
+    again = Numbers(explicit(load_flat(written.name, [path, written.path])))
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
+    point = somewhere(base.names(), rng)
+    change = wide(point)["der(x[2])"] - base(point)["der(x[2])"]
+    assert change == pytest.approx(-0.9 * point["x[2]"] / 5)
+    assert again(point) == pytest.approx(wide(point))
 
 
 @pytest.mark.parametrize("model", FOUND)

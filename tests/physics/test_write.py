@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_laws
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import candidates, ports_of
+from aero_bayes.physics.ports import candidates
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 
@@ -106,7 +108,7 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
     assert [line.split()[0] for line in gone] == ["model", "M", "end"]
     assert (
-        '  M * der(v) = F - F_v * v - K * x - coulomb_friction.f "Newton\'s second law" annotation '
+        '  M * der(v) = F - F_v * v - K * x - F_c * tanh(v / 0.00026) "Newton\'s second law" annotation '
         '(Documentation(info = "a balance; of forces"));'
     ) in written.text.splitlines()
     assert '  // the balance of forces; "equation" is only a word here' in written.text
@@ -212,32 +214,162 @@ end Fall;
     assert str(port.place) == "Bench/Rigs/Fall.mo:11"
     uses = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
     written = agree("Bench.Rigs.Fall", [folder], uses, models, tmp_path / "out", rng)
-    assert "  m * der(v) = gain.y - m * Bench.g - quadratic_drag.f;" in written.text
+    assert "  m * der(v) = gain.y - m * Bench.g - c * v * abs(v);" in written.text
     assert "  Bench.Parts.Gain gain(k = 3, u = offset.y);" in written.text
 
 
-def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
+BLOCKS = """package Blocks "Tanks without connectors"
+  partial model Vessel
+    parameter Real A(unit = "m2") = 0.5;
+    input Real q_in(unit = "m3/s");
+    output Real q_out(unit = "m3/s");
+    Real h(unit = "m", start = 1, fixed = true);
+  protected
+    Real q;
+  equation
+    q = q_in - q_out; // net
+    A * der(h) = q_in - q_out;
+  end Vessel;
+
+  model Tank
+    extends Vessel(final A = 0.25, h(start = 2, nominal = 3));
+    parameter Real k = 0.1;
+  equation
+    q_out = k * h;
+  end Tank;
+
+  model Line "Two in a row"
+    input Real u(unit = "m3/s");
+    Tank upper(k = 0.2, q_in = u);
+    Tank lower;
+  equation
+    lower.q_in = upper.q_out;
+  end Line;
+
+  partial model Slow "starts where it stays"
+    input Real u(unit = "m3/s");
+    Real s;
+  equation
+    der(s) = u - s;
+  initial equation
+    s = 0.5;
+  end Slow;
+
+  model Late
+    extends Slow;
+    output Real y = s;
+    annotation (Icon());
+  end Late;
+
+  partial model Bench
+    Line line;
+    input Real u(unit = "m3/s");
+    output Real y(unit = "m") = line.lower.h;
+    Real T(start = 1, fixed = true) "Temperature";
+  equation
+    line.u = u;
+    der(T) = -0.1 * T;
+  end Bench;
+
+  model Rig "The bench"
+    extends Bench(T(start = 4));
+    output Real z = T;
+  end Rig;
+end Blocks;
+"""
+
+
+def test_balances_inside_components_and_of_base_classes(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    """The classes on the way are copied, with their base classes written out; what is not on it stays a reference."""
+    path = tmp_path / "Blocks.mo"
+    path.write_text(BLOCKS, encoding="utf-8")
+    flat = rig("Blocks.Rig", str(path))
+    ports = {p.id: p for p in ports_of(flat, laws)}
+    assert set(ports) == {"u", "y", "z", "T", "line.upper.h", "line.lower.h"}
+    assert ports["line.upper.h"].unit == "m3/s"
+    for ids in (
+        ("root_loss@line.upper.h",), ("overflow@line.upper.h", "linear_loss@line.lower.h"), ("square_loss@T",),
+        ("offset@y", "dead_zone@u"),
+    ):  # fmt: skip
+        written = agree("Blocks.Rig", [path], uses_at(flat, laws, *ids), models, tmp_path / "out", rng)
+        assert "within ;" in written.text
+    assert written.diff.count("extends") == 1
+    late = rig("Blocks.Late", str(path))
+    written_late = agree("Blocks.Late", [path], uses_at(late, laws, "square_loss@s"), models, tmp_path / "out", rng)
+    assert explicit(load_flat(written_late.name, [path, written_late.path])).starts[0].value == 0.5
+    starts = explicit(load_flat(written.name, [path, written.path]))
+    assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
+
+
+def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+    """Nothing is written into the library, and it is still needed to load what was written."""
+    library = tmp_path / "library"
+    library.mkdir()
+    (library / "Shaft.mo").write_text((RIGS / "Shaft.mo").read_text(encoding="utf-8"), encoding="utf-8")
+    own = tmp_path / "Mine.mo"
+    own.write_text("model Mine\n  Shaft.Motor motor(V = 1);\nend Mine;\n", encoding="utf-8")
+    flat = load_flat("Shaft.Motor", [own], [library])
+    for id_, head in (("viscous_friction@load.a", "  extends Shaft.Motor;"), ("dead_zone@V", "  Shaft.Resistor")):
+        uses = uses_at(flat, laws, id_)
+        written = write_law([own], "Shaft.Motor", flat, uses, tmp_path / "out")
+        assert head in written.text
+        again = Numbers(explicit(load_flat(written.name, [own, written.path], [library])))
+        composed = Numbers(explicit(compose_laws(flat, uses, models)))
+        point = somewhere(composed.names(), np.random.default_rng(3))
+        assert again(point) == pytest.approx(composed(point), rel=1e-12)
+    assert [p.name for p in library.iterdir()] == ["Shaft.mo"]
+
+
+def test_components_declared_together_part_where_one_changes(
+    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
     path = tmp_path / "Loose.mo"
     path.write_text(
-        """model Base
+        """model Part
   Real x(start = 0, fixed = true);
 equation
   der(x) = -x;
-end Base;
+end Part;
 
 model Loose
-  extends Base;
-  output Real y = x;
+  Part one, two(x(start = 3)) "both";
+  output Real y = one.x;
 end Loose;
 """,
         encoding="utf-8",
     )
     flat = rig("Loose", str(path))
-    with pytest.raises(InputError, match=r"Loose\.mo:4: the balance of 'x' stands in the class Base"):
-        write_law([path], "Loose", flat, uses_at(flat, laws, "linear_loss@x"), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    uses = uses_at(flat, laws, "square_loss@one.x")
+    written = agree("Loose", [path], uses, models, tmp_path / "out", rng)
+    assert '  Part_one one(square_loss_q = square_loss.q);\n  Part two(x(start = 3)) "both";\n' in written.text
+    both = uses_at(flat, laws, "square_loss@one.x", "offset@two.x")
+    agree("Loose", [path], both, models, tmp_path / "out", rng)
+
+
+def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Branch.mo"
+    path.write_text(
+        """model Branch
+  parameter Boolean quick = true;
+  Real x(start = 1, fixed = true);
+  output Real y = x;
+equation
+  if quick then
+    der(x) = -2 * x;
+  else
+    der(x) = -x;
+  end if;
+end Branch;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Branch", str(path))
+    assert {p.id for p in ports_of(flat, laws)} == {"y"}  # a balance in branches is no port
     with pytest.raises(InputError, match="Nowhere: the class was not found"):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -277,3 +409,14 @@ def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path:
         tree = parser.parse(written.text.replace("within ;\n", ""))
         assert tree is not None
         assert written.name in tree.classes
+
+
+def test_the_library_is_read_by_a_second_reader() -> None:
+    parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")
+    files = sorted((RIGS.parents[2] / "modelica" / "Laws").rglob("*Law.mo"))
+    assert len(files) >= 7
+    for path in [*files, *sorted((RIGS.parents[2] / "modelica" / "Laws" / "Motion").glob("[A-Z]*.mo"))]:
+        text = re.sub(r"^within[^;]*;", "", path.read_text(encoding="utf-8"))
+        tree = parser.parse(text)
+        assert tree is not None, path
+        assert path.stem in tree.classes

@@ -1,41 +1,100 @@
-"""The page in a real browser: no complaint in the console, no request to anywhere, no sideways scrolling on a phone."""
+"""The page in a real browser: silent, asking for nothing, explored by mouse and keys, readable without scripts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from headless_chromium import Browser, find_chromium
-from report_runs import write_run
+from headless_chromium import Browser
 
-from aero_bayes.report import write_report
+from aero_bayes.report import write_comparison
 
-EXECUTABLE = find_chromium()
-pytestmark = pytest.mark.skipif(EXECUTABLE is None, reason="no Chromium or Chrome on the PATH to open the page with")
+#: The figure of the recording ``train``, and of ``unseen`` the opening picture and the figure below.
+STACK, OPENING, BELOW = "look.of('train')[0]", "look.of('unseen')[0]", "look.of('unseen')[1]"
+#: What the tests ask of a page.
+LOOK = """window.look = {
+    of: link => [...document.querySelectorAll('figure[data-link]')].filter(f => f.dataset.link === link),
+    seen: figure => [...figure.querySelectorAll('svg.plot')].find(s => s.getBoundingClientRect().width > 0),
+    box: element => { const r = element.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; },
+    number: text => +text.replace('−', '-'),
+    ticks: figure => [...look.seen(figure).querySelectorAll('.x.axis .tick')].map(t => look.number(t.textContent)),
+    still: figure => !figure.querySelector('canvas') || figure.querySelector('canvas').style.display === 'none',
+    paths: figure => [...look.seen(figure).querySelectorAll('path[data-spec]')],
+    readouts: figure => [...look.seen(figure).querySelectorAll('.readout')].map(r =>
+        [...r.children].map(t => t.textContent)),
+    axis: axis => [...axis.querySelectorAll('.tick')].map(t => ['x', 'y'].map(k => +t.getAttribute(k)).concat(
+        look.number(t.textContent))),
+    inked: (figure, points) => { const c = look.seen(figure).parentNode.querySelector('canvas');
+        const ink = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        const scale = c.width / look.seen(figure).viewBox.baseVal.width;
+        return points.map(p => { const [x, y] = p.map(v => Math.round(v * scale));
+            return [-1, 0, 1].some(i => [-1, 0, 1].some(k => ink[4 * ((y + i) * c.width + x + k) + 3] > 0)); }); },
+    picked: () => [...document.querySelectorAll('.picked')].map(p => p.getAttribute('d').split('M').length - 1),
+}"""
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with Browser(str(EXECUTABLE), tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
+@pytest.fixture(scope="module", params=["loop", "posterior", "compare"])
+def page(request: pytest.FixtureRequest, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if request.param == "compare":
+        return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("page") / "compare.html")
+    return runs / request.param / "report.html"
 
 
-@pytest.fixture(scope="module", params=["posterior", "loop"])
-def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_report(write_run(tmp_path_factory.mktemp(request.param), request.param, rows=1501))
+@pytest.fixture
+def loop(browser: Browser, runs: Path) -> Iterator[Browser]:
+    browser.open(runs / "loop" / "report.html")
+    browser.evaluate(LOOK)
+    yield browser
+    assert browser.complaints() == []
+
+
+def until(browser: Browser, expression: str) -> None:
+    """Wait until an expression holds."""
+    for _ in range(200):
+        if browser.evaluate(f"!!({expression})"):
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"never true: {expression}")
+
+
+def show(browser: Browser, figure: str) -> Callable[[float, float], tuple[float, float]]:
+    """Scroll to a figure; where a share of its drawing's width and height is on the screen."""
+    browser.evaluate(f"{figure}.scrollIntoView({{behavior: 'instant'}})")
+    left, top, width, height = browser.evaluate(f"look.box(look.seen({figure}))")
+    return lambda across, down: (left + across * width, top + down * height)
+
+
+def mouse(browser: Browser, kind: str, at: tuple[float, float], **more: object) -> None:
+    browser.tab("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", **more)
+
+
+def drag(browser: Browser, start: tuple[float, float], stop: tuple[float, float], **more: object) -> None:
+    mouse(browser, "mousePressed", start, buttons=1, clickCount=1, **more)
+    for share in (0.3, 0.7, 1.0):
+        at = start[0] + share * (stop[0] - start[0]), start[1] + share * (stop[1] - start[1])
+        mouse(browser, "mouseMoved", at, buttons=1, **more)
+    mouse(browser, "mouseReleased", stop, clickCount=1, **more)
+
+
+def press(browser: Browser, figure: str, key: str, *, shift: bool = False) -> None:
+    event = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {str(shift).lower()}, bubbles: true}})"
+    browser.evaluate(f"{figure}.focus(); {figure}.dispatchEvent({event})")
 
 
 def test_the_watch_hears_complaints_and_sees_requests(browser: Browser, tmp_path: Path) -> None:
     bad = tmp_path / "bad.html"
-    bad.write_text('<script>console.error("heard")</script><img src="http://127.0.0.1:9/seen.png">', encoding="utf-8")
+    bad.write_text('<script>console.error("heard")</script><img src="http://127.0.0.1:9/seen.png">', "utf-8")
     browser.open(bad)
     assert any("heard" in said for said in browser.complaints())
     assert "http://127.0.0.1:9/seen.png" in browser.requests()
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1280, 820, 390])
 def test_page_is_silent_and_asks_for_nothing(browser: Browser, page: Path, width: int, dark: bool) -> None:
     browser.open(page, width=width, dark=dark)
     assert browser.complaints() == []
@@ -47,14 +106,21 @@ def test_page_is_silent_and_asks_for_nothing(browser: Browser, page: Path, width
     assert (brightness < 128) == dark
 
 
-def test_every_figure_is_visible_in_one_form(browser: Browser, page: Path) -> None:
-    hidden = """[...document.querySelectorAll('figure')].filter(figure => !figure.closest('details')).filter(figure =>
-                [...figure.querySelectorAll('svg')].filter(svg => svg.getBoundingClientRect().height > 20).length !== 1
-             ).length"""
-    for width in (1280, 390):
-        browser.open(page, width=width)
-        assert browser.evaluate("document.querySelectorAll('figure').length") > 10
-        assert browser.evaluate(hidden) == 0
+@pytest.mark.parametrize("scripts", [True, False], ids=["with scripts", "without"])
+def test_every_figure_is_visible_in_one_form(browser: Browser, page: Path, scripts: bool) -> None:
+    hidden = """[...document.querySelectorAll('figure')].filter(figure => !figure.closest('details') &&
+                [...figure.querySelectorAll('svg.plot')].filter(svg =>
+                    svg.getBoundingClientRect().height > 20).length !== 1).length"""
+    browser.tab("Emulation.setScriptExecutionDisabled", value=not scripts)
+    try:
+        for width in (1280, 390):
+            browser.open(page, width=width)
+            assert browser.evaluate("document.querySelectorAll('figure').length") > 1
+            assert browser.evaluate(hidden) == 0
+            assert (browser.evaluate("document.querySelectorAll('.tools').length") > 0) == scripts
+            assert browser.complaints() == []
+    finally:
+        browser.tab("Emulation.setScriptExecutionDisabled", value=False)
 
 
 def test_text_in_figures_stays_readable_on_a_phone(browser: Browser, page: Path) -> None:
@@ -62,4 +128,113 @@ def test_text_in_figures_stays_readable_on_a_phone(browser: Browser, page: Path)
                   svg.getBoundingClientRect().width > 0).map(svg =>
                   11.5 * svg.getBoundingClientRect().width / svg.viewBox.baseVal.width))"""
     browser.open(page, width=390)
-    assert browser.evaluate(smallest) > 9
+    assert browser.evaluate(smallest) > 8.5
+
+
+def test_dragging_zooms_every_panel_of_a_recording_and_reset_brings_the_still_back(loop: Browser) -> None:
+    at = show(loop, STACK)
+    still = loop.evaluate(f"look.axis(look.seen({STACK}).querySelector('.y.axis')).length")
+    drag(loop, at(0.3, 0.3), at(0.4, 0.3))
+    until(loop, f"!look.still({STACK})")
+    first, last = loop.evaluate(f"[look.ticks({STACK})[0], look.ticks({STACK}).at(-1)]")
+    assert 2 < first < last < 5.5
+    assert loop.evaluate(f"look.paths({STACK}).every(p => p.style.display === 'none')")
+    press(loop, STACK, "0")
+    until(loop, f"look.still({STACK})")
+    assert loop.evaluate(f"look.paths({STACK}).every(p => p.style.display === '')")
+    assert still == 0  # drawn by Python until a figure is zoomed
+
+
+def test_figures_of_one_recording_zoom_together(loop: Browser) -> None:
+    show(loop, OPENING)
+    for _ in range(4):
+        press(loop, OPENING, "+")
+    show(loop, BELOW)
+    until(loop, f"!look.still({BELOW})")
+    assert loop.evaluate(f"look.ticks({BELOW}).length") > 1
+    assert loop.evaluate(f"look.ticks({OPENING}).join()") == loop.evaluate(f"look.ticks({BELOW}).join()")
+    assert loop.evaluate(f"look.still({STACK})")
+
+
+def test_values_under_the_cursor_are_those_of_the_series(loop: Browser, runs: Path) -> None:
+    at = show(loop, STACK)
+    mouse(loop, "mouseMoved", at(0.5, 0.5), buttons=0)
+    until(loop, f"look.readouts({STACK})[0].length")
+    texts = loop.evaluate(f"look.readouts({STACK})")
+    moment = float(texts[0][0].removeprefix("t = ").removesuffix(" s"))
+    with np.load(runs / "loop" / "series.npz") as series:
+        near = int(np.argmin(np.abs(series["time/train"] - moment)))
+        found = {group: float(series[f"{group}/train/omega_m"][near]) for group in ("measured", "before", "fitted")}
+        names = [key.rsplit("/", 1)[1] for key in series.files if key.startswith("measured/train/")]
+    panel = texts[1 + 2 * names.index("omega_m")]  # the input, then each output and what is left of it
+    shown = dict(text.replace("−", "-").rsplit(" ", 1) for text in panel)
+    assert float(shown["measured"]) == pytest.approx(found["measured"], rel=6e-4)
+    assert float(shown["before"]) == pytest.approx(found["before"], rel=6e-4)
+    assert float(shown["after"]) == pytest.approx(found["fitted"], rel=6e-4)
+    press(loop, STACK, "ArrowRight", shift=True)
+    until(loop, f"{STACK}.querySelector('.spoken[aria-live]').textContent.includes('measured')")
+
+
+def test_full_resolution_is_reached_by_zooming(loop: Browser, runs: Path) -> None:
+    """Zoomed to a second, every sample of the speed is drawn where the axes say that its value is."""
+    show(loop, STACK)
+    for _ in range(6):
+        press(loop, STACK, "+")
+    until(loop, f"!look.still({STACK})")
+    with np.load(runs / "loop" / "series.npz") as series:
+        time, speed = series["time/train"], series["measured/train/omega_m"]
+        names = [key.rsplit("/", 1)[1] for key in series.files if key.startswith("measured/train/")]
+    axes = f"look.seen({STACK}).querySelectorAll('.y.axis')[{1 + 2 * names.index('omega_m')}]"
+    across = np.array(loop.evaluate(f"look.axis(look.seen({STACK}).querySelector('.x.axis'))"))
+    down = np.array(loop.evaluate(f"look.axis({axes})"))
+    assert np.ptp(across[:, 2]) < 1.5
+    within = (time > across[0, 2]) & (time < across[-1, 2])
+    assert np.count_nonzero(within) > 20
+    x = np.interp(time[within], across[:, 2], across[:, 0])
+    slope = (down[-1, 1] - down[0, 1]) / (down[-1, 2] - down[0, 2])
+    y = down[0, 1] - 4 + slope * (speed[within] - down[0, 2])  # a tick's text stands four pixels below its line
+    points = [*np.column_stack([x, y]).tolist(), [float(across[0, 0]), 2.0]]
+    assert loop.evaluate(f"look.inked({STACK}, {points})") == [True] * len(x) + [False]
+
+
+def test_draws_marked_in_one_cell_are_marked_in_all(browser: Browser, runs: Path) -> None:
+    browser.open(runs / "posterior" / "report.html")
+    browser.evaluate(LOOK)
+    pairs = "document.querySelector('figure.pairs')"
+    until(browser, f"{pairs}.querySelector('.cover')")
+    show(browser, pairs)
+    left, top, width, height = browser.evaluate(f"look.box({pairs}.querySelector('.cover:not([tabindex])'))")
+    drag(browser, (left + 1, top + 1), (left + 0.5 * width, top + height - 1))
+    until(browser, "Math.min(...look.picked()) > 0")
+    marked = int(browser.evaluate(f"{pairs}.querySelector('.brushed').textContent").split()[0])
+    assert all(0.9 * marked <= shown <= marked for shown in browser.evaluate("look.picked()"))
+    slider = f"{pairs}.querySelector('[role=slider]')"
+    press(browser, slider, "Escape")
+    assert browser.evaluate("Math.max(...look.picked())") == 0
+    press(browser, slider, "ArrowRight")
+    press(browser, slider, "ArrowRight")
+    assert browser.evaluate(f"{slider}.getAttribute('aria-valuenow')") == "2"
+    assert browser.complaints() == []
+
+
+def test_everything_that_can_be_used_has_a_name(browser: Browser, page: Path) -> None:
+    """What a screen reader needs: names, a language, tables with captions, no id twice, no positive tabindex."""
+    browser.open(page)
+    nameless = """[...document.querySelectorAll('button, a, summary, [tabindex], [role]')].filter(e =>
+                  !(e.getAttribute('aria-label') || e.textContent).trim()).map(e => e.outerHTML.slice(0, 80))"""
+    assert browser.evaluate(nameless) == []
+    assert browser.evaluate("document.documentElement.lang") == "en"
+    assert browser.evaluate("[...document.querySelectorAll('[tabindex]')].every(e => e.tabIndex <= 0)")
+    assert browser.evaluate("[...document.querySelectorAll('svg')].every(s => s.getAttribute('role') === 'img')")
+
+
+def test_print_shows_the_still_picture_and_no_tools(browser: Browser, runs: Path, tmp_path: Path) -> None:
+    shutil.copy(runs / "loop" / "report.html", tmp_path / "page.html")
+    browser.open(tmp_path / "page.html")
+    shown = "[...document.querySelectorAll('{}')].map(t => getComputedStyle(t).display)"
+    browser.tab("Emulation.setEmulatedMedia", media="print")
+    try:
+        assert set(browser.evaluate(shown.format(".tools, .numbers"))) == {"none"}
+        assert set(browser.evaluate(shown.format(".wide"))) == {"block"}
+    finally:
+        browser.tab("Emulation.setEmulatedMedia", media="")

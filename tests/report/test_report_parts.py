@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import re
+import zlib
+from html import unescape
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from aero_bayes.report import Column, html_table
-from aero_bayes.report.drawing import Line, Panel, draw, nice_ticks
+from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
+from aero_bayes.report.embed import BITS, pack
+from aero_bayes.report.figure import numbers
 from aero_bayes.report.posterior_figures import most_correlated
 from aero_bayes.report.residual_figures import autocorrelation
-from aero_bayes.report.series_figures import input_jumps
 from aero_bayes.report.svg import Canvas
+from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, signed, significant, symbol, tidy
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
@@ -88,14 +93,6 @@ def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
     found = autocorrelation(values)
     # gaps take a tenth of every lag's partners but not of lag 0
     np.testing.assert_allclose(found[1:8] / found[1], 0.8 ** np.arange(7), atol=0.03)
-
-
-def test_input_jumps_are_found_with_the_largest_first() -> None:
-    time = np.arange(100) / 10
-    drive = np.select([time < 3, time < 6], [10.0, -10.0], 0.0)
-    assert input_jumps(time, [drive]) == [(30, 60), (0, 30), (60, 99)]
-    assert input_jumps(time, [np.sin(time)]) == []
-    assert input_jumps(time, [np.zeros(100)]) == []
 
 
 @pytest.mark.parametrize(
@@ -248,3 +245,58 @@ def test_panels_put_values_where_the_axis_says() -> None:
     height_of = {text: float(y) - 4 for x, y, text in labels if float(x) < left}
     assert height_of["1"] == pytest.approx(top, abs=0.1)
     assert height_of["−1"] == pytest.approx(foot, abs=0.1)
+
+
+def unpacked(packed: dict) -> np.ndarray:
+    """A packed series by plain loops."""
+    if packed.get("even"):
+        return np.array([packed["lo"] + packed["step"] * k for k in range(packed["n"])])
+    flat = zlib.decompress(base64.b64decode(packed["d"]))
+    whole, values = 0, []
+    for low, middle, high in zip(*(flat[k * packed["n"] : (k + 1) * packed["n"]] for k in range(3)), strict=True):
+        folded = low + 256 * middle + 65536 * high
+        whole += -(folded + 1) // 2 if folded % 2 else folded // 2
+        values.append(np.nan if whole == 0 else packed["lo"] + (whole - 1) * packed["step"])
+    return np.array(values)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_embedded_series_lose_less_than_a_2_to_the_18th_of_their_range(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.standard_normal(2000) * 10 ** rng.uniform(-6, 6) + rng.standard_normal()
+    values[rng.random(2000) < 0.1] = np.nan
+    packed = pack(values)
+    back = unpacked(packed)
+    assert np.array_equal(np.isnan(back), np.isnan(values))
+    assert np.nanmax(np.abs(back - values)) <= 0.501 * np.ptp(values[np.isfinite(values)]) / 2**BITS
+    assert len(str(packed["d"])) < 4 * 2000
+
+
+def test_even_times_are_only_described_and_constants_survive() -> None:
+    time = np.round(np.arange(0, 30, 0.001), 6)
+    assert "d" not in pack(time)
+    assert unpacked(pack(time)) == pytest.approx(time, abs=1e-6)
+    assert unpacked(pack(np.full(5, 3.25))).tolist() == [3.25] * 5
+    assert np.isnan(unpacked(pack(np.full(4, np.nan)))).all()
+
+
+def test_the_table_beside_a_figure_states_means_and_rms_of_equal_stretches() -> None:
+    x = np.arange(0.0, 12.0, 0.01)
+    curve, left = (
+        Line(x, np.floor(x), "accent", label="level"),
+        Line(x, np.where(x < 6, 3.0, -4.0), "warm", label="left", rms=True),
+    )
+    table = str(numbers([Panel("y (V)", (curve,)), Panel("rest", (left,))], "time (s)", "words"))
+    rows = [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in table.split("<tr>")[2:]]
+    assert len(rows) == 12
+    assert [float(row[1]) for row in rows] == pytest.approx(range(12), abs=0.02)
+    assert [float(row[2]) for row in rows] == pytest.approx([3.0] * 6 + [4.0] * 6, abs=0.05)
+
+
+def test_a_panel_tells_the_script_where_its_data_are() -> None:
+    x = np.linspace(0, 1, 9)
+    source = Source("time/r", ((1, "measured/r/y"), (-1, "fitted/r/y")))
+    svg = draw([Panel("y", (Line(x, x, "accent", label="left", source=source),), factor=1e3)], 300, "words", "x")
+    specs = [json.loads(unescape(text)) for text in re.findall(r'data-spec="([^"]*)"', svg)]
+    assert specs[0]["f"] == 1e3
+    assert specs[1] == {"k": "line", "t": "time/r", "y": [[1, "measured/r/y"], [-1, "fitted/r/y"]], "n": "left"}

@@ -15,7 +15,7 @@ SOURCES = Path(__file__).parent / "fmus"
 
 @dataclass(frozen=True)
 class Scalar:
-    """One variable of a test model: ``derivative_of`` names the state."""
+    """One variable of a test model: ``derivative_of`` names the state, ``depends`` what the model structure says."""
 
     name: str
     reference: int
@@ -25,6 +25,7 @@ class Scalar:
     kind: str = "Real"
     nominal: float | None = None
     calculated: bool = False
+    depends: tuple[str, ...] | None = None
 
 
 def state(name: str, reference: int, start: float, output: bool = True, nominal: float | None = None) -> list[Scalar]:
@@ -76,13 +77,56 @@ MODELS: dict[str, list[Scalar]] = {
         Scalar("power", 17, "output"),
     ],
     "Trouble": [*state("x", 0, 1.0), parameter("mode", 2, 0.0)],
+    "Copies": [
+        *state("_D_outputAlias_h", 0, 0.5, output=False),
+        *state("v_inside", 2, 1.0, output=False),
+        Scalar("h", 4, "output", depends=("_D_outputAlias_h",)),
+        Scalar("v", 5, "output", depends=("v_inside",)),
+        parameter("k", 6, 1.0),
+        Scalar("scaled", 7, "output", depends=("v_inside",)),
+        Scalar("clipped", 8, "output", depends=("v_inside",)),
+        parameter("w", 9, 1.0),
+        Scalar("driven", 10, "output", depends=("_D_outputAlias_h", "u")),
+        Scalar("u", 40, "input", 0.0),
+    ],
+    "Loop": [*state("x", 0, 1.0), Scalar("z", 2, "output"), parameter("a", 3, 0.5), parameter("c", 4, 0.2)],
+    "Circle": [*state("x", 0, 0.1), Scalar("y", 2, "output")],
+    "Wide": [
+        *(
+            Scalar(name, reference, "local", derivative_of=of, start=None if of else 0.0, depends=depends)
+            for name, reference, of, depends in (
+                ("_D_outputAlias_i", 0, None, None),
+                ("der(i)", 1, "_D_outputAlias_i", ("_D_outputAlias_i", "_D_outputAlias_w", "u")),
+                ("_D_outputAlias_w", 2, None, None),
+                ("der(w)", 3, "_D_outputAlias_w", ("_D_outputAlias_i", "_D_outputAlias_w")),
+                ("q", 4, None, None),
+                ("der(q)", 5, "q", ("_D_outputAlias_w", "q", "_D_outputAlias_theta")),
+                ("_D_outputAlias_theta", 6, None, None),
+                ("der(theta)", 7, "_D_outputAlias_theta", ("q",)),
+            )
+        ),
+        *(
+            Scalar(name, 8 + i, "output", depends=(f"_D_outputAlias_{name}",))
+            for i, name in enumerate(("i", "w", "theta"))
+        ),
+        *(
+            parameter(name, 11 + i, value)
+            for i, (name, value) in enumerate(
+                zip("RLKJDGBS", (8.4, 1.16e-3, 0.042, 8.7e-6, 2.4e-8, 8.4e-7, 6e-3, 0.09), strict=True)
+            )
+        ),
+        Scalar("u", 40, "input", 0.0),
+    ],
+    "Stepping": [*state("x", 0, 0.0), parameter("b", 2, 0.0), parameter("ceiling", 3, 10.0)],
 }
-INDICATORS = {"BouncingBall": 1}
+INDICATORS = {"BouncingBall": 1, "Loop": 1}
 
 
-def _variable(scalar: Scalar, index: dict[str, int]) -> str:
+def _variable(scalar: Scalar, index: dict[str, int], fixed: bool) -> str:
     constant = scalar.causality == "parameter"
-    variability = "tunable" if constant else "discrete" if scalar.kind != "Real" else "continuous"
+    variability = (
+        ("fixed" if fixed else "tunable") if constant else "discrete" if scalar.kind != "Real" else "continuous"
+    )
     attributes = ""
     if scalar.start is not None and not scalar.calculated:
         attributes += f' start="{scalar.start!r}"'
@@ -97,20 +141,67 @@ def _variable(scalar: Scalar, index: dict[str, int]) -> str:
     )
 
 
-def description(name: str, model: str, directional: bool, extra: str = "") -> str:
+def description(name: str, model: str, directional: bool, extra: str = "", fixed: bool = False) -> str:
     """The modelDescription.xml of a test model."""
     scalars = MODELS[model]
     index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
-    derivatives = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.derivative_of is not None)
+
+    def unknown(s: Scalar) -> str:
+        known = "" if s.depends is None else f' dependencies="{" ".join(str(index[d]) for d in s.depends)}"'
+        return f'<Unknown index="{index[s.name]}"{known}/>'
+
+    derivatives = "".join(unknown(s) for s in scalars if s.derivative_of is not None)
     derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
-    outputs = "".join(f'<Unknown index="{index[s.name]}"/>' for s in scalars if s.causality == "output")
+    outputs = "".join(unknown(s) for s in scalars if s.causality == "output")
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
         f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '
         f'providesDirectionalDerivative="{str(directional).lower()}"{extra}/>'
-        f"<ModelVariables>{''.join(_variable(s, index) for s in scalars)}</ModelVariables>"
+        f"<ModelVariables>{''.join(_variable(s, index, fixed) for s in scalars)}</ModelVariables>"
         f"<ModelStructure><Outputs>{outputs}</Outputs>{derivatives}</ModelStructure>"
         "</fmiModelDescription>"
+    )
+
+
+_TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+
+
+def description3(name: str, model: str, directional: bool, steps: bool) -> str:
+    """The same for FMI 3.0."""
+    scalars = MODELS[model]
+    reference = {scalar.name: scalar.reference for scalar in scalars}
+
+    def variable(scalar: Scalar) -> str:
+        attributes = f'name="{scalar.name}" valueReference="{scalar.reference}" causality="{scalar.causality}"'
+        if scalar.causality == "parameter":
+            attributes += ' variability="tunable"'
+        elif scalar.start is not None and scalar.causality != "input":
+            attributes += ' initial="exact"'
+        if scalar.start is not None:
+            attributes += f' start="{scalar.start!r}"'
+        if scalar.derivative_of is not None:
+            attributes += f' derivative="{reference[scalar.derivative_of]}"'
+        return f"<{_TYPES[scalar.kind]} {attributes}/>"
+
+    structure = "".join(
+        f'<Output valueReference="{s.reference}"'
+        + ("" if s.depends is None else f' dependencies="{" ".join(str(reference[d]) for d in s.depends)}"')
+        + "/>"
+        for s in scalars
+        if s.causality == "output"
+    )
+    structure += "".join(
+        f'<ContinuousStateDerivative valueReference="{s.reference}"/>' for s in scalars if s.derivative_of is not None
+    )
+    indicator = f'<EventIndicator valueReference="{scalars[0].reference}"/>' * INDICATORS.get(model, 0)
+    kind = "CoSimulation" if steps else "ModelExchange"
+    extra = f' providesDirectionalDerivatives="{str(directional).lower()}" needsCompletedIntegratorStep="true"'
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="{name}" '
+        f'instantiationToken="{name}"><{kind} modelIdentifier="{name}"'
+        + (' canHandleVariableCommunicationStepSize="true"' if steps else extra)
+        + f"/><ModelVariables>{''.join(variable(s) for s in scalars)}</ModelVariables>"
+        f"<ModelStructure>{structure}{indicator}</ModelStructure></fmiModelDescription>"
     )
 
 
@@ -129,9 +220,19 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     flags = ["-O2", "-w", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-D{d}" for d in defines)]
     command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
     subprocess.run(command, check=True, capture_output=True)
+    extra = ' canBeInstantiatedOnlyOncePerProcess="true"' if "ONCE" in defines else ""
     fmu = folder / f"{name}.fmu"
+    steps = "STEPS" in defines
+    if "FMI3" in defines:
+        described, place = description3(name, model, directional, steps), "x86_64-linux"
+    else:
+        described, place = description(name, model, directional, extra, "FIXED" in defines), "linux64"
+        if steps:
+            described = described.replace(
+                "<ModelExchange", '<CoSimulation canHandleVariableCommunicationStepSize="true"'
+            )
     with zipfile.ZipFile(fmu, "w") as archive:
-        archive.writestr("modelDescription.xml", description(name, model, directional))
-        archive.write(library, f"binaries/linux64/{name}.so")
+        archive.writestr("modelDescription.xml", described)
+        archive.write(library, f"binaries/{place}/{name}.so")
         archive.writestr("resources/y.txt", "42.5")
     return fmu

@@ -11,7 +11,7 @@ from fmpy import read_model_description
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import Model
-from aero_bayes.simulation import model as model_module
+from aero_bayes.simulation import archive as archive_module
 
 Edit = Callable[[dict[str, bytes]], None]
 
@@ -55,9 +55,10 @@ def with_member(name: str, data: bytes = b"x") -> Edit:
     [
         (without("modelDescription.xml"), "no modelDescription.xml"),
         (without("binaries"), "binaries/linux64"),
-        (replaced(b'fmiVersion="2.0"', b'fmiVersion="3.0"'), "FMI version 3.0"),
+        (replaced(b'fmiVersion="2.0"', b'fmiVersion="4.0"'), "FMI version 4.0"),
+        (replaced(b'fmiVersion="2.0"', b'fmiVersion="3.0"'), "contradicts FMI 3.0"),
         (replaced(b'fmiVersion="2.0"', b'fmiVersion="1.0"'), "FMI version 1.0"),
-        (replaced(b"<ModelExchange", b"<CoSimulation"), "no Model Exchange"),
+        (replaced(b"<ModelExchange", b"<Simulation"), "neither Model Exchange nor"),
         (replaced(b"</fmiModelDescription>", b""), "not valid XML"),
         (replaced(b"<fmiModelDescription", b"<!DOCTYPE a [<!ENTITY b 'c'>]><fmiModelDescription"), "document type"),
         (replaced(b'<Unknown index="1"/>', b'<Unknown index="99"/>'), "contradicts"),
@@ -100,7 +101,7 @@ def test_truncated_file(test_fmu, tmp_path):
 
 def test_zip_bomb(test_fmu, tmp_path, monkeypatch):
     path = rewrite(test_fmu("Dahlquist").path, tmp_path / "bomb.fmu", with_member("resources/big", bytes(4 << 20)))
-    monkeypatch.setattr(model_module, "MOST_UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr(archive_module, "MOST_UNPACKED_BYTES", 1 << 20)
     with pytest.raises(InputError, match="MiB"):
         Model.load(path)
 

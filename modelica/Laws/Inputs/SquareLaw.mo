@@ -3,7 +3,7 @@ model SquareLaw "Actuator that acts by the square of its input"
   extends Laws.Interfaces.InputLaw;
   parameter Real a(min = -0.5, max = 1.5, nominal = 0.5) = 0 "Share of the square law";
 equation
-  y = u + a * (u * sqrt((u / u_n) ^ 2 + 1e-12) - u);
+  y = u + a * (u * abs(u) / u_n - u);
   annotation (Documentation(info = "<html>
 <p>Between <code>u</code> at zero and <code>u |u| / u_n</code> at one, which are equal at <code>u_n</code>: thrust and drag of propellers and fans, the force of a
 magnet, the flow of a nozzle over its pressure the other way round.</p>

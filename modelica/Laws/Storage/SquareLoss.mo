@@ -2,10 +2,8 @@ within Laws.Storage;
 model SquareLoss "Loss by the square of the level"
   extends Laws.Interfaces.StorageLaw;
   parameter Real c(min = 0, max = 10 * q_n / h_n ^ 2, nominal = 0.1 * q_n / h_n ^ 2) = 0 "Loss at a level of one";
-protected
-  final parameter Real h_smooth = 1e-6 * h_n "Width of the rounding of the absolute value";
 equation
-  q = c * h * sqrt(h ^ 2 + h_smooth ^ 2);
+  q = c * h * abs(h);
   annotation (Documentation(info = "<html>
 <p><code>c h |h|</code>: evaporation from a widening surface, natural convection taken to its next power, turbulent loss over a speed.</p>
 <p>Source: F. P. Incropera et al., Fundamentals of Heat and Mass Transfer (Wiley, 2007), ch. 9.</p>

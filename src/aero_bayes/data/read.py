@@ -101,7 +101,7 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
     with whole_file(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(columns) + "\n")
         for row in np.column_stack(list(columns.values())).tolist():
-            file.write(",".join("" if value != value else f"{value:.17g}" for value in row) + "\n")
+            file.write(",".join("" if value != value else repr(value) for value in row) + "\n")
     return target
 
 

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb, noise_of
-from aero_bayes.estimate.coarse import leading
+from aero_bayes.estimate.coarse import hurried, leading
 from aero_bayes.estimate.delays import best_valleys, delay_columns, scan_delays
+from aero_bayes.estimate.interpolation import LEAST_GAIN, with_lines
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
@@ -230,7 +232,7 @@ class Climber:
     ) -> tuple[FloatArray, pso.SwarmResult]:
         """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
         assert self.settings.swarm is not None
-        cheap = leading(self.objective.calibration, self.objective.simulator, self.settings.samples)
+        cheap = hurried(leading(self.objective.calibration, self.objective.simulator, self.settings.samples))
         limit = self.settings.swarm.iterations
         values = self.objective.parameters.from_search(start)
         with open_simulator(cheap.problem()) as simulator:
@@ -324,3 +326,14 @@ class Climber:
             at[list(free)] = point
             here = self._climb(at, free, here.noise, self.climbing)
         return here
+
+
+def straighter(climber: Climber, here: Optimum, open_simulator: OpenSimulator) -> tuple[Calibration, Optimum] | None:
+    """The calibration with straight lines between the samples of its inputs, if they are the likelier."""
+    lines = with_lines(climber.objective.calibration)
+    if lines is None:
+        return None
+    with open_simulator(lines.problem()) as simulator:
+        other = Climber(Objective(lines, simulator, outcomes=climber.objective.outcomes), climber.settings)
+        found = other.again(here.coordinates, here.free, here.noise)
+    return (lines, found) if found.log_likelihood > here.log_likelihood + LEAST_GAIN else None

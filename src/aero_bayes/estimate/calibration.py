@@ -44,6 +44,9 @@ class CalibrationSettings:
         Readings of an output that a recording keeps; beyond it every n-th is kept.
     standing : bool
         Whether every reading of a count that stands still counts; a comparison of models takes few of them.
+    interpolation : {"auto", "hold", "linear"}
+        Whether an input holds from its sample to the next; ``auto`` lets the fit decide where it changes at most
+        samples (see :mod:`aero_bayes.estimate.interpolation`).
     solver : SolverSettings
     """
 
@@ -54,6 +57,7 @@ class CalibrationSettings:
     resting: tuple[str, ...] | None = None
     most_readings: int | None = None
     standing: bool = True
+    interpolation: Literal["auto", "hold", "linear"] = "hold"
     solver: SolverSettings = field(default_factory=SolverSettings)
 
 
@@ -78,6 +82,8 @@ class Calibration:
         Where the experiments came from (empty if they were given directly).
     floors : mapping of str to float
         Least standard deviation of the noise by output, where a sensor counts.
+    interpolation : {"hold", "linear"}
+        What inputs do between their samples.
     """
 
     model: Model
@@ -89,6 +95,7 @@ class Calibration:
     solver: SolverSettings = field(default_factory=SolverSettings)
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
+    interpolation: Literal["hold", "linear"] = "hold"
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -193,17 +200,25 @@ def calibrate(
         if settings.most_readings is not None:
             experiment = thin(experiment, settings.most_readings)
         experiments.append(replace(experiment, start=start))
-    return Calibration(
+    # What the caller searches as a parameter of his own is no nuisance beside it.
+    taken = {(p.target, p.recording) for p in parameters}
+    new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
+    made = Calibration(
         model,
         tuple(experiments),
         tuple(recording.name for recording in recordings),
-        parameters.extended(nuisances),
+        parameters.extended(new),
         dict(fixed or {}),
         noise or NoiseModel(),
         settings.solver,
         tuple(recordings),
         floors,
     )
+    if settings.interpolation == "linear":
+        from aero_bayes.estimate.interpolation import with_lines
+
+        return with_lines(made) or made
+    return made
 
 
 def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:

@@ -14,13 +14,13 @@ FloatArray = NDArray[np.float64]
 
 #: Error of an output at the start, as a share of its range, up to which averaged inputs are good enough.
 CLOSE = 0.05
-#: Samples of a stretch that is taken in full where averaged inputs are not, as a multiple of the samples asked for.
-STRETCH = 3
+#: Changes of the input in a stretch that is taken in full where averages will not do, per sample asked for.
+STRETCH = 2
 #: Steps a sample, and tolerance, of a simulation that only leads the way.
-STEPS, TOLERANCE = 10, 1e-4
+STEPS, FEWEST, TOLERANCE = 10, 5000, 1e-4
 
 
-def leading(calibration: Calibration, simulator: Simulator, samples: int) -> Calibration:
+def leading(calibration: Calibration, simulator: Simulator, samples: int, close: float = CLOSE) -> Calibration:
     """The calibration on about ``samples`` samples a recording, whose simulations cost as little.
 
     An input that changes at every sample makes an engine restart there however few outputs are asked for: it is
@@ -32,17 +32,26 @@ def leading(calibration: Calibration, simulator: Simulator, samples: int) -> Cal
     simulator : Simulator
         Of the calibration's problem.
     samples : int
+    close : float
+        Error of an output at the start, as a share of its range, that averages may make.
     """
-    # A search of the whole box meets models that are far too fast: each is given up after a few steps a sample.
-    hurried = replace(calibration.solver, max_steps=STEPS * STRETCH * samples, relative_tolerance=TOLERANCE)
-    calibration = replace(calibration, solver=hurried)
     thinned = calibration.thinned(samples)
     if max(s.time.size for e in calibration.experiments for s in e.inputs or (_STILL,)) <= 2 * samples:
         return thinned
     averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
-    if _close(calibration, simulator, averaged):
+    if _close(calibration, simulator, averaged, close):
         return averaged
-    return replace(calibration, experiments=tuple(_beginning(e, STRETCH * samples) for e in calibration.experiments))
+    changes = STRETCH * samples
+    return replace(
+        calibration, experiments=tuple(thin(_beginning(e, changes), changes) for e in calibration.experiments)
+    )
+
+
+def hurried(calibration: Calibration) -> Calibration:
+    """The calibration with little patience: a search of the whole box meets models that are far too fast."""
+    samples = max(e.time.size for e in calibration.experiments)
+    solver = replace(calibration.solver, max_steps=max(STEPS * samples, FEWEST), relative_tolerance=TOLERANCE)
+    return replace(calibration, solver=solver)
 
 
 _STILL = InputSignal("", np.zeros(1), np.zeros(1))
@@ -54,12 +63,16 @@ def _averaged(experiment: Experiment, samples: int) -> Experiment:
 
 def _blocks(signal: InputSignal, samples: int) -> InputSignal:
     """A held input by its averages over blocks of equal length."""
-    if signal.interpolation != "hold" or signal.time.size <= 2 * samples:
+    if signal.time.size <= 2 * samples:
         return signal
-    start, stop = signal.time[1], signal.time[-1]
+    held = signal.interpolation == "hold"
+    start, stop = signal.time[1 if held else 0], signal.time[-1]
     edges = np.linspace(start, stop, samples + 1)
-    area = np.concatenate(([0.0], np.cumsum(signal.values[:-1] * np.diff(signal.time))))
+    heights = signal.values[:-1] if held else 0.5 * (signal.values[:-1] + signal.values[1:])
+    area = np.concatenate(([0.0], np.cumsum(heights * np.diff(signal.time))))
     means = np.diff(np.interp(edges, signal.time, area)) / np.diff(edges)
+    if not held:
+        return replace(signal, time=0.5 * (edges[1:] + edges[:-1]), values=means)
     return replace(
         signal,
         time=np.concatenate(([signal.time[0]], edges)),
@@ -67,7 +80,7 @@ def _blocks(signal: InputSignal, samples: int) -> InputSignal:
     )
 
 
-def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration) -> bool:
+def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration, close: float) -> bool:
     from aero_bayes.simulation import open_simulator
 
     start = calibration.parameters.start[np.newaxis]
@@ -79,18 +92,21 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
     for full, part, e, c in zip(whole.outputs, few.outputs, calibration.experiments, averaged.experiments, strict=True):
         rows = np.searchsorted(e.time, c.time)
         error = np.sqrt(np.mean((full[0, rows] - part[0]) ** 2, axis=0))
-        if np.any(error > CLOSE * np.maximum(np.ptp(full[0], axis=0), 1e-300)):
+        if np.any(error > close * np.maximum(np.ptp(full[0], axis=0), 1e-300)):
             return False
     return True
 
 
-def _beginning(experiment: Experiment, samples: int) -> Experiment:
-    if experiment.time.size <= samples:
+def _beginning(experiment: Experiment, changes: int) -> Experiment:
+    """The experiment until its inputs have changed so many times."""
+    ends = [s.time[changes] for s in experiment.inputs if s.time.size > changes]
+    if not ends:
         return experiment
-    stop = experiment.time[samples - 1]
-    inputs = tuple(
-        replace(s, time=s.time[: (n := int(np.searchsorted(s.time, stop, side="right")))], values=s.values[:n])
-        for s in experiment.inputs
-    )
-    measured = experiment.measured[:samples] if experiment.measured is not None else None
-    return thin(replace(experiment, time=experiment.time[:samples], measured=measured, inputs=inputs), samples)
+    rows = max(int(np.searchsorted(experiment.time, min(ends))), 2)
+    last = float(experiment.time[rows - 1])
+    inputs = []
+    for s in experiment.inputs:
+        count = max(int(np.searchsorted(s.time, last, side="right")), 1)
+        inputs.append(replace(s, time=s.time[:count], values=s.values[:count]))
+    measured = experiment.measured[:rows] if experiment.measured is not None else None
+    return replace(experiment, time=experiment.time[:rows], measured=measured, inputs=tuple(inputs))

@@ -16,7 +16,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.aero import aero_overrides
-from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, OpenSimulator, Progress
+from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, OpenSimulator, Progress, straighter
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
@@ -225,6 +225,15 @@ def fit_calibration(
         climber = Climber(Objective(calibration, simulator), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.to_optimum(free, open_simulator, rng)
+        lines = (
+            straighter(climber, ascent.optimum, open_simulator)
+            if settings.calibration.interpolation == "auto"
+            else None
+        )
+        if lines is not None:
+            simulator = stack.enter_context(open_simulator(lines[0].problem()))
+            climber = Climber(Objective(lines[0], simulator, outcomes=climber.objective.outcomes), settings.ascent)
+            ascent = replace(ascent, optimum=climber.again(lines[1].coordinates, free, lines[1].noise))
         wider = _free_what_shows(climber, ascent.optimum)
         if wider != free:
             optimum = climber.again(ascent.optimum.coordinates, wider, ascent.optimum.noise)
@@ -276,6 +285,8 @@ def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: fl
     _, here = judge(objective, replace(here, coordinates=point), sampled)
     verdict = _with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
+    rest = [j for j in range(len(values)) if j not in sampled]
+    values[rest] = calibration.parameters.start[rest]
     fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
     spread = spread_of(objective.series, here, part.prior_sd())
     hessian = here.whitened.slopes @ here.whitened.slopes.T

@@ -16,6 +16,8 @@ from aero_bayes.simulation.interface import ParameterTarget, Target
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
+#: How far a parameter that nobody bounded may lie from its start, as a factor.
+WIDE = 1e3
 Scale = Literal["log", "linear"]
 
 
@@ -245,12 +247,13 @@ def parameters_from_model(
             raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
         variable, override = known[name], overrides.get(name, Override())
         start = _first(override.start, variable.start, variable.nominal)
-        lower = _first(override.lower, variable.minimum)
-        upper = _first(override.upper, variable.maximum)
-        if start is None or lower is None or upper is None or not (math.isfinite(lower) and math.isfinite(upper)):
+        if start is None:
             raise InputError(
-                f"{name}: a start and finite bounds are needed to search it; the model does not state them"
+                f"{name}: the model gives it no value to start a search from; [parameters.{name}] value can"
             )
+        lower, upper = _bounds(
+            start, _first(override.lower, variable.minimum), _first(override.upper, variable.maximum), variable.nominal
+        )
         if override.prior is not None and override.lower is None and override.upper is None:
             lower, upper = max(lower, override.prior.lower), min(upper, override.prior.upper)
         scale = override.scale or ("log" if lower > 0.0 else "linear")
@@ -262,6 +265,21 @@ def parameters_from_model(
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))
+
+
+def _bounds(start: float, lower: float | None, upper: float | None, nominal: float | None) -> tuple[float, float]:
+    """Bounds as given; where there is none, far from the start, without a change of sign."""
+    low = lower if lower is not None and math.isfinite(lower) else None
+    high = upper if upper is not None and math.isfinite(upper) else None
+    if start > 0.0 and (low is None or low == 0.0):
+        low = start / WIDE
+    if start < 0.0 and (high is None or high == 0.0):
+        high = start / WIDE
+    size = abs(start) or abs(nominal or 0.0) or 1.0
+    return (
+        low if low is not None else start - WIDE * size,
+        high if high is not None else start + (WIDE - 1.0) * size,
+    )
 
 
 def _first(*values: float | None) -> float | None:

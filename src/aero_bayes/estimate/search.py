@@ -197,7 +197,9 @@ def _promise(here: Ground, step: FloatArray) -> float:
 
 def _flat(here: Ground, newton: FloatArray, point: FloatArray, settings: LocalSettings) -> Stop | None:
     """Whether even the best step is not worth taking."""
-    if _promise(here, newton) <= max(settings.tolerance, settings.relative_tolerance * abs(here.cost)):
+    # A decrease below the cost's own rounding can be promised, but not seen.
+    relative = max(settings.relative_tolerance, float(np.finfo(np.float64).eps))
+    if _promise(here, newton) <= max(settings.tolerance, relative * abs(here.cost)):
         return Stop.CONVERGED
     if np.all(np.abs(newton) <= settings.step_tolerance * (np.abs(point) + settings.step_tolerance)):
         return Stop.SMALL_STEP

@@ -79,8 +79,11 @@ def start_parameters(
 
 def state_of(model: Model, output: str) -> Variable | None:
     """The state that an output is an alias of, if it is one."""
-    reference = next(v.value_reference for v in model.outputs if v.name == output)
-    return next((s for s in model.states if s.value_reference == reference or s.name == output), None)
+    own = next((s for s in model.states if s.name == output), None)
+    if own is not None:
+        return own
+    index = model.copied_state(output)
+    return None if index is None else model.states[index]
 
 
 def _start(name: str, state: Variable, expected: float, spread: float, index: int, suffix: str) -> Parameter:

@@ -1,4 +1,4 @@
-"""Modelica source to FMU: OpenModelica where it is installed, else the embedded exporter.
+"""Modelica source to FMU: the embedded exporter, and OpenModelica for what it refuses.
 
 >>> from pathlib import Path
 >>> from aero_bayes.export import export_fmu
@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -50,12 +50,40 @@ __all__ = [
     "effect_of",
     "export_flat",
     "export_fmu",
+    "first_compiler",
     "load_flat",
     "modelica_root",
     "write_extension",
     "write_probes",
     "write_screening",
 ]
+
+
+def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
+    """What the first compiler makes that does not refuse: for ``auto`` the embedded one, then ``omc`` if it is there.
+
+    Parameters
+    ----------
+    compiler : {"auto", "omc", "embedded"}
+    attempt : callable
+        Given one of the last two, returns the FMU or raises InputError.
+
+    Raises
+    ------
+    InputError
+        Where all refuse, with the reason of each.
+    """
+    if compiler != "auto":
+        return attempt(compiler)
+    try:
+        return attempt("embedded")
+    except InputError as refusal:
+        if shutil.which("omc") is None:
+            raise
+        try:
+            return attempt("omc")
+        except InputError as other:
+            raise InputError(f"{refusal}; and OpenModelica: {other}") from None
 
 
 def export_fmu(
@@ -75,7 +103,8 @@ def export_fmu(
     out : Path
         The FMU to write; it appears whole or not at all.
     compiler : {"auto", "omc", "embedded"}
-        ``auto``: ``omc`` where it is on the PATH, else the embedded exporter.
+        ``auto``: the embedded exporter, whose FMUs are several times faster and take a second; where it refuses the
+        model and ``omc`` is on the PATH, that.
     sources : sequence of Path
         Further ``.mo`` files or package folders, loaded beside ``Aero``.
     libraries : sequence of Path
@@ -93,11 +122,15 @@ def export_fmu(
         For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
     """
     out = Path(out)
-    if compiler == "omc" or (compiler == "auto" and shutil.which("omc") is not None):
+    if compiler == "auto":
+        return first_compiler(
+            compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
+        )
+    if compiler == "omc":
         from aero_bayes.export.openmodelica import export_openmodelica
 
         return export_openmodelica(model, out, sources, libraries)
-    if compiler not in ("auto", "embedded"):
+    if compiler != "embedded":
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
     from aero_bayes.export.embedded import export_embedded
 

@@ -1,11 +1,13 @@
 """Export by OpenModelica's compiler ``omc``.
 
 Its default co-simulation solver is forward Euler, which the stiff motor circuit makes unstable, and it emits no
-directional derivatives unless asked: hence the flags.
+directional derivatives unless asked: hence the flags. Where the code of the derivatives does not compile (functions
+with algorithms), the FMU is built without them.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import zipfile
@@ -23,8 +25,10 @@ from aero_bayes.export.library import (
 )
 from aero_bayes.scratch import ScratchFolder
 
-FLAGS = "-d=-disableDirectionalDerivatives --fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
+FLAGS = "--fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
+DERIVATIVES = "-d=-disableDirectionalDerivatives "
 TIME_LIMIT = 600.0
+C_ERROR = re.compile(r":\d+(?::\d+)?: (?:fatal )?error: (?P<message>[^\n]+)")
 
 
 def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> Path:
@@ -45,16 +49,12 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), lib
         packages = needed_libraries(model, staged, library_roots(libraries)) if libraries else {}
         files = [str(p / "package.mo" if p.is_dir() else p) for p in packages.values()]
         files += [f.relative_to(folder).as_posix() for f in staged]
-        (folder / "export.mos").write_text(script(model, files), encoding="utf-8")
-        try:
-            done = subprocess.run(
-                [compiler, "export.mos"], cwd=folder, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
-            )
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{model}: omc did not finish within {TIME_LIMIT:g} s") from None
         made = folder / f"{identifier(model)}.fmu"
+        text = _run(compiler, folder, model, script(model, files, DERIVATIVES + FLAGS))
+        if not made.is_file() and C_ERROR.search(text):
+            text = _run(compiler, folder, model, script(model, files, FLAGS))
         if not made.is_file():
-            raise InputError(f"{model}: omc: {first_error(done.stdout + done.stderr)}")
+            raise InputError(f"{model}: omc: {first_error(text)}")
         try:
             with zipfile.ZipFile(made) as archive:
                 members = {n: archive.read(n) for n in archive.namelist() if not n.endswith("/")}
@@ -64,9 +64,21 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), lib
     return out
 
 
-def script(model: str, files: Sequence[str]) -> str:
+def _run(compiler: str, folder: Path, model: str, lines: str) -> str:
+    """What omc prints."""
+    (folder / "export.mos").write_text(lines, encoding="utf-8")
+    try:
+        done = subprocess.run(
+            [compiler, "export.mos"], cwd=folder, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{model}: omc did not finish within {TIME_LIMIT:g} s") from None
+    return done.stdout + done.stderr
+
+
+def script(model: str, files: Sequence[str], flags: str = DERIVATIVES + FLAGS) -> str:
     """The ``.mos`` script: load the files in order, build the FMU, print what went wrong."""
-    lines = [f'setCommandLineOptions("{FLAGS}");', "getErrorString();"]
+    lines = [f'setCommandLineOptions("{flags}");', "getErrorString();"]
     for file in files:
         lines += [f'loadFile("{file}");', "getErrorString();"]
     lines += [
@@ -77,7 +89,9 @@ def script(model: str, files: Sequence[str]) -> str:
 
 
 def first_error(text: str) -> str:
-    """The first error line of omc's output, without its location in the temporary folder."""
+    """The first error line of omc's output, or of the C compiler that it calls, without its temporary folder."""
+    if found := C_ERROR.search(text):
+        return f"the C compiler: {found['message'].strip()}"
     for line in text.splitlines():
         _, mark, message = line.partition("Error:")
         if mark:

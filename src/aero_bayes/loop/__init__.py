@@ -1,9 +1,9 @@
 """From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge."""
 
 from aero_bayes.estimate.climb import ClimbSettings
-from aero_bayes.loop.attribute import AttributeSettings
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import FoundEffect, LoopResult, NewParameter
+from aero_bayes.loop.settings import AttributeSettings
 
 __all__ = [
     "AttributeSettings",

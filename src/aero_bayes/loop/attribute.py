@@ -8,72 +8,71 @@ of the best are equivalent on this data.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.loop.stand import Held, Stand, Stands
 from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class AttributeSettings:
-    """When an effect has earned its place.
-
-    ``margin`` is the log-evidence asked for beyond the logarithm of the number of candidates; ``equivalence`` is the
-    difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
-    how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
-    log-likelihood of ``promise``.
-    """
-
-    margin: float = 4.0
-    equivalence: float = 4.6
-    starts: int = 2
-    promise: float = 2.0
-    max_effects: int = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
     """A candidate beside those already chosen: its refit and its gain in log-evidence over the model without it.
 
-    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit.
+    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. ``odds``
+    is its probability among all that the round tried, nothing, and what was not tried.
     """
 
     candidate: Candidate
-    refit: Optimum | None
+    held: Held | None
     gain: float
     promise: float = 0.0
+    odds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round of the search: the candidates, best first, and what was made of them."""
+    """One round of the search: the candidates, best first, and what was made of them.
+
+    ``nothing`` and ``untried`` are the odds of no effect and of one that no candidate is.
+    """
 
     number: int
-    base: Optimum
+    base: Held
     scores: tuple[Scored, ...]
     threshold: float
     chosen: Scored | None
     equivalent: tuple[str, ...]
     why: str
+    nothing: float = 0.0
+    untried: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The effects that earned their place, in the order of their evidence, and how they were found."""
+    """The effects that earned their place, in the order in which they were found, and how they were."""
 
-    effects: tuple[Candidate, ...]
-    refit: Optimum
-    base: Optimum
+    held: Held
+    base: Held
     rounds: tuple[Round, ...]
     equivalent: tuple[tuple[str, ...], ...]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        return self.held.effects
+
+
+#: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
+#: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
+UNTRIED, TEMPER = 0.02, 0.5
 
 
 def threshold(candidates: int, settings: AttributeSettings) -> float:
@@ -81,13 +80,25 @@ def threshold(candidates: int, settings: AttributeSettings) -> float:
     return math.log(max(candidates, 1)) + settings.margin
 
 
-def starting_points(study: Objective, base: Optimum, candidate: Candidate) -> list[tuple[float, FloatArray]]:
+def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, float]:
+    """Scores with their odds, then the odds of nothing and of what was not tried; they add up to one."""
+    if not scores:
+        return (), 1.0 - UNTRIED, UNTRIED
+    prior = math.log(0.5 / len(scores))
+    logs = np.array([math.log(0.5), *(prior + TEMPER * s.gain if math.isfinite(s.gain) else -np.inf for s in scores)])
+    logs -= logs.max()
+    shares = np.exp(logs) / np.exp(logs).sum() * (1.0 - UNTRIED)
+    return tuple(replace(s, odds=float(p)) for s, p in zip(scores, shares[1:], strict=True)), float(shares[0]), UNTRIED
+
+
+def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[tuple[float, FloatArray]]:
     """Starting coordinates of a candidate, best first, each with the gain in log-likelihood that it promises.
 
     One plain simulation a start. What it changes in the outputs, after the other parameters have readjusted along
     their own sensitivities, is a direction in the space of residuals; how far to go along it and what that gains under
     the present noise follow in closed form.
     """
+    study = stand.study
     parameters = study.parameters
     columns = list(candidate.columns)
     low, high = parameters.box
@@ -121,116 +132,172 @@ def starting_points(study: Objective, base: Optimum, candidate: Candidate) -> li
     return sorted(points, key=lambda point: -point[0])
 
 
-def score(
-    study: Objective, base: Optimum, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings
-) -> Scored:
+def score(base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings) -> Scored:
     """Refit the model with one more effect, from the most promising of its starts.
 
     A candidate that promises almost nothing at any start is not refitted.
     """
-    free = base.free + candidate.columns
-    points = starting_points(study, base, candidate)
+    points = starting_points(base.stand, base.optimum, candidate)
     if not points or points[0][0] < settings.promise:
         return Scored(candidate, None, min(points[0][0], 0.0) if points else -math.inf, points[0][0] if points else 0.0)
-    best: Optimum | None = None
+    effects = (*base.effects, candidate.id)
+    best: Held | None = None
     for promise, start in points[: settings.starts]:
         if best is not None and promise < 0.3 * points[0][0]:
             break
         try:
-            found = climb(study, start, free, noise=base.noise, settings=fit)
+            found = climb(base.stand.study, start, base.stand.free(effects), noise=base.optimum.noise, settings=fit)
         except CannotFinishError:
             continue
         if best is None or found.log_evidence > best.log_evidence:
-            best = found
+            best = Held(base.stand, effects, found)
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), points[0][0])
 
 
-def search_round(
-    study: Objective,
-    base: Optimum,
-    candidates: Sequence[Candidate],
-    number: int,
-    settings: AttributeSettings,
-    fit: ClimbSettings,
-) -> Round:
-    """Score all candidates beside what the model has already."""
-    scores = sorted((score(study, base, candidate, settings, fit) for candidate in candidates), key=lambda s: -s.gain)
-    bar = threshold(len(candidates), settings)
-    best = scores[0] if scores else None
-    if best is None or best.refit is None or best.gain < bar:
-        name = f"the best, {best.candidate.id}, gains {best.gain:.1f}" if best is not None else "there is none"
-        return Round(
-            number, base, tuple(scores), bar, None, (), f"no candidate gains {bar:.1f} in log-evidence: {name}"
-        )
-    equal = tuple(s.candidate.id for s in scores if s.gain >= best.gain - settings.equivalence and s.gain >= bar)
-    why = f"{best.candidate.id} gains {best.gain:.1f} in log-evidence (needed {bar:.1f})"
-    if len(equal) > 1:
-        why += f"; {', '.join(equal[1:])} within {settings.equivalence:g} of it"
-    return Round(number, base, tuple(scores), bar, best, equal, why)
+class Search:
+    """Forward selection, pairs where nothing alone pays, then drop and swap."""
 
+    def __init__(
+        self, stands: Stands, groups: Sequence[Sequence[str]], settings: AttributeSettings, fit: ClimbSettings
+    ) -> None:
+        self.stands, self.groups, self.settings, self.fit = stands, groups, settings, fit
+        self.rounds: list[Round] = []
 
-def select(
-    study: Objective,
-    base: Optimum,
-    candidates: Sequence[Candidate],
-    settings: AttributeSettings,
-    fit: ClimbSettings,
-    told: Callable[[str, float], None] | None = None,
-) -> Selection:
-    """Forward selection, one effect a round; at the end drop and swap over the whole list.
+    def moved(self, held: Held, extra: Collection[str]) -> Held:
+        """The same fit on a stand that has further candidates."""
+        stand = self.stands.of((*held.effects, *extra))
+        if stand is held.stand:
+            return held
+        return stand.fit(held.values, held.effects, held.optimum.noise, self.fit)
 
-    A first effect may explain only half of what is missing, so that a wrong one can win the first round.
-    """
-    told = told or (lambda text, share: None)
-    rounds: list[Round] = []
-    chosen: list[Candidate] = []
-    current = base
-    bar = threshold(len(candidates), settings)
-    for number in range(1, settings.max_effects + 1):
-        told(f"round {number}", (number - 1) / (settings.max_effects + 1))
-        rest = [c for c in candidates if c not in chosen]
-        found = search_round(study, current, rest, number, settings, fit)
-        rounds.append(found)
-        if found.chosen is None or found.chosen.refit is None:
-            break
-        chosen.append(found.chosen.candidate)
-        current = found.chosen.refit
-    equivalent: list[tuple[str, ...]] = [found.equivalent for found in rounds if found.chosen is not None]
-    if len(chosen) > 1:
-        told("drop and swap", settings.max_effects / (settings.max_effects + 1))
-        for _ in range(2):
-            changed = False
-            equivalent = []
-            for effect in list(chosen):
-                others = [c for c in chosen if c is not effect]
-                without = _without(study, current, effect, fit)
-                if current.log_evidence - without.log_evidence < bar:
-                    chosen, current, changed = others, without, True
+    def scored(self, base: Held, ids: Collection[str]) -> list[Scored]:
+        """Candidates beside what the model has, each group on its own stand; best first."""
+        scores: list[Scored] = []
+        for group in self.groups:
+            own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
+            if own:
+                try:
+                    here = self.moved(base, group)
+                except CannotFinishError:
+                    # A law that is off can still be too stiff for this recording: it is not tried.
                     continue
-                rest = [c for c in candidates if c not in others]
-                found = search_round(study, without, rest, len(rounds) + 1, settings, fit)
-                best = found.scores[0]
-                if best.refit is not None and best.refit.log_evidence > current.log_evidence + 0.1:
-                    changed = changed or best.candidate is not effect
-                    chosen = [*others, best.candidate]
-                    current = best.refit
-                    rounds.append(found)
-                same = tuple(
-                    s.candidate.id
-                    for s in found.scores
-                    if s.refit is not None and s.refit.log_evidence > current.log_evidence - settings.equivalence
-                )
-                equivalent.append(same)
+                scores += [score(here, here.stand.candidates[id_], self.settings, self.fit) for id_ in own]
+        return sorted(scores, key=lambda s: -s.gain)
+
+    def round(self, base: Held, ids: Collection[str], *, pairs: bool) -> Round:
+        """Score candidates; the best is chosen if it has earned its place."""
+        scores, nothing, untried = with_odds(self.scored(base, ids))
+        bar = threshold(len(scores), self.settings)
+        number = len(self.rounds) + 1
+        best = scores[0] if scores else None
+        if best is None or best.held is None or best.gain < bar:
+            name = f"the best, {best.candidate.id}, gains {best.gain:.1f}" if best is not None else "there is none"
+            why = f"no candidate gains {bar:.1f} in log-evidence: {name}"
+            found = Round(number, base, scores, bar, None, (), why, nothing, untried)
+            return self._pair(base, found) if pairs else found
+        equal = tuple(
+            s.candidate.id for s in scores if s.gain >= best.gain - self.settings.equivalence and s.gain >= bar
+        )
+        why = f"{best.candidate.id} gains {best.gain:.1f} in log-evidence (needed {bar:.1f})"
+        if len(equal) > 1:
+            why += f"; {', '.join(equal[1:])} within {self.settings.equivalence:g} of it"
+        return Round(number, base, scores, bar, best, equal, why, nothing, untried)
+
+    def _pair(self, base: Held, alone: Round) -> Round:
+        """Nothing alone pays: the most promising two by two, at the price of so many pairs."""
+        count = len(alone.scores)
+        likely = sorted((s for s in alone.scores if s.held is not None), key=lambda s: -s.gain)[: self.settings.pairs]
+        bar = math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
+        best: Scored | None = None
+        for k, first in enumerate(likely):
+            for second in likely[k + 1 :]:
+                if first.candidate.id == second.candidate.id or first.held is None:
+                    continue
+                here = self.moved(first.held, [second.candidate.id])
+                both = score(here, here.stand.candidates[second.candidate.id], self.settings, self.fit)
+                if both.held is not None:
+                    gain = both.held.log_evidence - base.log_evidence
+                    if best is None or gain > best.gain:
+                        best = replace(both, gain=gain)
+        if best is None or best.held is None or best.gain < bar:
+            return alone
+        names = " and ".join(best.held.effects[len(base.effects) :])
+        why = f"{alone.why}; together {names} gain {best.gain:.1f} (needed {bar:.1f})"
+        return replace(alone, threshold=bar, chosen=best, equivalent=(), why=why)
+
+    def select(
+        self, base: Held, ids: Sequence[str], structured: Callable[[Held], bool], told: Callable[[str, float], None]
+    ) -> Selection:
+        """One effect a round; at the end drop and swap over the whole list.
+
+        A first effect may explain only half of what is missing, so that a wrong one can win the first round.
+        ``structured`` says whether a fit leaves structure, in which case pairs are tried.
+        """
+        current = base
+        while len(current.effects) < self.settings.max_effects:
+            told(f"round {len(self.rounds) + 1}", len(self.rounds) / (self.settings.max_effects + 1))
+            room = self.settings.max_effects - len(current.effects) > 1
+            found = self.round(current, ids, pairs=room and structured(current))
+            self.rounds.append(found)
+            if found.chosen is None or found.chosen.held is None:
+                break
+            current = found.chosen.held
+        equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
+        if len(current.effects) > 1:
+            told("drop and swap", self.settings.max_effects / (self.settings.max_effects + 1))
+            current, equivalent = self._swapped(base, current, ids)
+        return Selection(current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1))
+
+    def _swapped(self, base: Held, current: Held, ids: Sequence[str]) -> tuple[Held, list[tuple[str, ...]]]:
+        """Each effect in turn is dropped if it has not earned its place, or swapped for what explains more."""
+        equivalent: list[tuple[str, ...]] = []
+        for _ in range(2):
+            changed, equivalent = False, []
+            for effect in current.effects:
+                if effect not in current.effects:
+                    continue
+                without = self.without(base, current, effect)
+                bar = threshold(len(ids), self.settings)
+                if current.log_evidence - without.log_evidence < bar:
+                    current, changed = without, True
+                    continue
+                near = self._worth(without, current, ids)
+                found = self.round(without, near, pairs=False)
+                best = found.scores[0] if found.scores else None
+                if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + 0.1:
+                    changed = changed or best.candidate.id != effect
+                    current = best.held
+                    self.rounds.append(found)
+                equivalent.append(
+                    tuple(
+                        s.candidate.id for s in found.scores
+                        if s.held is not None
+                        and s.held.log_evidence > current.log_evidence - self.settings.equivalence
+                    )
+                )  # fmt: skip
             if not changed:
                 break
-    return Selection(tuple(chosen), current, base, tuple(rounds), tuple(e for e in equivalent if len(e) > 1))
+        return current, equivalent
 
+    def _worth(self, without: Held, current: Held, ids: Sequence[str]) -> list[str]:
+        """Candidates that any round gave some chance; what never promised anything does not come back."""
+        seen: Mapping[str, float] = {
+            s.candidate.id: max(s.gain, s.promise) for r in self.rounds for s in r.scores if s.held is not None
+        }
+        return [id_ for id_ in ids if id_ not in without.effects and (id_ in seen or id_ in current.effects)]
 
-def _without(study: Objective, fit: Optimum, effect: Candidate, settings: ClimbSettings) -> Optimum:
-    """The model with one effect switched off, refitted."""
-    start = fit.coordinates.copy()
-    off = study.parameters.to_search(study.parameters.start)
-    start[list(effect.columns)] = off[list(effect.columns)]
-    free = tuple(j for j in fit.free if j not in effect.columns)
-    return climb(study, start, free, noise=fit.noise, settings=settings)
+    def without(self, base: Held, held: Held, effect: str) -> Held:
+        """The model with one effect switched off, refitted: from where it is, and from the round before it came in.
+
+        From one start only it may end in a wrong valley, and its rivals look better or worse than they are.
+        """
+        rest = tuple(e for e in held.effects if e != effect)
+        start = held.values
+        off = {held.stand.study.parameters.names[j] for j in held.stand.candidates[effect].columns}
+        first = {name: value for name, value in start.items() if name not in off}
+        tries = [held.stand.fit(first, rest, held.optimum.noise, self.fit)]
+        before = next((r.base for r in self.rounds if r.chosen is not None and r.chosen.candidate.id == effect), base)
+        again = {**{k: v for k, v in first.items()}, **before.values}
+        tries.append(held.stand.fit(again, rest, before.optimum.noise, self.fit))
+        return max(tries, key=lambda h: h.log_evidence)

@@ -12,17 +12,20 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.ascent import Climber
+from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.climb import ClimbSettings, Optimum
+from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.judge import floors_of
+from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.kin import Candidate
 from aero_bayes.simulation import Model
 
+#: Error of an output, as a share of its range, that a search on fewer samples may make.
+CLOSE = 0.005
 #: Largest change of an output by a parameter's whole range, over that of the strongest, at which it is not seen at all.
 UNSEEN = 1e-12
 
@@ -33,15 +36,15 @@ class BaseFit:
 
     Parameters
     ----------
-    calibration : Calibration
-        The recordings, a rotor's ripple taken out; its parameters are those of the model as it stands, then those of
-        the effects, which ``candidates`` refer to by their columns.
-    study : Objective
-        The model, every effect switched off, against the recordings; the search goes on with it.
-    own : ParameterSet
-        Parameters of the model as it stands.
+    plain : Calibration
+        Of the model as it stands; a rotor's ripple is taken out of the readings.
     fit : Optimum
-        Of ``own``; the effects stay off.
+        Of ``plain``.
+    held : Held
+        The same on a stand with the first group of candidates, where a long recording is made shorter.
+    stands : Stands
+    ids : tuple of str
+        All candidates.
     settings : ClimbSettings
         Of each further climb.
     reports : tuple of ResidualReport
@@ -50,31 +53,31 @@ class BaseFit:
         Noise floors of all recordings.
     """
 
-    calibration: Calibration
-    study: Objective
-    own: ParameterSet
-    candidates: tuple[Candidate, ...]
+    plain: Calibration
     fit: Optimum
+    held: Held
+    stands: Stands
+    ids: tuple[str, ...]
     settings: ClimbSettings
     reports: tuple[ResidualReport, ...]
     floors: Mapping[tuple[str, str], float]
 
-    @property
-    def everything(self) -> ParameterSet:
-        """Parameters of the model, then those of the effects."""
-        return self.calibration.parameters
-
-    def on(self, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None) -> Calibration:
+    def on(
+        self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
+    ) -> Calibration:
         """The same recordings held against a relative of the model; ``new`` parameters replace the effects'."""
-        return replace(
-            self.calibration, model=model, parameters=self.own.extended(new),
-            fixed={**self.calibration.fixed, **(fixed or {})},
-        )  # fmt: skip
+        moved = bench.family.on(self.plain, model)
+        return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
+
+    def report(self, held: Held) -> tuple[ResidualReport, ...]:
+        """What a fit leaves."""
+        study = held.stand.study
+        return inspect(study.calibration, study.series, held.optimum, self.floors)
 
     @property
     def shared(self) -> list[Parameter]:
         """The model's own parameters that all recordings have in common."""
-        return [p for p in self.own if p.recording is None]
+        return [p for p in self.plain.parameters if p.recording is None]
 
 
 def fit_as_it_stands(bench: Workbench) -> BaseFit:
@@ -84,21 +87,23 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     recordings, settings = bench.recordings, bench.settings
-    calibration = bench.calibrate(model, _shared(bench, model))
-    own = calibration.parameters
-    calibration, fit = _fitted(bench, calibration)
+    plain, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
     bench.tally.lap("base fit")
-    offer = bench.family.offer(calibration, fit, bench.open)
-    calibration = replace(calibration, model=offer.model, parameters=own.extended(offer.parameters))
+    quick = plain
+    if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) > 2 * settings.search_samples:
+        with bench.open(plain.problem()) as simulator:
+            quick = leading(plain, simulator, settings.search_samples, CLOSE)
+    ids = bench.family.prepare(quick, fit, bench.open)
+    stands = Stands(bench, quick, fit.free)
+    climbing = replace(settings.climb, floors=plain.floors)
+    values = dict(zip(plain.parameters.names, plain.parameters.from_search(fit.coordinates).tolist(), strict=True))
+    held = stands.of(bench.family.groups()[0]).fit(values, (), fit.noise, climbing)
     bench.tally.lap("models")
-    study = bench.open_objective(calibration)
-    at = calibration.parameters.to_search(calibration.parameters.start)
-    at[: len(own)] = fit.coordinates
-    climbing = replace(settings.climb, floors=calibration.floors)
-    fit = climb(study, at, fit.free, noise=fit.noise, settings=climbing)
     floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
-    reports = inspect(study.calibration, study.series, fit, floors)
-    return BaseFit(calibration, study, own, offer.candidates, fit, climbing, reports, floors)
+    with bench.open(plain.problem()) as simulator:
+        study = Objective(plain, simulator)
+        reports = inspect(plain, study.series, fit, floors)
+    return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
 
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:
@@ -111,19 +116,22 @@ def _shared(bench: Workbench, model: Model) -> ParameterSet:
 
 def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
+    settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = Objective(calibration, simulator)
-        climber = Climber(study, bench.settings.ascent)
-        free = _seen(study)
-        found = climber.to_optimum(free, bench.open, np.random.default_rng(bench.settings.seed)).optimum
+        climber = Climber(study, settings.ascent)
+        found = climber.to_optimum(_seen(study), bench.open, np.random.default_rng(settings.seed)).optimum
+        lines = straighter(climber, found, bench.open) if settings.calibration.interpolation == "auto" else None
         fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
         bench.tally.count(study)
+    if lines is not None:
+        return lines
     cleaned, ripple = without_ripple(calibration, fitted)
     if not ripple:
         return calibration, found
     with bench.open(cleaned.problem()) as simulator:
         study = Objective(cleaned, simulator)
-        found = Climber(study, bench.settings.ascent).again(found.coordinates, found.free, found.noise)
+        found = Climber(study, settings.ascent).again(found.coordinates, found.free, found.noise)
         bench.tally.count(study)
     return cleaned, found
 

@@ -44,7 +44,7 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
         after = bench.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
     adequate = moment is None and not selection.effects and not _structured(base.reports)
     return Conclusion(
-        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.calibration, base.fit,
+        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
         base.reports, after,
     )  # fmt: skip
 
@@ -62,7 +62,7 @@ def _sentence(found: Found, refused: str) -> str:
             f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
             "residual better than any effect; it belongs to that moment and is not made into physics."
         )
-    best = " and ".join(c.id for c in selection.effects)
+    best = " and ".join(selection.effects)
     if refused:
         return (
             f"The residual is structured; {best} explains it where it was fitted but is far off on data that was "

@@ -42,7 +42,7 @@ def _incomplete(found: Found, left_over: float) -> bool:
     structured = [report for report in found.left if report.verdict == "structured"]
     if not structured:
         return False
-    gained = found.selection.refit.log_evidence - found.selection.base.log_evidence
+    gained = found.selection.held.log_evidence - found.selection.base.log_evidence
     left = sum(
         max((t.statistic - t.freedom) / 2.0 for t in report.tests if t.name != "autocorrelation")
         for report in structured

@@ -23,20 +23,20 @@ from aero_bayes.loop.tell import fitted_parameters, gain_text
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import CurveFit
 from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.kin import Candidate, Extension
+from aero_bayes.physics.kin import Extension
 
 
 def add_effects(bench: Workbench, found: Found) -> Conclusion:
     """Write the selected effects of the catalogue into the model."""
-    selection, everything = found.selection, found.base.everything
+    selection = found.selection
     bench.progress("writing the extended model", 0.75)
-    values = dict(zip(everything.names, everything.from_search(selection.refit.coordinates).tolist(), strict=True))
+    values = selection.held.values
     written = bench.family.extend(selection.effects, values, bench.folder)
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
     bench.tally.lap("extension")
     bench.progress("refitting the extended model", 0.85)
-    calibration = found.base.on(written.model, written.parameters)
-    study, fit = _final_fit(bench, found, calibration, values, selection.refit)
+    calibration = found.base.on(bench, written.model, written.parameters)
+    study, fit = _final_fit(bench, found, calibration, values, selection.held.optimum)
     reports = inspect(calibration, study.series, fit, found.base.floors)
     after = bench.predict(calibration, fit)
     bench.tally.count(study)
@@ -63,7 +63,7 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     bench.tally.lap("extension")
     start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
     new = [curve.parameters.items[j] for j in curve.columns]
-    calibration = found.base.on(model, new)
+    calibration = found.base.on(bench, model, new)
     study, fit = _final_fit(bench, found, calibration, start, curve.refit, curve.smooth)
     reports = inspect(calibration, study.series, fit, found.base.floors)
     after = bench.predict(calibration, fit)
@@ -104,19 +104,20 @@ def _final_fit(
 
 def _found_effect(
     bench: Workbench,
-    candidate: Candidate,
+    id_: str,
     selection: Selection,
     written: Extension,
     parameters: ParameterSet,
     fit: Optimum,
 ) -> FoundEffect:
     named = fitted_parameters(parameters, fit)
-    found = next((r for r in selection.rounds if r.chosen is not None and r.chosen.candidate is candidate), None)
+    found = next((r for r in selection.rounds if r.chosen is not None and r.chosen.candidate.id == id_), None)
     gain = found.chosen.gain if found is not None and found.chosen is not None else math.nan
     return FoundEffect(
-        candidate.id, candidate.port, "catalogue", tuple(named[new] for _, new in written.names[candidate.id]), gain,
-        found.threshold if found is not None else math.nan, bench.family.summary(candidate.id),
-        dict(written.widths[candidate.id]),
+        id_, selection.held.stand.candidates[id_].port, "catalogue",
+        tuple(named[new] for _, new in written.names[id_]), gain,
+        found.threshold if found is not None else math.nan, bench.family.summary(id_),
+        dict(written.widths[id_]),
     )  # fmt: skip
 
 

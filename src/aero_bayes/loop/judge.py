@@ -115,7 +115,9 @@ def predict(
     everything = [*recordings.train, *recordings.test]
     named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
     shared = ParameterSet(tuple(p for p in calibration.parameters if p.recording is None))
-    own = replace(settings, outputs=recordings.outputs, most_readings=None, standing=True)
+    own = replace(
+        settings, outputs=recordings.outputs, most_readings=None, standing=True, interpolation=calibration.interpolation
+    )
     whole = calibrate(named, calibration.model, shared, fixed=calibration.fixed, settings=own)
     if extra:
         experiments = list(whole.experiments)

@@ -37,7 +37,6 @@ def close_loop(
     *,
     model: str = "Aero.Systems.OneDof",
     sources: Sequence[Path] = (),
-    libraries: Sequence[Path] = (),
     settings: LoopSettings | None = None,
     workers: int | None = None,
     out_dir: Path | None = None,
@@ -52,8 +51,6 @@ def close_loop(
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
         A Modelica class; of the package ``Aero`` a system with slots for effects.
-    libraries : sequence of Path
-        Folders of Modelica packages that the sources use.
     sources : sequence of Path
         Files and package folders that the class is loaded from.
     workers : int, optional
@@ -81,25 +78,23 @@ def close_loop(
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = out_dir or scratch
-        family = _family(model, sources, libraries, cache or folder / "fmu", settings)
+        family = _family(model, sources, cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally())
         base = fit_as_it_stands(bench)
         found = search(bench, base)
         conclusion = decide(bench, found)
+        base.stands.forget()
         result = result_of(bench, found, conclusion)
-        base.study.simulator.close()
         progress("done", 1.0)
         return result
 
 
-def _family(
-    model: str, sources: Sequence[Path], libraries: Sequence[Path], folder: Path, settings: LoopSettings
-) -> Family:
+def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
     if not model.startswith("Aero."):
         narrowed = Narrowed(settings.exclude, settings.ports, settings.laws or settings.effects)
-        return RigFamily(model, tuple(sources), folder, tuple(libraries), narrowed=narrowed)
+        return RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
     unknown = [id_ for id_ in (*(settings.effects or ()), *settings.exclude) if id_ not in CATALOGUE]
     if unknown:
         raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")

@@ -7,60 +7,50 @@ gains less than that, the two are equivalent.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
-from aero_bayes.estimate.objective import Objective
-from aero_bayes.loop.attribute import AttributeSettings, Round, Scored, Selection, threshold
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.estimate.climb import climb
+from aero_bayes.loop.attribute import Round, Scored, Search, Selection, threshold
+from aero_bayes.loop.stand import Held
 
 #: Refits of a finer law, from the likeliest of its starts.
 STARTS = 2
 
 
-def refine(
-    study: Objective,
-    selection: Selection,
-    candidates: Sequence[Candidate],
-    settings: AttributeSettings,
-    fit: ClimbSettings,
-) -> Selection:
+def refine(search: Search, selection: Selection, finer: Mapping[str, str], count: int) -> Selection:
     """The selection with each of its effects in the finest law that earns its place.
 
     Parameters
     ----------
-    candidates : sequence of Candidate
-        All of them; those that refine a chosen one are tried.
+    search : Search
+    selection : Selection
+    finer : mapping of str to str
+        For each finer law the effect whose place it may take.
+    count : int
+        How many candidates there were.
     """
-    simple = [c for c in candidates if not c.refines]
-    bar = threshold(len(simple), settings)
-    for finer in candidates:
-        coarse = next((c for c in selection.effects if c.id == finer.refines), None)
-        if coarse is None:
+    bar = threshold(count, search.settings)
+    for id_, coarse in finer.items():
+        if coarse not in selection.effects:
             continue
-        found = _in_place_of(study, selection.refit, coarse, finer, fit)
+        found = _in_place_of(search, selection.held, coarse, id_)
         if found is None:
             continue
-        gain = found.log_evidence - selection.refit.log_evidence
+        gain = found.log_evidence - selection.held.log_evidence
         if gain < bar:
             if gain > 0.0:
-                selection = replace(selection, equivalent=_with(selection.equivalent, coarse.id, finer.id))
+                selection = replace(selection, equivalent=_with(selection.equivalent, coarse, id_))
             continue
-        scored = Scored(finer, found, gain, gain)
-        why = f"{finer.id} in place of {coarse.id} gains {gain:.1f} in log-evidence (needed {bar:.1f})"
-        last = Round(len(selection.rounds) + 1, selection.refit, (scored,), bar, scored, (finer.id,), why)
-        selection = replace(
-            selection,
-            effects=tuple(finer if c is coarse else c for c in selection.effects),
-            refit=found,
-            rounds=(*selection.rounds, last),
-        )
-        selection = _dropped(study, selection, finer, bar, fit)
+        scored = Scored(found.stand.candidates[id_], found, gain, gain)
+        why = f"{id_} in place of {coarse} gains {gain:.1f} in log-evidence (needed {bar:.1f})"
+        last = Round(len(selection.rounds) + 1, selection.held, (scored,), bar, scored, (id_,), why)
+        selection = replace(selection, held=found, rounds=(*selection.rounds, last))
+        selection = _dropped(search, selection, id_, bar)
     return selection
 
 
@@ -71,47 +61,41 @@ def _with(classes: tuple[tuple[str, ...], ...], member: str, other: str) -> tupl
     return (*classes, (member, other))
 
 
-def _dropped(study: Objective, selection: Selection, kept: Candidate, bar: float, settings: ClimbSettings) -> Selection:
+def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Selection:
     """The selection without effects that only made up for what the finer law now tells."""
-    off = study.parameters.to_search(study.parameters.start)
-    for other in [c for c in selection.effects if c is not kept]:
-        columns = list(other.columns)
-        start = selection.refit.coordinates.copy()
-        start[columns] = off[columns]
-        free = tuple(j for j in selection.refit.free if j not in columns)
-        without = climb(study, start, free, noise=selection.refit.noise, settings=settings)
-        if selection.refit.log_evidence - without.log_evidence < bar:
-            left = tuple(c for c in selection.effects if c is not other)
-            same = tuple(ids for ids in selection.equivalent if other.id not in ids)
-            selection = replace(selection, effects=left, refit=without, equivalent=same)
+    for other in [e for e in selection.effects if e != kept]:
+        without = search.without(selection.base, selection.held, other)
+        if selection.held.log_evidence - without.log_evidence < bar:
+            same = tuple(ids for ids in selection.equivalent if other not in ids)
+            selection = replace(selection, held=without, equivalent=same)
     return selection
 
 
-def _in_place_of(
-    study: Objective, fit: Optimum, coarse: Candidate, finer: Candidate, settings: ClimbSettings
-) -> Optimum | None:
+def _in_place_of(search: Search, held: Held, coarse: str, finer: str) -> Held | None:
     """Best refit with the finer law; its first parameter starts where the coarse law's stands."""
+    here = search.moved(held, [finer])
+    stand, study = here.stand, here.stand.study
     parameters = study.parameters
-    values = parameters.from_search(fit.coordinates)
-    off = parameters.start
+    values = parameters.from_search(here.optimum.coordinates)
+    old, new = stand.candidates[coarse], stand.candidates[finer]
     rows = []
-    for shape in product(*(sorted({start[k] for start in finer.starts}) for k in range(1, len(finer.columns)))):
+    for shape in product(*(sorted({start[k] for start in new.starts}) for k in range(1, len(new.columns)))):
         at = values.copy()
-        at[list(coarse.columns)] = off[list(coarse.columns)]
-        at[finer.columns[0]] = values[coarse.columns[0]]
-        at[list(finer.columns[1:])] = shape
+        at[list(old.columns)] = parameters.start[list(old.columns)]
+        at[new.columns[0]] = values[old.columns[0]]
+        at[list(new.columns[1:])] = shape
         rows.append(parameters.to_search(at))
-    free = (*(j for j in fit.free if j not in coarse.columns), *finer.columns)
+    effects = tuple(finer if e == coarse else e for e in here.effects)
     likelihood = [
-        study.whiten(residual, None, fit.noise).log_likelihood if residual is not None else -np.inf
+        study.whiten(residual, None, here.optimum.noise).log_likelihood if residual is not None else -np.inf
         for residual in study.residuals(np.array(rows))
     ]
-    best: Optimum | None = None
+    best: Held | None = None
     for k in np.argsort(likelihood)[::-1][:STARTS]:
         try:
-            found = climb(study, rows[k], free, noise=fit.noise, settings=settings)
+            found = climb(study, rows[k], stand.free(effects), noise=here.optimum.noise, settings=search.fit)
         except CannotFinishError:
             continue
         if best is None or found.log_evidence > best.log_evidence:
-            best = found
+            best = Held(stand, effects, found)
     return best

@@ -118,6 +118,7 @@ class LoopResult:
     failures: int
     seconds: Mapping[str, float]
     added: tuple[Parameter, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
     drawn: str = ""
     data_notes: tuple[str, ...] = ()
 
@@ -206,13 +207,15 @@ class LoopResult:
                     "id": s.candidate.id,
                     "port": s.candidate.port,
                     "delta_evidence": s.gain if np.isfinite(s.gain) else None,
-                    "refitted": s.refit is not None,
+                    "refitted": s.held is not None,
+                    "odds": s.odds,
                 }
                 for s in found.scores
             ],
             "threshold": found.threshold,
             "chosen": found.chosen.candidate.id if found.chosen is not None else None,
             "equivalent": list(found.equivalent),
+            "odds": {"nothing": found.nothing, "untried": found.untried},
             "why": found.why,
         }
 

@@ -52,22 +52,20 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
         return Rival()
     bench.progress("locating the port", 0.65)
     outputs = bench.recordings.outputs
-    visited = Visited.of(base.study, base.fit)
+    calibration, fit = base.held.stand.study.calibration, base.held.optimum
+    visited = Visited.of(base.held.stand.study, base.held.optimum)
     probing = probe(
-        base.calibration, base.fit, visited, bench.open_objective, _fullest(base.calibration),
+        calibration, fit, visited, bench.open_objective, _fullest(calibration),
     )  # fmt: skip
     if not structured and len(selection.effects) < 2:
         return Rival(probing)
     bench.progress("looking beyond the catalogue", 0.7)
     margin = bench.settings.attribute.margin
-    named = selection.refit.log_evidence - len(selection.effects) * math.log(len(base.candidates))
-    values = base.everything.from_search(base.fit.coordinates)
-    start = dict(zip(base.everything.names, values, strict=True))
-    search = CurveSearch(
-        family, base.calibration, base.shared, start, base.fit, visited, bench.open_objective, base.settings
-    )
+    named = selection.held.log_evidence - len(selection.effects) * math.log(len(base.ids))
+    start = base.held.values
+    search = CurveSearch(family, base.plain, base.shared, start, fit, visited, bench.open_objective, base.settings)
     curves = fit_curves(search, outputs)
-    moment = fit_moment(base.calibration, base.fit, probing, visited, bench.open_objective, base.settings)
+    moment = fit_moment(calibration, fit, probing, visited, bench.open_objective, base.settings)
     best_curve = curves[0].refit.log_evidence - math.log(len(curves)) if curves else -math.inf
     best_moment = moment.log_evidence if moment is not None else -math.inf
     if moment is not None and best_moment > max(named, best_curve) + margin:

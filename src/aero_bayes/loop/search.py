@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import ResidualReport, inspect
-from aero_bayes.loop.attribute import Selection, select
+from aero_bayes.check.structure import ResidualReport
+from aero_bayes.loop.attribute import Search, Selection
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
@@ -28,17 +28,19 @@ class Found:
 
 
 def search(bench: Workbench, base: BaseFit) -> Found:
-    """Try every effect of the catalogue, then look beyond it."""
+    """Try every candidate, then look beyond them."""
     bench.progress("trying every effect", 0.2)
-    selection = select(
-        base.study, base.fit, [c for c in base.candidates if not c.refines], bench.settings.attribute, base.settings,
+    finer = bench.family.finer()
+    ids = [id_ for id_ in base.ids if id_ not in finer]
+    effort = Search(base.stands, bench.family.groups(), bench.settings.attribute, base.settings)
+    selection = effort.select(
+        base.held, ids, lambda held: any(r.verdict == "structured" for r in base.report(held)),
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),
     )  # fmt: skip
-    selection = refine(base.study, selection, base.candidates, bench.settings.attribute, base.settings)
+    selection = refine(effort, selection, finer, len(ids))
     bench.tally.lap("attribution")
-    left = inspect(base.calibration, base.study.series, selection.refit, base.floors)
+    left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)
     bench.tally.lap("beyond the catalogue")
-    bench.tally.count(base.study)
-    before = bench.predict(base.calibration, base.fit)
+    before = bench.predict(base.plain, base.fit)
     return Found(base, selection, left, rival, before)

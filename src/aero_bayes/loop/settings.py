@@ -4,13 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
-from aero_bayes.loop.attribute import AttributeSettings
 from aero_bayes.simulation.interface import SolverSettings
+
+
+@dataclass(frozen=True)
+class AttributeSettings:
+    """When an effect has earned its place.
+
+    ``margin`` is the log-evidence asked for beyond the logarithm of the number of candidates; ``equivalence`` is the
+    difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
+    how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
+    log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
+    """
+
+    margin: float = 4.0
+    equivalence: float = 4.6
+    starts: int = 2
+    promise: float = 2.0
+    max_effects: int = 3
+    pairs: int = 5
 
 
 @dataclass(frozen=True)
@@ -24,6 +42,8 @@ class LoopSettings:
         Ids of the catalogue to consider; all by default.
     exclude : tuple of str
         Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
+    libraries : tuple of Path
+        Folders that hold packages which the model uses.
     held_out : float
         Share of each recording, at its end, that is kept from the fit where no test recording is given.
     fixed : mapping of str to float
@@ -35,6 +55,9 @@ class LoopSettings:
         Parameters of the base model to fit; by default those of the AERO but for the inductance.
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
+    search_samples : int
+        Samples on which candidates are compared where an input changes more than twice as often; the model that comes
+        out is fitted to all.
     left_over : float
         What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
         beyond it they are not named.
@@ -57,9 +80,11 @@ class LoopSettings:
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
     held_out: float = 0.3
+    libraries: tuple[Path, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     locate: bool = True
+    search_samples: int = 5000
     left_over: float = 0.3
     astray: float = 3.0

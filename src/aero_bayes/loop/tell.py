@@ -31,7 +31,8 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
     moment = found.rival.moment.moment if found.rival.moment is not None else None
     named = any(effect.kind == "catalogue" for effect in effects)
     names = bench.recordings.names
-    moved = shifts(base.everything, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
+    parameters = base.plain.parameters
+    moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     return LoopResult(
         outcome=conclusion.outcome,
         sentence=conclusion.sentence,
@@ -48,7 +49,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         signals=signals,
         ports=ports,
         tied_ports=tied,
-        states=_states_at(base.study, base.fit, probing),
+        states=_states_at(base.held.stand.study, base.held.optimum, probing),
         moment=moment,
         shifts=moved,
         parameters=fitted_parameters(conclusion.calibration.parameters, conclusion.refit),
@@ -61,6 +62,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
+        words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
         added=written.parameters if written is not None else (),
         drawn=names[probing.recording] if probing is not None else names[0],
     )
@@ -118,19 +120,21 @@ def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
     if not found.selection.equivalent:
         return ()
     same = found.selection.equivalent[0]
+    stand = found.base.held.stand
     scored = {
-        s.candidate.id: (s.candidate, s.refit)
+        s.candidate.id: (s.candidate, s.held.optimum)
         for r in reversed(found.selection.rounds)
         for s in r.scores
-        if s.refit is not None and s.candidate.id in same
+        if s.held is not None and s.held.stand is stand and s.candidate.id in same
     }
     known = [scored[id_] for id_ in same if id_ in scored]
     if len(known) < 2:
         return ()
     base = found.base
-    height = max((float(np.abs(s.values).max()) for e in base.calibration.experiments for s in e.inputs), default=1.0)
+    height = max((float(np.abs(s.values).max()) for e in base.plain.experiments for s in e.inputs), default=1.0)
     return tuple(
-        propose(base.calibration, known[0], other, height, bench.open_objective).sentence() for other in known[1:3]
+        propose(stand.study.calibration, known[0], other, height, bench.open_objective).sentence()
+        for other in known[1:3]
     )
 
 

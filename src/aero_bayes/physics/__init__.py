@@ -1,1 +1,43 @@
-"""What a model may lack and where: ports found in it, laws of libraries, and both written into its source."""
+"""Ports found in a model, laws of a library, and laws written into the user's Modelica source.
+
+>>> from pathlib import Path
+>>> from aero_bayes.export.rumoca_front import load_flat
+>>> from aero_bayes.physics import candidates, general_laws, ports_of
+>>> flat, laws = load_flat("Rig", [Path("Rig.mo")]), general_laws()  # doctest: +SKIP
+>>> ports = ports_of(flat, laws)  # doctest: +SKIP
+>>> [c.id for c in candidates(ports, laws)]  # doctest: +SKIP
+['gain@u', ..., 'coulomb_friction@v', ...]
+"""
+
+from __future__ import annotations
+
+from aero_bayes.physics.compose import Models, compose_law, compose_laws, law_models, probe, screening
+from aero_bayes.physics.find import ports_of
+from aero_bayes.physics.laws import Law, LawParameter, general_laws, laws_of
+from aero_bayes.physics.ports import Candidate, Port, candidates, fits, port_table
+from aero_bayes.physics.use import Use, levels_of, use_of
+from aero_bayes.physics.write import Written, write_law
+
+__all__ = [
+    "Candidate",
+    "Law",
+    "LawParameter",
+    "Models",
+    "Port",
+    "Use",
+    "Written",
+    "candidates",
+    "compose_law",
+    "compose_laws",
+    "fits",
+    "general_laws",
+    "law_models",
+    "laws_of",
+    "levels_of",
+    "port_table",
+    "ports_of",
+    "probe",
+    "screening",
+    "use_of",
+    "write_law",
+]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.export import CATALOGUE, Effect, EffectParameter
@@ -17,22 +16,16 @@ def effect_parameter(item: EffectParameter) -> Parameter:
 
 
 def candidates_of(
-    ids: Sequence[str], first_column: int, outputs: Sequence[str], highest: float
-) -> tuple[tuple[Parameter, ...], tuple[Candidate, ...]]:
-    """Parameters and candidates of the effects that the recorded outputs can show.
-
-    Their columns start at ``first_column``; ``highest`` is the greatest voltage that was asked for.
-    """
-    parameters: list[Parameter] = []
-    candidates = []
+    ids: Sequence[str], outputs: Sequence[str], highest: float
+) -> dict[str, tuple[Candidate, tuple[Parameter, ...]]]:
+    """Effects that the recorded outputs can show, with parameters; ``highest`` is the greatest voltage asked for."""
+    found = {}
     for id_ in ids:
         effect = CATALOGUE[id_]
-        if not _visible(effect, outputs):
-            continue
-        columns = tuple(range(first_column + len(parameters), first_column + len(parameters) + len(effect.parameters)))
-        parameters += [effect_parameter(item) for item in effect.parameters]
-        candidates.append(Candidate(effect.id, effect.port, columns, _starts(effect, highest), effect.refines))
-    return tuple(parameters), tuple(candidates)
+        if _visible(effect, outputs):
+            own = tuple(effect_parameter(item) for item in effect.parameters)
+            found[id_] = (Candidate(effect.id, effect.port, _starts(effect, highest)), own)
+    return found
 
 
 def _visible(effect: Effect, outputs: Sequence[str]) -> bool:
@@ -51,10 +44,3 @@ def _starts(effect: Effect, highest: float) -> tuple[tuple[float, ...], ...]:
         values = item.starts if item.signed or len(effect.parameters) > 1 else (*item.starts, 0.2 * min(item.starts))
         rows = [(*row, value) for row in rows for value in values]
     return tuple(rows)
-
-
-def describe(candidate: Candidate, values: Mapping[str, float]) -> str:
-    """An effect with its parameters, for a sentence."""
-    items = CATALOGUE[candidate.id].parameters if candidate.id in CATALOGUE else ()
-    shown = [f"{p.name} = {values[p.name]:.3g} {p.unit}" for p in items if math.isfinite(values.get(p.name, math.nan))]
-    return f"{candidate.id} ({', '.join(shown)})" if shown else candidate.id

@@ -23,14 +23,18 @@ from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Candidate, Port
+from aero_bayes.physics.structure import reference
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
 Models = Mapping[tuple[str, str], FlatModel]
 
 
-def law_models(laws: Sequence[Law]) -> Models:
-    """Each law as a flat model of its own, by kind and id; one run of the compiler for all."""
+def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> Models:
+    """Each law as a flat model of its own, by kind and id; one run of the compiler for all.
+
+    ``sources`` are the packages of the laws, where these use functions or types of their package.
+    """
     lines = ["model LawsAtOnce"]
     for law in laws:
         name = _instance(law)
@@ -41,7 +45,7 @@ def law_models(laws: Sequence[Law]) -> Models:
     with ScratchFolder() as folder:
         path = Path(folder) / "LawsAtOnce.mo"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        flat = load_flat("LawsAtOnce", [path])
+        flat = load_flat("LawsAtOnce", [*sources, path])
     return {(law.kind, law.id): _part(flat, _instance(law), law) for law in laws}
 
 
@@ -111,7 +115,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
             given = {"h_1": port.signals["h"], "h_2": use.neighbour.signals["h"]}
         for signal in use.law.shape.given:
             if signal in known:
-                flat = equate(flat, f"{at}.{signal}", Name(given[signal]) if signal in given else Number(0.0))
+                flat = equate(flat, f"{at}.{signal}", reference(given[signal]) if signal in given else Number(0.0))
     flat = _with_sizes(flat, at, use.all_sizes)
     for p in use.parameters():
         about = f"{p.description} at {port.id}"
@@ -160,8 +164,11 @@ def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:
 
 
 def compose_laws(flat: FlatModel, uses: Sequence[Use], models: Models) -> FlatModel:
-    """A model with several laws; at one input or output the last one is the outermost."""
-    for use in uses:
+    """A model with several laws; at one input or output the last one is the outermost.
+
+    Readings come last, so that a law in a balance is given the quantity and not its reading.
+    """
+    for use in sorted(uses, key=lambda u: u.port.via == "output"):
         flat = compose_law(flat, use, models)
     return flat
 

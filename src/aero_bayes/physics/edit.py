@@ -142,6 +142,11 @@ def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
     return any(t.word == "(" for t in tokens[:at])
 
 
+def text_of(text: str, tokens: Sequence[Token]) -> str:
+    """What stands from the first to the last of some tokens."""
+    return text[tokens[0].start : tokens[-1].end] if tokens else ""
+
+
 def _section_of(cls: ClassText, at: int) -> str:
     return next((name for name, start, end in cls.sections if start <= at < end), "")
 

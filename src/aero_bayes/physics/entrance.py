@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, show
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, rebuilt, show
 from aero_bayes.physics.balance import Driver, Entry, entry_of
+from aero_bayes.physics.structure import reference
 from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle
 
 
@@ -37,7 +38,9 @@ def entrance_of(
     scale: Expression = Number(float(entry.sign * entry.side))
     for operator, factor in entry.factors:
         scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
-    return Entrance(equation, scale, _unit(entry, units))
+    return Entrance(
+        equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, units)
+    )
 
 
 def parameter_values(flat: FlatModel) -> dict[str, float]:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 from aero_bayes.estimate.aero import aero_overrides
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export import (
     CATALOGUE,
     Compiler,
@@ -26,6 +26,7 @@ from aero_bayes.export import (
     FreeForm,
     Port,
     export_fmu,
+    first_compiler,
     modelica_root,
     write_extension,
 )
@@ -55,6 +56,9 @@ class ModelFamily:
     folder: Path
     compiler: Compiler = "auto"
     effects: tuple[str, ...] = tuple(CATALOGUE)
+    _offered: dict[str, tuple[Candidate, tuple[Parameter, ...]]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     @property
     def title(self) -> str:
@@ -77,16 +81,33 @@ class ModelFamily:
         """The AERO's priors."""
         return aero_overrides(model)
 
-    def offer(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Offer:
+    @property
+    def roomy(self) -> bool:
+        """One model has them all."""
+        return True
+
+    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every effect of the catalogue that the recorded outputs can show."""
         levels = [float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs]
-        first = len(calibration.parameters)
-        parameters, found = candidates_of(self.effects, first, calibration.outputs, max(levels, default=24.0))
-        return Offer(self.screening(), parameters, found)
+        self._offered.clear()
+        self._offered.update(candidates_of(self.effects, calibration.outputs, max(levels, default=24.0)))
+        return tuple(self._offered)
 
-    def extend(self, chosen: Sequence[Candidate], values: Mapping[str, float], folder: Path) -> Extension:
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        return (tuple(self._offered),)
+
+    def finer(self) -> Mapping[str, str]:
+        return {id_: CATALOGUE[id_].refines for id_ in self._offered if CATALOGUE[id_].refines}
+
+    def offer(self, ids: Collection[str]) -> Offer:
+        """The one model that carries every effect switched off."""
+        every = self._offered.values()
+        parameters = tuple(p for _, own in every for p in own)
+        return Offer(self.screening(), parameters, tuple((c, len(own)) for c, own in every))
+
+    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The base with chosen effects."""
-        of = {c.id: CATALOGUE[c.id] for c in chosen}
+        of = {id_: CATALOGUE[id_] for id_ in ids}
         uses = [EffectUse(i, {p.name: _significant(values[p.name]) for p in e.parameters}) for i, e in of.items()]
         written, model = self.with_effects(uses, folder)
         return Extension(
@@ -95,6 +116,10 @@ class ModelFamily:
             {i: tuple((p.name, p.name) for p in e.parameters) for i, e in of.items()},
             {i: e.widths for i, e in of.items()},
         )  # fmt: skip
+
+    def on(self, calibration: Calibration, model: Model) -> Calibration:
+        """The calibration on a relative, which extends the base and has its states."""
+        return replace(calibration, model=model)
 
     def summary(self, id_: str) -> str:
         """An effect in words."""
@@ -127,11 +152,12 @@ class ModelFamily:
         return self._build(written.name, written.text, (written.path,))
 
     def _build(self, name: str, text: str, sources: Sequence[Path]) -> Model:
-        key = hashlib.sha256(f"{self.library_hash}\0{self.compiler}\0{name}\0{text}".encode()).hexdigest()[:16]
-        out = self.folder / f"{name.rpartition('.')[2]}-{key}.fmu"
-        if not out.exists():
-            export_fmu(name, out, compiler=self.compiler, sources=list(sources))
-        return Model.load(out)
+        def made_by(compiler: Compiler) -> Path:
+            key = hashlib.sha256(f"{self.library_hash}\0{compiler}\0{name}\0{text}".encode()).hexdigest()[:16]
+            out = self.folder / f"{name.rpartition('.')[2]}-{key}.fmu"
+            return out if out.exists() else export_fmu(name, out, compiler=compiler, sources=list(sources))
+
+        return Model.load(first_compiler(self.compiler, made_by))
 
 
 def _significant(value: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -22,26 +22,24 @@ SPREAD = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that the model may lack: the columns that switch it on, and values (SI units) to start them from.
+    """An effect that the model may lack: values (SI units) to start its parameters from, and their columns on a stand.
 
-    The first column is its magnitude. One that ``refines`` another is not searched for; it may take that one's place
-    once that one is found.
+    The first is its magnitude.
     """
 
     id: str
     port: str
-    columns: tuple[int, ...]
     starts: tuple[tuple[float, ...], ...]
-    refines: str = ""
+    columns: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """A model with every candidate switched off; ``parameters`` are theirs, in the order of the candidates' columns."""
+    """A model with candidates switched off; ``parameters`` are theirs, so many of each as ``candidates`` say."""
 
     model: Model
     parameters: tuple[Parameter, ...]
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[tuple[Candidate, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +77,33 @@ class Family(Protocol):
         """What is known of its parameters beside what it declares."""
         ...
 
-    def offer(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Offer:
-        """The model with all its candidates, once it has been fitted as it stands."""
+    @property
+    def roomy(self) -> bool:
+        """Whether a model that has more candidates than asked for costs no more."""
         ...
 
-    def extend(self, chosen: Sequence[Candidate], values: Mapping[str, float], folder: Path) -> Extension:
-        """The model with chosen candidates, at values by the names of the offer, written to ``folder``."""
+    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
+        """Ids of all candidates, once the model has been fitted as it stands."""
+        ...
+
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """The candidates in groups that are best tried on one model."""
+        ...
+
+    def finer(self) -> Mapping[str, str]:
+        """For each candidate that refines another, that one."""
+        ...
+
+    def offer(self, ids: Collection[str]) -> Offer:
+        """The model with some candidates."""
+        ...
+
+    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
+        """The model with chosen candidates, at values by the names of the offers, written to ``folder``."""
+        ...
+
+    def on(self, calibration: Calibration, model: Model) -> Calibration:
+        """A calibration of the model held against a relative of it, whose states may have other names."""
         ...
 
     def summary(self, id_: str) -> str:

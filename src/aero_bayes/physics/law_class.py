@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.physics.classes import ClassText, Component, Statement
-from aero_bayes.physics.edit import Edit, apply, indentation
+from aero_bayes.physics.edit import Edit, apply, indentation, replace_names
 from aero_bayes.physics.laws import Law
+from aero_bayes.physics.terms import evaluate, parse_term
+from aero_bayes.physics.tokens import one_line, tokenize
 
 
 def class_text(
@@ -52,7 +55,7 @@ def class_text(
             (hidden if statement.section == "protected" else public).append(line)
         for s in cls.equations:
             if not any(t.word in without for t in s.tokens):
-                laws.append(_clean(text[s.start - offset : s.end - offset]))
+                laws.append(one_line(text[s.start - offset : s.end - offset]))
     lines += [f"  {line}" for line in public]
     if hidden:
         lines += ["protected", *(f"  {line}" for line in hidden)]
@@ -60,6 +63,41 @@ def class_text(
     note = _documentation(law)
     lines += [f"  {line}" for line in note]
     return [*lines, f"end {name};"]
+
+
+def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -> str | None:
+    """What the law gives as one expression, where its class says no more than that.
+
+    Parameters
+    ----------
+    law : Law
+    sizes : mapping
+        Values of all sizes; what follows from them alone becomes a number.
+    names : mapping
+        What stands for the law's given signals and parameters.
+
+    Returns
+    -------
+    str or None
+        None for a law with several equations or variables of its own.
+    """
+    if len(law.cls.equations) != 1 or law.base.equations:
+        return None
+    (equation,) = law.cls.equations
+    core = equation.core
+    if [t.word for t in core[:2]] != [law.shape.acts, "="] or any(t.word == "der" for t in core):
+        return None
+    values = {k: float(v) for k, v in sizes.items()}
+    for c in law.cls.components():
+        if "final" in c.prefixes:
+            values[c.name] = evaluate(parse_term(c.binding), values)
+        elif c.name not in names:
+            return None
+    known = {**{k: f"{v:.12g}" for k, v in values.items()}, **names}
+    begin, end = core[2].start - law.cls.start, core[-1].end - law.cls.start
+    edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
+    text = re.sub(r"\(([\w.]+) - 0\)", r"\1", one_line(apply(law.text[begin:end], edits)))
+    return f"({text})" if parse_term(tokenize(text)).kind == "sum" else text
 
 
 def _declared(cls: ClassText) -> list[tuple[Statement, list[Component]]]:
@@ -103,11 +141,7 @@ def _line(
             edits.append(Edit(end, end, f" = {value}"))
     start, end = statement.start - offset, statement.end - offset
     moved = [Edit(e.start - start, e.end - start, e.text) for e in edits]
-    return _clean(apply(text[start:end], moved))
-
-
-def _clean(text: str) -> str:
-    return " ".join(text.split())
+    return one_line(apply(text[start:end], moved))
 
 
 def _documentation(law: Law) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Literal
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
 from aero_bayes.physics.classes import ClassText, Component, read_classes
+from aero_bayes.physics.edit import apply, replace_names
 from aero_bayes.physics.terms import Term, dimension, evaluate, parse_term, unit_factors, unit_text
 from aero_bayes.physics.tokens import Token
 
@@ -95,6 +96,16 @@ class Law:
     base_text: str = field(repr=False, compare=False)
 
     @property
+    def moves(self) -> bool:
+        """Whether it has states of its own."""
+        words = [
+            (a.word, b.word, c.word)
+            for s in self.cls.equations
+            for a, b, c in zip(*(s.tokens[k:] for k in range(3)), strict=False)
+        ]
+        return any(a == "der" and b == "(" and c not in self.shape.given for a, b, c in words)
+
+    @property
     def takes_rate(self) -> bool:
         """Whether it needs the derivative of a signal that it is given."""
         words = [
@@ -138,10 +149,27 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
         if partial is None or cls.name in SHAPES or text[cls.start : cls.name_token.start].startswith("partial"):
             continue
         try:
-            found.append(_law(cls, text, SHAPES[partial], *partials[partial]))
+            if cls.bases() != [b for b in cls.bases() if b.rpartition(".")[2] == partial]:
+                raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
+            alone, own = _alone(cls, text, [c for c, _, _ in everything])
+            found.append(_law(own, alone, cls.full_name, SHAPES[partial], *partials[partial]))
         except InputError as error:
             raise InputError(f"{path}: {cls.full_name}: {error}") from None
     return tuple(found)
+
+
+def _alone(cls: ClassText, text: str, every: Sequence[ClassText]) -> tuple[str, ClassText]:
+    """A law as a text of its own, with full names for what the packages around it define, such as functions."""
+    own = {c.name for c in cls.components()}
+    around: dict[str, str] = {}
+    package = cls.within
+    while package:
+        for other in (c for c in every if c.within == package and c.name not in own):
+            around.setdefault(other.name, other.full_name)
+        package = package.rpartition(".")[0]
+    edits = [e for s in cls.statements if s.first != "extends" for e in replace_names(s.tokens, around.get)]
+    alone = apply(text[cls.start : cls.end], [e.moved(-cls.start) for e in edits])
+    return alone, read_classes(alone)[0]
 
 
 def modelica_files(sources: Sequence[Path]) -> Iterator[Path]:
@@ -186,7 +214,7 @@ def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     return None
 
 
-def _law(cls: ClassText, text: str, shape: Shape, base: ClassText, base_text: str) -> Law:
+def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, base_text: str) -> Law:
     own, inherited = cls.components(), base.components()
     parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
     if not parameters:
@@ -200,9 +228,9 @@ def _law(cls: ClassText, text: str, shape: Shape, base: ClassText, base_text: st
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     extends = next(s for s in cls.declarations if s.first == "extends")
     return Law(
-        snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _refines(cls.annotation), shape,
-        text[cls.start : cls.end], cls, base, base_text,
+        snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
+        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _refines(cls.annotation), shape, text, cls,
+        base, base_text,
     )  # fmt: skip
 
 

@@ -5,27 +5,30 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics import ports as found_ports
-from aero_bayes.physics.compose import Models, compose_laws, law_models, screening
+from aero_bayes.physics.compose import Models, compose_laws, law_models
+from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude
 from aero_bayes.physics.laws import Law, general_laws, laws_of
-from aero_bayes.physics.ports import Port, candidates, ports_of
+from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import StartTarget
 
 
 @dataclass(frozen=True)
@@ -96,53 +99,92 @@ class RigFamily:
         """Nothing beside what the model declares."""
         return {}
 
-    def offer(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Offer:
-        """Every law at every port that it fits, switched off."""
+    @property
+    def roomy(self) -> bool:
+        """Laws that are off are simulated all the same."""
+        return False
+
+    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
+        """Every law at every port that it fits."""
         every = [c for c in candidates(self.ports, self.laws) if self.narrowed.keeps(c)]
         if not every:
             raise InputError(f"{self.base}: no law is left to try; [loop] exclude, ports and laws leave none")
         sizes = port_sizes(self.flat, self.ports, calibration, fit, open_simulator)
-        flat, uses = screening(self.flat, every, sizes, self.law_models)
+        taken = {v.name for v in self.flat.variables}
         self._uses.clear()
-        parameters: list[Parameter] = []
-        offered = []
-        for use in uses:
+        for c in every:
+            use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
+            taken |= {use.instance, *use.names.values()}
             self._uses[use.id] = use
-            own = _parameters(use)
-            first = len(calibration.parameters) + len(parameters)
-            columns = tuple(range(first, first + len(own)))
-            refines = f"{use.law.refines}@{use.port.id}" if use.law.refines else ""
-            offered.append(Candidate(use.id, use.port.id, columns, _starts(use), refines))
-            parameters += own
-        return Offer(self._export(flat, "screening"), tuple(parameters), tuple(offered))
+        return tuple(self._uses)
 
-    def extend(self, chosen: Sequence[Candidate], values: Mapping[str, float], folder: Path) -> Extension:
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Laws without states together; those with states, which slow a simulation down, by port."""
+        still = tuple(id_ for id_, use in self._uses.items() if not self._moves(use))
+        by_port: dict[str, list[str]] = {}
+        for id_, use in self._uses.items():
+            if id_ not in still:
+                by_port.setdefault(use.port.id, []).append(id_)
+        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values())) if g)
+
+    def _moves(self, use: Use) -> bool:
+        """Whether a law has states of its own."""
+        return use.law.moves
+
+    def finer(self) -> Mapping[str, str]:
+        """Laws that refine one at the same port."""
+        found = {id_: f"{use.law.refines}@{use.port.id}" for id_, use in self._uses.items() if use.law.refines}
+        return {id_: coarse for id_, coarse in found.items() if coarse in self._uses}
+
+    def offer(self, ids: Collection[str]) -> Offer:
+        """The model with some laws, switched off."""
+        uses = self._ordered(id_ for id_ in self._uses if id_ in ids)
+        model = self._export(compose_laws(self.flat, uses, self.law_models), "offer")
+        own = [(Candidate(u.id, u.port.id, _starts(u)), _parameters(u)) for u in uses]
+        return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
+
+    def _ordered(self, ids: Iterable[str]) -> list[Use]:
+        """Uses in the order in which they are composed: laws that need the rate of a reading are the innermost."""
+        return sorted((self._uses[id_] for id_ in ids), key=lambda u: not u.law.takes_rate)
+
+    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The model with chosen laws, written into a copy of its source."""
         taken = {v.name for v in self.flat.variables}
         uses: list[Use] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
-        for c in sorted(chosen, key=lambda c: not self._uses[c.id].law.takes_rate):
-            old = self._uses[c.id]
+        for old in self._ordered(ids):
             own = {p.name: _significant(values[old.names[p.name]]) for p in old.parameters()}
             use = use_of(old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour)
             taken |= {use.instance, *use.names.values()}
             uses.append(use)
-            names[c.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
+            names[old.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
         written = write_law(self.sources, self.base, self.flat, uses, folder)
-        model = self._written(written, uses)
         parameters = tuple(p for use in uses for p in _parameters(use))
         return Extension(
-            written.name, written.path, written.text, written.diff, model, parameters, names, {c.id: {} for c in chosen}
-        )
+            written.name, written.path, written.text, written.diff, self._written(written), parameters, names,
+            {id_: {} for id_ in ids},
+        )  # fmt: skip
 
-    def _written(self, written: Written, uses: Sequence[Use]) -> Model:
-        """The FMU of a written model; of its flat form where the compiler does not take the text."""
+    def _written(self, written: Written) -> Model:
+        """The FMU of a written model."""
         flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
         return self._export(flat, written.name)
 
-    def composed(self, uses: Sequence[Use]) -> FlatModel:
-        """The flat model with laws at values, which what is written must agree with."""
-        return compose_laws(self.flat, uses, self.law_models)
+    def on(self, calibration: Calibration, model: Model) -> Calibration:
+        """The calibration on a relative: a state takes the name of what it equals there."""
+        structure = structure_of(self.flat)
+        there = {structure.of(s.name): s.name for s in model.states if s.name in structure.variables}
+        known = [s.name for s in calibration.model.states if s.name in structure.variables]
+        names = {s: there[structure.of(s)] for s in known if structure.of(s) in there}
+        experiments = tuple(
+            replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
+        )
+        parameters = tuple(
+            replace(p, target=StartTarget(names.get(p.target.state, p.target.state)))
+            if isinstance(p.target, StartTarget) else p
+            for p in calibration.parameters
+        )  # fmt: skip
+        return replace(calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters))
 
     def summary(self, id_: str) -> str:
         """A law in words."""

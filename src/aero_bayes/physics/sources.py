@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.flat import Place
+from aero_bayes.export.flat import FlatModel, Place
 from aero_bayes.export.library import modelica_root
 from aero_bayes.physics.classes import ClassText, innermost, read_classes
 
@@ -42,7 +42,7 @@ class Sources:
 
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
-        file = self.files.get(place.file) or self.files.get(str(Path(place.file).resolve()))
+        file = self.files.get(place.file)
         if file is None:
             raise InputError(f"{place}: the file is not among the sources")
         position = file.character(place.start)
@@ -50,6 +50,13 @@ class Sources:
         if cls is None:
             raise InputError(f"{place}: no class was found there")
         return file, cls, position
+
+    def resolve(self, cls: ClassText, name: str) -> str:
+        """Full name of a class by the name that another class uses."""
+        first, dot, rest = name.removeprefix(".").partition(".")
+        if first in cls.short:
+            return f"{cls.full_name}.{name}"
+        return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
         """Full names of what the packages around a class define or import, by the names used inside it."""
@@ -74,8 +81,10 @@ class Sources:
         return found
 
 
-def read_sources(sources: Sequence[Path]) -> Sources:
+def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
     """Read the files and package folders that a model is exported with; the shipped package ``Aero`` is among them.
+
+    Of libraries, the files that ``flat`` has something from are read as well.
 
     Raises
     ------
@@ -88,9 +97,17 @@ def read_sources(sources: Sequence[Path]) -> Sources:
             raise InputError(f"{source}: no such file")
         for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
             name = str(path.relative_to(source.parent))
-            text = path.read_text(encoding="utf-8")
-            try:
-                files[name] = SourceFile(name, text, read_classes(text))
-            except InputError as error:
-                raise InputError(f"{path}: {error}") from None
+            files[name] = _read(path, name)
+    places = [] if flat is None else [v.place for v in flat.variables] + [e.place for e in flat.equations]
+    for place in dict.fromkeys(p.file for p in places if p is not None):
+        if place not in files and Path(place).is_absolute() and Path(place).is_file():
+            files[place] = _read(Path(place), place)
     return Sources(files)
+
+
+def _read(path: Path, name: str) -> SourceFile:
+    text = path.read_text(encoding="utf-8")
+    try:
+        return SourceFile(name, text, read_classes(text))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

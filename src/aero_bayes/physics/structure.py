@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,37 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
+def by_elements(flat: FlatModel) -> FlatModel:
+    """The model with the elements of arrays as variables of their own, ``x[1]``; equations keep their places."""
+    if not any(v.sizes for v in flat.variables):
+        return flat
+
+    def element(n: Name) -> Expression:
+        return Name(show(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
+
+    variables = [w for v in flat.variables for w in (v, *_elements(v))]
+    equations = tuple(
+        replace(e, left=rebuilt(e.left, element), right=rebuilt(e.right, element)) for e in flat.equations
+    )
+    return replace(flat, variables=tuple(variables), equations=equations)
+
+
+def _elements(v: FlatVariable) -> list[FlatVariable]:
+    places = product(*(range(1, n + 1) for n in v.sizes)) if v.sizes else ()
+    return [replace(v, name=f"{v.name}[{','.join(map(str, k))}]", sizes=(), binding=None) for k in places]
+
+
+def reference(name: str) -> Name:
+    """A name as the flat model has it: ``x[1]`` is an element of ``x``."""
+    base, bracket, inside = name.partition("[")
+    if not bracket or not name.endswith("]") or "." in inside:
+        return Name(name)
+    return Name(base, tuple(Number(float(k)) for k in inside[:-1].split(",")))
+
+
 def structure_of(flat: FlatModel) -> Structure:
     """Find the classes of equal variables and the states of a flat model."""
+    flat = by_elements(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
     parent: dict[str, tuple[str, int]] = {}
@@ -81,6 +111,8 @@ def structure_of(flat: FlatModel) -> Structure:
         for one, two in ((e.left, e.right), (e.right, e.left)):
             derived = is_derivative(one)
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
+                if variables[root(two.name)[0]].causality == "input" and "." not in root(two.name)[0]:
+                    continue  # an integrator of an input: its balance
                 plain.add(i)
                 state, sign = root(derived)
                 # all rates of one quantity are equal, whoever names them

@@ -50,6 +50,17 @@ def tokenize(text: str, offset: int = 0) -> tuple[Token, ...]:
     return tuple(found)
 
 
+def one_line(text: str) -> str:
+    """The text without comments, each stretch of white space one blank; strings stay as they are."""
+    pieces: list[str] = []
+    at = 0
+    while (match := _TOKEN.match(text, at)) is not None:
+        pieces.append(" " if match.lastgroup in ("space", "comment") else match.group())
+        at = match.end()
+    words = [p for k, p in enumerate(pieces) if p != " " or (k > 0 and pieces[k - 1] != " ")]
+    return "".join([*words, text[at:]]).strip()
+
+
 def skip_group(tokens: Sequence[Token], at: int) -> int:
     """Index after the bracket that closes the one at ``at``."""
     depth = 0

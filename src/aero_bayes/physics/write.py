@@ -53,14 +53,14 @@ def write_law(
     InputError
         Where the source has no place for a law that its flat form has, such as an equation of a base class.
     """
-    known = read_sources(sources)
+    known = read_sources(sources, flat)
     file, cls = known.find(model)
     title = name or "_".join([cls.name, *(u.instance for u in uses)])
-    writer = Writer(known, file, cls, flat, uses, title)
+    writer = Writer(known, (file, cls), flat, uses, title)
     text = writer.text()
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    before, old = ("", "/dev/null") if writer.extends else (writer.original(), file.file)
+    before, old = ("", "/dev/null") if writer.draft.extends else (writer.draft.original(), file.file)
     return Written(title, path, text, unified_diff(before, text, old, path.name))

@@ -1,59 +1,39 @@
-"""The text of a user's class with laws in it."""
+"""What a law brings to a user's class at each kind of port: a term, a component at a connection, a signal passed on."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.physics.balance import entry_of, sides_of
-from aero_bayes.physics.classes import ClassText, Component
-from aero_bayes.physics.edit import (
-    Edit,
-    add_declarations,
-    add_equations,
-    apply,
-    indentation,
-    insert_in_connect,
-    rename_class,
-    replace_names,
-)
+from aero_bayes.export.flat import FlatEquation, FlatModel
+from aero_bayes.physics.balance import Entry, entry_of, sides_of
+from aero_bayes.physics.classes import ClassText, Component, Statement
+from aero_bayes.physics.draft import Draft
+from aero_bayes.physics.edit import Edit, insert_in_connect, text_of
 from aero_bayes.physics.entrance import parameter_values
-from aero_bayes.physics.law_class import class_text
-from aero_bayes.physics.ports import Port, driver_names, is_driver
+from aero_bayes.physics.find import driver_names, is_driver
+from aero_bayes.physics.law_class import formula
+from aero_bayes.physics.ports import Port
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
-from aero_bayes.physics.tokens import Token, split_outside
-from aero_bayes.physics.use import Use
+from aero_bayes.physics.tokens import split_outside
+from aero_bayes.physics.use import Use, plain_name
+
+#: A law whose formula is longer than this is written as a component.
+LONGEST_FORMULA = 70
 
 
 class Writer:
-    """Gathers what each law brings: declarations, equations, edits of what is there."""
+    """Adds laws to the draft of a class."""
 
     def __init__(
-        self, known: Sources, file: SourceFile, cls: ClassText, flat: FlatModel, uses: Sequence[Use], title: str
+        self, known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, uses: Sequence[Use], title: str
     ) -> None:
-        self.known, self.file, self.cls, self.flat, self.uses, self.title = known, file, cls, flat, uses, title
+        self.known, self.uses = known, uses
         self.structure = structure_of(flat)
-        self.components: dict[str, Component] = {c.name: c for c in cls.components()}
-        self.meanings = {
-            k: v for k, v in known.meanings(cls).items() if k not in self.components.keys() | set(cls.short)
-        }
-        self.whole_file = file.classes == (cls,) and not cls.within
-        self.extends = all(u.port.via == "node" for u in uses)
-        self.parameters: list[str] = []
-        self.classes: list[list[str]] = []
-        self.instances: dict[str, tuple[str, dict[str, str]]] = {}
-        self.variables: list[str] = []
-        self.equations: list[str] = []
-        self.edits: list[Edit] = []
-        #: what the rest of the class reads in place of a signal
-        self.read: dict[str, str] = {}
-        #: outermost law of each output, and where the expression stood that it is given
-        self.outputs: dict[str, str] = {}
-        self.moved: dict[str, Sequence[Token]] = {}
+        self.flat = self.structure.flat
+        self.draft = Draft(known, user, uses, title, inherits=self._inherits(user[1]))
 
     def text(self) -> str:
         """The whole file."""
@@ -62,88 +42,89 @@ class Writer:
             "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
         for use in self.uses:
-            self._parameters(use)
+            self.draft.declare_parameters(use)
+        for use in sorted(self.uses, key=lambda u: u.port.via != "output"):
             ways[use.port.via](use)
-        return self._extension() if self.extends else self._copy()
-
-    def original(self) -> str:
-        """The user's class as a file of its own, to compare with."""
-        if self.whole_file:
-            return self.file.text
-        return self._alone(self.file.text, ())
-
-    # what every law brings
-
-    def _parameters(self, use: Use) -> None:
-        for p in use.parameters():
-            attributes = [f'unit = "{use.unit(p)}"'] if use.unit(p) else []
-            attributes += [f"{k} = {v:.6g}" for k, v in use.limits(p).items()]
-            self.parameters.append(
-                f"parameter Real {use.names[p.name]}({', '.join(attributes)}) = {use.value(p)!r} "
-                f'"{p.description} at {use.port.id}";'
-            )
-
-    def _component(
-        self,
-        use: Use,
-        given: Mapping[str, str],
-        inside: Mapping[str, str],
-        declarations: Sequence[str] = (),
-        equations: Sequence[str] = (),
-    ) -> None:
-        """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
-        name = "".join(w[:1].upper() + w[1:] for w in use.instance.split("_"))
-        while name in self.meanings or name in self.cls.short:
-            name += "Law"
-        lines = class_text(
-            use.law, name, sizes=use.all_sizes, signals=inside,
-            without=frozenset() if use.neighbour else frozenset({"share", "q_2"}),
-            declarations=declarations, equations=equations,
-        )  # fmt: skip
-        self.classes.append(lines)
-        words = {word for line in lines for word in re.findall(r"\w+", line)}
-        bound = {p.name: use.names[p.name] for p in use.parameters()}
-        bound |= {signal: value for signal, value in given.items() if signal in words}
-        self.instances[use.instance] = name, bound
-
-    # balances
+        return self.draft.written()
 
     def _in_equation(self, use: Use) -> None:
-        given, exchange = use.port.signals, use.law.kind == "exchange"
+        given, exchange = dict(use.port.signals), use.law.kind == "exchange"
         if exchange and use.neighbour is not None:
             given = {"h_1": use.port.signals["h"], "h_2": use.neighbour.signals["h"]}
-        self._component(use, given, {})
-        self._term(use.port, f"{use.instance}.{use.law.shape.acts}", 1)
+        # a reading that is a state has a name of its own for what it was
+        given = {signal: self.draft.read.get(name, name) for signal, name in given.items()}
+        near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
+        text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
+        if text is None or len(text) > LONGEST_FORMULA:
+            self.draft.declare(use, given, {})
+            text = f"{use.instance}.{use.law.shape.acts}"
+        self._term(use.port, text, 1)
         if use.neighbour is not None:
-            self._term(use.neighbour, f"{use.instance}.{'q' if exchange else 'q_2'}", -1)
+            self._term(use.neighbour, text if exchange else f"{use.instance}.q_2", -1)
 
     def _term(self, port: Port, text: str, sign: int) -> None:
-        equation = self.flat.equations[port.entrance.equation] if port.entrance is not None else None
-        if equation is None or equation.place is None:
-            raise InputError(f"{port.id}: the place of its balance is not known")
-        _, cls, position = self.known.at(equation.place)
-        if cls.full_name != self.cls.full_name:
-            raise InputError(f"{equation.place}: the balance of {port.id!r} stands in the class {cls.full_name}")
-        sides = self._sides(position)
-        values = parameter_values(self.flat)
-        constants = frozenset(v.name for v in self.flat.variables if v.constant)
-        for name in driver_names(self.structure, port.id):
-            entry = entry_of(sides, is_driver(name), constants=constants, values=values)
-            if entry is not None:
-                self.edits += entry.insert(text, sign)
-                return
-        raise InputError(f"{equation.place}: no term can be written into the balance of {port.id!r}")
+        """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
+        equation = self._equation_of(port)
+        if not equation.component:
+            self.draft.edits += self._entry(port, self.draft.cls, "").insert(text, sign)
+            return
+        copy = self.draft.copy_of(equation.component)
+        stated = self._class_at(equation)
+        if stated is None or stated.name != copy.origin.name:
+            copy.write_out_bases(self.known)
+        given = plain_name(text)
+        copy.edits += self._entry(port, copy.cls, equation.component + ".").insert(given, sign)
+        about = f'"{"Taken from" if sign > 0 else "Added to"} the balance"'
+        path = equation.component
+        while path:
+            parent = path.rpartition(".")[0]
+            self.draft.copies[path].take(given, text if not parent else given, about)
+            path = parent
 
-    def _sides(self, position: int) -> tuple[Term, Term]:
-        """Both sides of the equation, or of the declaration with a value, at a position."""
-        s = next((s for s in self.cls.statements if s.start <= position < s.end), None)
-        if s is not None and s.section in ("public", "protected"):
-            c = next(c for c in self.components.values() if c.statement is s and c.binding)
-            return Term("name", c.name_token.start, c.name_token.end, c.name), parse_term(c.binding)
-        sides = sides_of(s.core) if s is not None and not s.inside else None
-        if sides is None:
-            raise InputError(f"{self.file.file}: a branch, a loop or an array, into which no term can be written")
-        return sides
+    def _equation_of(self, port: Port) -> FlatEquation:
+        if port.entrance is None:
+            raise InputError(f"the port {port.id!r} has no balance")
+        return self.flat.equations[port.entrance.equation]
+
+    def _class_at(self, equation: FlatEquation) -> ClassText | None:
+        return None if equation.place is None else self.known.at(equation.place)[1]
+
+    def _entry(self, port: Port, cls: ClassText, prefix: str) -> Entry:
+        """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
+        values = {n.removeprefix(prefix): v for n, v in parameter_values(self.flat).items()}
+        constants = frozenset(v.name.removeprefix(prefix) for v in self.flat.variables if v.constant)
+        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, next(iter(port.signals.values())))]
+        wanted = self._words(port)
+        found: list[tuple[bool, int, Entry]] = []
+        for s in cls.statements:
+            sides = self._sides(s, cls)
+            if sides is None or s.inside:
+                continue
+            for name in drivers:
+                entry = entry_of(sides, is_driver(name), constants=constants, values=values)
+                if entry is not None:
+                    found.append(([t.word for t in s.core] != wanted, len(found), entry))
+                    break
+        if not found:
+            raise InputError(f"{self._equation_of(port).place}: no term can be written into the balance of {port.id!r}")
+        return min(found, key=lambda f: f[:2])[2]
+
+    def _words(self, port: Port) -> list[str]:
+        """The balance as it stands in the user's source."""
+        equation = self._equation_of(port)
+        if equation.place is None:
+            return []
+        _, cls, position = self.known.at(equation.place)
+        return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
+
+    def _sides(self, s: Statement, cls: ClassText) -> tuple[Term, Term] | None:
+        """Both sides of an equation, or of a declaration with a value."""
+        if s.section == "equation":
+            return sides_of(s.core)
+        c = next((c for c in cls.components() if c.statement is s and c.binding), None)
+        if c is None or c.prefixes & {"parameter", "constant"}:
+            return None
+        return Term("name", c.name_token.start, c.name_token.end, c.name), parse_term(c.binding)
 
     # connections
 
@@ -158,9 +139,8 @@ class Writer:
         if exchange:
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
         given = {k: v for k, v in port.signals.items() if k not in inside}
-        connector = self._connector_class(port)
-        self._component(use, given, inside, [f"{connector} {end};" for end in ends], flows)
-        self.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
+        self.draft.declare(use, given, inside, self._connectors(port, *ends), flows)
+        self.draft.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
 
     def _inside(self, port: Port) -> dict[str, str]:
         """What a law's class can take from its own connector: the potential, or its rate."""
@@ -171,133 +151,103 @@ class Writer:
             return {"v": f"der({potential})", "x": potential}
         return {"v": potential}
 
-    def _connector_class(self, port: Port) -> str:
+    def _connectors(self, port: Port, *names: str) -> list[str]:
+        """Declarations of connectors of the port's kind in a law's class."""
         place = self.structure.variables[f"{port.connectors[0]}.{port.flow}"].place
         if place is None:
             raise InputError(f"{port.id}: the class of its connector is not known")
-        return self.known.at(place)[1].full_name
+        file, cls, _ = self.known.at(place)
+        if not file.text[cls.start :].startswith("partial"):
+            return [f"{cls.full_name} {name};" for name in names]
+        whole = ["connector End", f"  extends {cls.full_name};", "end End;"]
+        return [*whole, *(f"End {name};" for name in names)]
 
     def _in_series(self, use: Use) -> None:
         port = use.port
         left, right = port.connectors
-        connector = self._connector_class(port)
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
-        self._component(use, {}, {"i": f"p.{port.flow}"}, [f"{connector} p;", f"{connector} n;"], equations)
-        for s in self.cls.equations:
+        self.draft.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
+        found = self._connection(self.draft.cls, port)
+        if found is None:
+            raise InputError(f"{self.draft.cls.full_name}: no connection of {left} and {right} stands in the class")
+        near, far = ("p", "n") if found[1][0] == left else ("n", "p")
+        self.draft.edits += insert_in_connect(
+            self.draft.file.text, found[0], f"{use.instance}.{near}", f"{use.instance}.{far}"
+        )
+
+    @staticmethod
+    def _connection(cls: ClassText, port: Port) -> tuple[Statement, list[str]] | None:
+        """The statement that joins the two connectors of a port, and these in its order."""
+        for s in cls.equations:
             ends = ["".join(t.word for t in e) for e in split_outside(s.core[2:-1])] if s.first == "connect" else []
-            if sorted(ends) == sorted((left, right)) and not s.inside:
-                near, far = ("p", "n") if ends[0] == left else ("n", "p")
-                self.edits += insert_in_connect(self.file.text, s, f"{use.instance}.{near}", f"{use.instance}.{far}")
-                return
-        raise InputError(f"{self.cls.full_name}: no connection of {left} and {right} stands in the class itself")
+            if sorted(ends) == sorted(port.connectors) and not s.inside:
+                return s, ends
+        return None
 
     # inputs and outputs
 
     def _at_input(self, use: Use) -> None:
         name = self._declared(use)
-        self._component(use, {"u": name}, {})
-        if name in self.read:
+        self.draft.declare(use, {"u": name}, {})
+        if name in self.draft.read:
             # what a law gives that is there already is now given what this one gives
-            self.instances[self.read[name].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
-        self.read.setdefault(name, f"{use.instance}.y")
+            self.draft.instances[self.draft.read[name].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
+        self.draft.read.setdefault(name, f"{use.instance}.y")
 
     def _declared(self, use: Use) -> str:
         name = use.port.signals["u"]
-        if name not in self.components:
-            raise InputError(f"{self.cls.full_name}: {name!r} is not declared in the class itself")
+        if name not in self.draft.components:
+            raise InputError(f"{self.draft.cls.full_name}: {name!r} is not declared in the class itself")
         return name
 
     def _at_output(self, use: Use) -> None:
         name = self._declared(use)
-        inner = self.outputs.get(name)
-        self.outputs[name] = f"{use.instance}.y"
+        inner = self.draft.outputs.get(name)
+        self.draft.outputs[name] = f"{use.instance}.y"
         if inner is not None:
-            self._component(use, {"u": inner}, {})
+            self.draft.declare(use, {"u": inner}, {})
             return
-        c = self.components[name]
-        giving = [s for s in self.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
+        c = self.draft.components[name]
+        giving = [s for s in self.draft.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
         if c.binding or (len(giving) == 1 and f"der({name})" not in self._derivatives()):
-            self.moved[name] = c.binding or giving[0].core[2:]
-            self._component(use, {"u": ""}, {})
-            self.read[name] = f"{use.instance}.u"
+            self.draft.moved[name] = c.binding or giving[0].core[2:]
+            self.draft.declare(use, {"u": ""}, {})
+            self.draft.read[name] = f"{use.instance}.u"
         else:
             self._true_value(use, c)
 
     def _derivatives(self) -> set[str]:
-        triples = (t for s in self.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
+        triples = (t for s in self.draft.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
         return {f"der({c.word})" for a, b, c in triples if a.word == "der" and b.word == "("}
 
     def _true_value(self, use: Use, c: Component) -> None:
         """An output that other equations solve for: what it was gets a name of its own."""
         true = f"{c.name}_true"
-        self._component(use, {"u": true}, {})
-        self.variables.append(f'Real {true}{_slice(self.file.text, c.arguments)} "{c.description or c.name}, unread";')
-        if c.arguments:
-            kept = [f"{k} = {_slice(self.file.text, v)}" for k, v in c.modifiers if k in ("unit", "displayUnit")]
-            text = f"({', '.join(kept)})" if kept else ""
-            self.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
-        self.read[c.name] = true
-
-    # the two ways to put it together
-
-    def _declarations(self) -> list[str]:
-        lines = [*self.parameters, *self.variables]
-        for cls, (instance, (name, bound)) in zip(self.classes, self.instances.items(), strict=True):
-            lines += [*cls, f"{name} {instance}({', '.join(f'{k} = {v}' for k, v in bound.items())});"]
-        return lines
-
-    def _about(self) -> str:
-        added = " and ".join(
-            f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.uses
+        self.draft.declare(use, {"u": true}, {})
+        self.draft.variables.append(
+            f'Real {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
         )
-        return f"{self.cls.description or self.cls.name}, with {added}".replace('"', "'")
+        if c.arguments:
+            kept = [f"{k} = {text_of(self.draft.file.text, v)}" for k, v in c.modifiers if k in ("unit", "displayUnit")]
+            text = f"({', '.join(kept)})" if kept else ""
+            self.draft.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
+        self.draft.read[c.name] = true
 
-    def _extension(self) -> str:
-        lines = ["within ;", f'model {self.title} "{self._about()}"', f"  extends {self.cls.full_name};"]
-        lines += [f"  {line}" for line in self._declarations()]
-        return "\n".join([*lines, "equation", *(f"  {line}" for line in self.equations), f"end {self.title};", ""])
+    # what has to be written out first
 
-    def _copy(self) -> str:
-        text, cls = self.file.text, self.cls
-        edits = [*self.edits, *rename_class(cls, self.title), self._description()]
-        for name, tokens in self.moved.items():
-            instance = self.read[name].removesuffix(".u")
-            self.instances[instance][1]["u"] = self._renamed(tokens)
-            edits.append(Edit(tokens[0].start, tokens[-1].end, self.outputs[name]))
-        self.equations += [f"{name} = {y};" for name, y in self.outputs.items() if name not in self.moved]
-        gone = [(tokens[0].start, tokens[-1].end) for tokens in self.moved.values()]
-        for s in cls.statements:
-            names = {c.name_token.start for c in self.components.values() if c.statement is s}
-            if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved:
-                names.add(s.core[0].start)
-            edits += [
-                e
-                for e in replace_names(s.tokens, self._new_name)
-                if e.start not in names and not any(start <= e.start < end for start, end in gone)
-            ]
-        edits += add_declarations(text, cls, self._declarations())
-        edits += add_equations(text, cls, self.equations)
-        return apply(text, edits) if self.whole_file else self._alone(text, edits)
-
-    def _alone(self, text: str, edits: Sequence[Edit]) -> str:
-        """The class out of its package, moved to the margin."""
-        begin = text.rfind("\n", 0, self.cls.start) + 1
-        margin = indentation(text, self.cls.start)
-        body = apply(text[begin : self.cls.end], [e.moved(-begin) for e in edits])
-        return "within ;\n" + re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n"
-
-    def _new_name(self, name: str) -> str | None:
-        return self.read.get(name) or self.meanings.get(name)
-
-    def _renamed(self, tokens: Sequence[Token]) -> str:
-        begin = tokens[0].start
-        edits = [e.moved(-begin) for e in replace_names(tokens, self._new_name)]
-        return apply(_slice(self.file.text, tokens), edits)
-
-    def _description(self) -> Edit:
-        head = self.cls.name_token.end
-        return Edit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')
-
-
-def _slice(text: str, tokens: Sequence[Token]) -> str:
-    return text[tokens[0].start : tokens[-1].end] if tokens else ""
+    def _inherits(self, cls: ClassText) -> bool:
+        """Whether something that is to be edited stands in a base class of the user's class."""
+        own = {c.name for c in cls.components()}
+        for use in self.uses:
+            for port in (use.port, *([use.neighbour] if use.neighbour else ())):
+                if port.via in ("input", "output") and port.signals["u"] not in own:
+                    return True
+                if port.via == "equation":
+                    equation = self._equation_of(port)
+                    stated = self._class_at(equation)
+                    inside = equation.component
+                    if (inside and inside not in own) or (not inside and stated is not cls):
+                        return True
+                if port.via == "series" and self._connection(cls, port) is None:
+                    return True
+        return False

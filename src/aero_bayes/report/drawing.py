@@ -1,10 +1,14 @@
-"""Panels of curves over a common x axis: the one kind of figure that most of the page is made of."""
+"""Panels of curves over a common x axis: the one kind of figure that most of the page is made of.
+
+What is drawn here is the still picture, and the page for those without scripts. Layers that have a source carry with
+them what the page's script needs to draw the same paths anew for another stretch of time.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
@@ -19,15 +23,50 @@ _FONT = 11.5
 _RIGHT, _TITLE, _GAP, _FOOT = 14.0, 27.0, 9.0, 40.0
 
 
+#: Terms of a sum of series: ``((1, "measured/run/y"), (-1, "after/run/y"))`` is what a model leaves.
+Terms = tuple[tuple[int, str], ...]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the page's script finds a layer at full resolution: series to add up, over the series ``time``."""
+
+    time: str
+    terms: Terms
+    upper: Terms = ()
+
+    @property
+    def keys(self) -> set[str]:
+        """All series that are needed."""
+        return {self.time, *(key for _, key in (*self.terms, *self.upper))}
+
+    def spec(self, kind: str, label: str, *, held: bool = False) -> dict[str, object]:
+        """As the script reads it; ``kind`` is line, area or mean."""
+        found: dict[str, object] = {"k": kind, "t": self.time, "y": self.terms}
+        return found | ({"u": self.upper} if self.upper else {}) | ({"n": label} if label else {}) \
+            | ({"held": 1} if held else {})  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Line:
-    """A curve; NaN values break it."""
+    """A curve; NaN values break it.
+
+    ``cloud`` draws a noisy series as the area between its extremes, ``trend`` adds its slow part; ``held`` holds each
+    value to the next. A ``label`` names it in legends, tables and under the cursor; ``rms`` has a table state its size
+    and not its mean.
+    """
 
     x: FloatArray
     y: FloatArray
     colour: str
     width: float = 1.4
     dashes: bool = False
+    label: str = ""
+    source: Source | None = None
+    cloud: float = 0.0
+    trend: bool = False
+    held: bool = False
+    rms: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,6 +79,8 @@ class Band:
     colour: str
     opacity: float = 0.22
     edge: float = 0.0
+    label: str = ""
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +102,8 @@ class Panel:
     """One pair of axes: what is drawn, and how it is named.
 
     ``title`` stands above the panel and names the quantity with its unit; ``levels`` are dashed horizontal lines;
-    ``ticks`` is about how many values the y axis names, none for 0.
+    ``ticks`` is about how many values the y axis names, none for 0. ``factor`` is what the values of layers with a
+    source have been multiplied with.
     """
 
     title: str
@@ -72,17 +114,7 @@ class Panel:
     levels: tuple[float, ...] = ()
     log_y: bool = False
     ticks: int = 4
-
-
-@dataclass(frozen=True)
-class Plate:
-    """A figure of the page: drawing for wide screens, one for phones, words for those who do not see it."""
-
-    wide: Markup
-    narrow: Markup | None
-    alt: str
-    caption: Markup
-    legend: tuple[tuple[str, str], ...] = field(default=())
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -109,25 +141,9 @@ class _Frame:
         return self.top + self.height * (1 - (values - low) / (high - low))
 
 
-def line(time: FloatArray, values: FloatArray, colour: str, columns: int, width: float = 1.4) -> Line:
-    """A curve thinned to its envelope over ``columns`` columns."""
-    return Line(*envelope(time, values, columns), colour, width)
-
-
-def cloud(
-    time: FloatArray, values: FloatArray, colour: str, columns: int, *, opacity: float = 0.4, trend: bool = False
-) -> tuple[Layer, ...]:
-    """A noisy series: the area between its extremes, and on request its slow part; a curve where it is short."""
-    if len(time) <= 4 * columns:
-        return (line(time, values, colour, columns, 1.1),)
-    area = Band(*band_envelope(time, values, values, columns), colour, opacity, edge=2.5 * opacity - 0.4)
-    slow = Line(*column_means(time, values, columns // 4), colour, 1.6)
-    return (area, slow) if trend else (area,)
-
-
-def band(time: FloatArray, low: FloatArray, high: FloatArray, colour: str, columns: int, opacity: float = 0.22) -> Band:
-    """A band thinned to its envelope over ``columns`` columns."""
-    return Band(*band_envelope(time, low, high, columns), colour, opacity)
+def columns_for(width: float) -> int:
+    """Time columns of an envelope: about three for every four pixels."""
+    return int(0.75 * width)
 
 
 def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Markup:
@@ -157,12 +173,16 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     left = max(40.0, 14 + 0.62 * _FONT * longest)
     top = 0.0
     for panel, (y_limits, ticks) in zip(panels, scales, strict=True):
+        frame = _Frame(left, top + _TITLE, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
+        canvas.group("panel", _panel_spec(panel, frame))
         canvas.text(3, top + 14, panel.title, INK, _FONT + 0.5)
         top += _TITLE
-        frame = _Frame(left, top, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
-        _draw_panel(canvas, panel, frame, ticks)
+        _draw_panel(canvas, panel, frame, ticks, columns_for(width))
+        canvas.end()
         top += panel.height + _GAP
+    canvas.group("x axis")
     _draw_x_axis(canvas, frame, x_label, 9 if width > 600 else 5)
+    canvas.end()
     return canvas.svg()
 
 
@@ -206,6 +226,10 @@ def _reach(panel: Panel) -> tuple[float, float]:
     drawn = [
         part for layer in panel.layers for part in ((layer.low, layer.high) if isinstance(layer, Band) else (layer.y,))
     ]
+    seen = [layer.x for layer in panel.layers for _ in range(2 if isinstance(layer, Band) else 1)]
+    if panel.x_limits is not None:
+        first, last = panel.x_limits
+        drawn = [y[(x >= first) & (x <= last)] for x, y in zip(seen, drawn, strict=True)]
     values = np.concatenate([*drawn, np.array(panel.levels, dtype=np.float64)])
     values = values[np.isfinite(values)]
     if not len(values):
@@ -217,29 +241,70 @@ def _reach(panel: Panel) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[float]) -> None:
+def _panel_spec(panel: Panel, frame: _Frame) -> dict[str, object] | None:
+    """What the script must know to draw a panel anew; None for one that stays as it is."""
+    if not any(isinstance(layer, Line | Band) and layer.source for layer in panel.layers):
+        return None
+    box = [round(side, 1) for side in (frame.left, frame.top, frame.width, frame.height)]
+    spec: dict[str, object] = {"box": box, "x": frame.x_limits, "y": frame.y_limits, "f": panel.factor}
+    spec |= {"ticks": panel.ticks, "levels": panel.levels, "title": panel.title}
+    return spec | ({"fixed": 1} if panel.y_limits is not None else {})
+
+
+def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[float], columns: int) -> None:
     right, foot = frame.left + frame.width, frame.top + frame.height
+    canvas.group("y axis")
     for tick, y in zip(ticks, frame.down(np.array(ticks)).tolist(), strict=True):
         canvas.curve([frame.left, right], [y, y], RULE, 0.8)
         canvas.text(frame.left - 6, y + 4, tick_text(tick), MUTED, _FONT, "end")
     canvas.curve([frame.left, right], [foot, foot], RULE, 0.8)
     for y in frame.down(np.array(panel.levels)).tolist():
         canvas.curve([frame.left, right], [y, y], MUTED, 0.9, "4 3")
-    cut = panel.y_limits is not None or panel.x_limits is not None
+    canvas.end()
+    cut = panel.y_limits is not None or panel.x_limits is not None or _panel_spec(panel, frame) is not None
     if cut:
         canvas.clip(frame.left, frame.top, frame.width, frame.height)
-    for layer in sorted(panel.layers, key=lambda layer: isinstance(layer, Line)):
+    for layer in sorted(panel.layers, key=lambda layer: isinstance(layer, Line) and not layer.cloud):
         match layer:
             case Line():
-                dashes = "5 3" if layer.dashes else ""
-                canvas.curve(frame.across(layer.x), frame.down(layer.y), layer.colour, layer.width, dashes)
+                _draw_line(canvas, layer, frame, columns)
             case Band():
-                low, high = frame.down(layer.low), frame.down(layer.high)
-                canvas.area(frame.across(layer.x), low, high, layer.colour, layer.opacity, layer.edge)
+                data = layer.source.spec("area", layer.label) if layer.source else None
+                seen = _seen(frame, layer.x, layer.low, layer.high)
+                x, low, high = band_envelope(seen[0], seen[1], seen[2], columns)
+                area = frame.across(x), frame.down(low), frame.down(high)
+                canvas.area(*area, layer.colour, layer.opacity, layer.edge, data)
             case Dots():
                 canvas.dots(frame.across(layer.x), frame.down(layer.y), layer.colour, layer.size, layer.opacity)
     if cut:
-        canvas.unclip()
+        canvas.end()
+
+
+def _draw_line(canvas: Canvas, layer: Line, frame: _Frame, columns: int) -> None:
+    x, y = _seen(frame, layer.x, layer.y)
+    source = layer.source
+    if layer.cloud and len(x) > 4 * columns:
+        at, low, high = band_envelope(x, y, y, columns)
+        data = source.spec("area", layer.label) if source else None
+        edge = 2.5 * layer.cloud - 0.4
+        canvas.area(frame.across(at), frame.down(low), frame.down(high), layer.colour, layer.cloud, edge, data)
+        if layer.trend:
+            at, middle = column_means(x, y, columns // 4)
+            data = source.spec("mean", "") if source else None
+            canvas.curve(frame.across(at), frame.down(middle), layer.colour, 1.6, "", data)
+        return
+    if layer.held and len(x) <= 2 * columns:
+        x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+    x, y = envelope(x, y, columns)
+    data = source.spec("line", layer.label, held=layer.held) if source else None
+    canvas.curve(frame.across(x), frame.down(y), layer.colour, layer.width, "5 3" if layer.dashes else "", data)
+
+
+def _seen(frame: _Frame, x: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
+    """What lies within the frame, and one point to either side."""
+    first, last = np.searchsorted(x, frame.x_limits[0]) - 1, np.searchsorted(x, frame.x_limits[1], "right") + 1
+    part = slice(max(0, int(first)), int(last)) if len(x) > 1 and np.all(np.diff(x) >= 0) else slice(None)
+    return (x[part], *(v[part] for v in values))
 
 
 def _draw_x_axis(canvas: Canvas, frame: _Frame, label: str, most: int) -> None:

@@ -1,31 +1,28 @@
-"""Tables of what was found: residual, noise, sampler, replay."""
+"""Tables of what was found: residual, noise, sampler, prediction."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 from markupsafe import Markup
 
-from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
-from aero_bayes.report.series_figures import unit_of
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
+from aero_bayes.schema import McmcResult
+
+#: Above this, ensembles do not agree.
+R_HAT_LIMIT = 1.01
 
 
 def residual_table(run: RunDirectory) -> Markup | None:
     """Residual size against the noise floor and the whiteness test, by recording and output."""
     rows: list[tuple[object, ...]] = []
-    roles = {str(row.get("name")): row.get("role", "") for row in table(run.result, "recordings")}
-    for recording, outputs in mapping(run.result, "residual").items():
-        for output, entry in mapping(outputs).items():
-            found = mapping(entry)
-            ratio = number(found.get("ratio"))
+    for recording, outputs in run.result.residual.items():
+        for output, found in outputs.items():
             rows.append((
-                Markup("{}<small>{}</small>").format(recording, role_words(roles.get(recording, ""))), symbol(output),
-                significant(number(found.get("rms"))), significant(number(found.get("noise_floor"))),
-                pretty_unit(unit_of(run, output)), significant(ratio), ratio_glyph(None, ratio),
-                probability(number(found.get("p_value"))), status_pill(str(found.get("verdict") or "")),
+                Markup("{}<small>{}</small>").format(recording, role_words(run.result.role(recording))), symbol(output),
+                significant(found.rms), significant(found.noise_floor), pretty_unit(run.result.unit(output)),
+                significant(found.ratio), ratio_glyph(None, found.ratio), probability(found.p_value),
+                status_pill(found.verdict),
             ))  # fmt: skip
     if not rows:
         return None
@@ -38,34 +35,29 @@ def residual_table(run: RunDirectory) -> Markup | None:
 
 def noise_table(run: RunDirectory) -> Markup | None:
     """The noise model of every output."""
-    entries = mapping(run.result, "noise")
-    if not entries:
-        return None
-    rows = []
-    for output, entry in entries.items():
-        found = mapping(entry)
-        sizes = [significant(number(found.get(key))) for key in ("sd", "sd_white", "sd_ou")]
-        correlated = (duration(number(found.get("tau_s"))), significant(number(found.get("rho"))))
-        rows.append((symbol(output), *sizes, pretty_unit(unit_of(run, output)), *correlated))
+    rows = [
+        (
+            symbol(output), *(significant(size) for size in (found.sd, found.sd_white, found.sd_ou)),
+            pretty_unit(run.result.unit(output)), duration(found.tau_s), significant(found.rho),
+        )
+        for output, found in run.result.noise.items()
+    ]  # fmt: skip
     columns = (
         "output", Column("total", "right"), Column("white part", "right"), Column("correlated part", "right"), "unit",
         Column("correlation time", "right"), Column("lag-1 correlation", "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "Noise, standard deviations")
+    return html_table(columns, rows, "Noise, standard deviations") if rows else None
 
 
-def sampler_table(run: RunDirectory) -> Markup | None:
+def sampler_table(mcmc: McmcResult) -> Markup | None:
     """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
-    for name, entry in mapping(run.result, "mcmc", "per_parameter").items():
-        found = mapping(entry)
-        r_hat = number(found.get("r_hat"))
-        if r_hat is None or r_hat > 1.01:
+    for name, found in mcmc.per_parameter.items():
+        if found.r_hat is None or found.r_hat > R_HAT_LIMIT:
             marked.append(len(rows))
-        sizes = [count(number(found.get(key))) for key in ("ess_bulk", "ess_tail")]
-        shown = NOTHING if r_hat is None else f"{r_hat:.4f}"
-        rows.append((symbol(name), shown, *sizes, significant(number(found.get("tau")))))
+        shown = NOTHING if found.r_hat is None else f"{found.r_hat:.4f}"
+        rows.append((symbol(name), shown, count(found.ess_bulk), count(found.ess_tail), significant(found.tau)))
     if not rows:
         return None
     columns = (
@@ -75,83 +67,46 @@ def sampler_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Convergence (ESS: effective draws; marked: R-hat above 1.01)", marked)
 
 
-def sampler_facts(run: RunDirectory) -> list[tuple[str, str]]:
-    """The sampler's run in a few words and numbers."""
-    mcmc = mapping(run.result, "mcmc")
-    shown: dict[str, tuple[str, Callable[[float], str]]] = {
-        "ensembles": ("independent ensembles", count), "walkers": ("walkers in each", count), "draws": ("draws", count),
-        "tau": ("autocorrelation time (steps)", significant), "acceptance": ("accepted", _percent),
-        "r_hat_max": ("largest R-hat", lambda x: f"{x:.4f}"), "ess_bulk_min": ("least effective draws, bulk", count),
-        "ess_tail_min": ("least effective draws, tail", count), "seconds": ("time", duration),
-    }  # fmt: skip
-    facts = [(label, show(x)) for key, (label, show) in shown.items() if (x := number(mcmc.get(key))) is not None]
-    if "reason" in mcmc:
-        facts.append(("stopped because", str(mcmc["reason"])))
-    return facts
+def sampler_facts(mcmc: McmcResult) -> list[tuple[str, str]]:
+    """The sampler's run in a few words and numbers; what stands at the head of the page is not said again."""
+    facts = [
+        ("independent ensembles", count(mcmc.ensembles)), ("walkers in each", count(mcmc.walkers)),
+        ("draws", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
+        ("autocorrelation time (steps)", significant(mcmc.tau)),
+        ("accepted", NOTHING if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
+        ("time", duration(mcmc.seconds)), ("stopped because", mcmc.reason),
+    ]  # fmt: skip
+    return [(label, value) for label, value in facts if value not in {NOTHING, ""}]
 
 
 def rms_table(run: RunDirectory) -> Markup | None:
-    """RMS error of the fit by recording role and output."""
-    errors = {
-        split: mapping(outputs) for split, outputs in mapping(run.result, "fit", "rms").items() if mapping(outputs)
-    }
+    """RMS error of the fit by role and output, where no residual table says it by recording."""
+    errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
     outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
-    if not outputs:
+    if not outputs or run.result.residual:
         return None
     rows = [
-        (symbol(output), *(significant(number(found.get(output))) for found in errors.values()),
-         pretty_unit(unit_of(run, output)))
+        (symbol(output), *(significant(found.get(output)) for found in errors.values()),
+         pretty_unit(run.result.unit(output)))
         for output in outputs
     ]  # fmt: skip
-    columns: tuple[Column | str, ...] = (
-        "output",
-        *(Column(role_words(split), "right") for split in errors),
-        "unit",
-    )
+    columns: tuple[Column | str, ...] = ("output", *(Column(role_words(split), "right") for split in errors), "unit")
     return html_table(columns, rows, "RMS error of the fit")
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
     """Cost and ending of the optimisers."""
-    fit = mapping(run.result, "fit")
+    fit = run.result.fit
     facts = []
-    if (cost := number(fit.get("cost_eq6"))) is not None:
-        facts.append(("cost (sum of squared errors, Eq. 6)", significant(cost, 4)))
-    pso, local = mapping(fit, "pso"), mapping(fit, "local")
-    if pso:
-        taken = f" in {duration(seconds)}" if (seconds := number(pso.get("seconds"))) is not None else ""
-        facts.append(("particle swarm", f"{count(number(pso.get('evaluations')))} evaluations{taken}"))
-    if local:
-        ended = local.get("reason", "no reason given")
-        facts.append(("local search", f"{count(number(local.get('iterations')))} iterations; {ended}"))
-    for index, stage in enumerate(table(fit, "stages")):
-        outputs, parameters = ", ".join(texts(stage, "outputs")), ", ".join(texts(stage, "parameters"))
-        facts.append((f"stage {index + 1}, on {outputs}", parameters))
+    if fit.cost_eq6 is not None:
+        facts.append(("sum of squared errors", significant(fit.cost_eq6, 4)))
+    if fit.pso is not None:
+        facts.append(("particle swarm", f"{count(fit.pso.evaluations)} evaluations"))
+    if fit.local is not None:
+        facts.append(("local search", f"{count(fit.local.iterations)} iterations; {fit.local.reason}"))
+    for index, stage in enumerate(fit.stages):
+        facts.append((f"stage {index + 1}, on {', '.join(stage.outputs)}", ", ".join(stage.parameters)))
     return facts
-
-
-def replay_table(run: RunDirectory) -> Markup | None:
-    """Table 1 of the paper: every model's parameters and fitness, beside the paper's fitness."""
-    entries = table(run.result, "replay", "rows")
-    if not entries:
-        return None
-    names = list(dict.fromkeys(name for row in entries for name in mapping(row, "parameters")))
-    fitness = [number(row.get("fitness")) for row in entries]
-    best = min((x for x in fitness if x is not None), default=None)
-    rows = [
-        (
-            Markup("{}<small>{}</small>").format(row.get("model", NOTHING), row.get("note") or ""),
-            *(_replay_value(mapping(row, "parameters").get(name)) for name in names),
-            significant(value, 4), tidy(number(row.get("paper_fitness")), 6),
-        )
-        for row, value in zip(entries, fitness, strict=True)
-    ]  # fmt: skip
-    fits = Column("fitness, here", "right"), Column("fitness, paper", "right")
-    columns: tuple[Column | str, ...] = ("model", *(Column(symbol(name), "right") for name in names), *fits)
-    marked = [index for index, value in enumerate(fitness) if value is not None and value == best]
-    return html_table(
-        columns, rows, "Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)", marked
-    )
 
 
 def probability(p: float | None) -> str:
@@ -161,28 +116,19 @@ def probability(p: float | None) -> str:
     return "< 0.0001" if p < 1e-4 else significant(p, 2)
 
 
-def _replay_value(value: Any) -> str:
-    stated = value.get("value") if isinstance(value, Mapping) else value
-    return significant(number(stated), 3)
-
-
-def _percent(share: float) -> str:
-    return f"{significant(100 * share, 2)} %"
-
-
 def left_out_table(run: RunDirectory) -> Markup | None:
     """Error of each recording predicted from the others, beside that of the fit which has seen it."""
     rows = []
-    for recording, entry in mapping(run.result, "prediction", "recordings").items():
-        for output, predicted in mapping(entry, "rms").items():
-            error, fitted = number(predicted), number(mapping(entry, "rms_fitted").get(output))
+    for recording, entry in run.result.prediction.recordings.items():
+        for output, error in entry.rms.items():
+            fitted = entry.rms_fitted.get(output)
             if error is None:
                 continue
             more = 100 * (error / fitted - 1) if fitted else None
-            floor = _floor_of(run, recording, output)
+            floor = run.result.noise_floor(recording, output)
             rows.append((
                 recording, symbol(output), significant(error), significant(fitted), significant(floor),
-                pretty_unit(unit_of(run, output)), NOTHING if more is None else f"{signed(more, 1)} %",
+                pretty_unit(run.result.unit(output)), NOTHING if more is None else f"{signed(more, 1)} %",
                 ratio_glyph(fitted / floor if fitted and floor else None, error / floor if floor else None),
             ))  # fmt: skip
     columns = (
@@ -200,22 +146,14 @@ def stretches_table(run: RunDirectory) -> Markup | None:
     }  # fmt: skip
     rows = []
     for key, label in words.items():
-        entry = mapping(run.result, "prediction", "stretches", key)
-        if not entry:
+        entry = run.result.prediction.stretches.get(key)
+        if entry is None:
             continue
-        trust = "" if entry.get("reliable") else "the weights are too uneven to rely on it"
+        trust = "" if entry.reliable else "the weights are too uneven to rely on it"
         name = Markup("{}<small>{}</small>").format(label, key.replace("_", " "))
-        rows.append((
-            name, tidy(number(entry.get("elpd")), 7), significant(number(entry.get("se")), 2),
-            count(number(entry.get("stretches"))), trust,
-        ))  # fmt: skip
+        rows.append((name, tidy(entry.elpd, 7), significant(entry.se, 2), count(entry.stretches), trust))
     columns = (
         "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("stretches", "right"),
         "",
     )  # fmt: skip
     return html_table(columns, rows, "Stretches of time, in order (larger is better)") if rows else None
-
-
-def _floor_of(run: RunDirectory, recording: str, output: str) -> float | None:
-    row = next((row for row in table(run.result, "recordings") if row.get("name") == recording), {})
-    return number(mapping(row, "noise_floor").get(output))

@@ -1,87 +1,154 @@
-"""Figures of the closed loop and of the paper's replay."""
+"""Figures of the closed loop: its rounds, and the unknown signal at the port where something is missing."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import Band, Dots, Line, Panel, Plate, cloud, draw, line
-from aero_bayes.report.residual_figures import noise_floor, residuals
-from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number, table
-from aero_bayes.report.series_figures import NARROW, WIDE, columns_for, largest, named, unit_of
-from aero_bayes.report.svg import ACCENT, INK, MEASURED, SERIES, WARM
-from aero_bayes.report.text import plain_name, scaled_unit, signal_title
+from aero_bayes.report.curves import largest
+from aero_bayes.report.drawing import Band, Dots, FloatArray, Layer, Line, Panel, tick_text
+from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
+from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM, Canvas
+from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
+from aero_bayes.schema import CandidateResult, LoopPart, StepResult
 
 PORT = 430.0
 #: States that a port's signal is drawn against: those that explain it best.
 STATES_SHOWN = 2
-_PORT_UNITS = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
+_ROW, _TOP = 19.0, 46.0
+_MOST_ROWS = 24
 
 
-def before_and_after(run: RunDirectory, recording: str) -> Plate | None:
-    """Residuals of the base model and of the extended model on one scale, output by output."""
-    before, after = residuals(run, recording, "before"), residuals(run, recording, "after")
-    outputs = [name for name in (before or after) if np.isfinite((before or after)[name]).any()]
-    time = run.time(recording)
-    if not outputs or len(time) < 2:
+def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
+    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+    steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
+    if not steps:
         return None
+    best: dict[str, float] = {}
+    for step in steps:
+        for c in step.candidates:
+            best[c.id] = max(best.get(c.id, -math.inf), -math.inf if c.delta_evidence is None else c.delta_evidence)
+    taken = [step.chosen for step in steps if step.chosen in best]
+    rest = sorted((id_ for id_ in best if id_ not in taken), key=lambda id_: -best[id_])
+    ids = [*dict.fromkeys(taken), *rest]
+    shown = [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
+    alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} rounds. " + " ".join(
+        f"Round {step.round}: {step.chosen or 'none'} chosen." for step in steps
+    )
+    caption = Markup(
+        "Log-evidence that each candidate gains in each round, all parameters refitted, on a logarithmic scale. "
+        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
+    ).format(f"{len(ids) - len(shown)} candidates that gain nothing are left out." if len(ids) > len(shown) else "")
+    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW))
+    return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
 
-    def panels(width: float) -> list[Panel]:
-        drawn = []
-        for name in outputs:
-            pair = [(before.get(name), WARM, 0.25), (after.get(name), ACCENT, 0.55)]
-            factor, unit = scaled_unit(largest(before.get(name), after.get(name)), unit_of(run, name))
-            floor = noise_floor(run, recording, name)
-            levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
-            curves = tuple(
-                layer
-                for values, colour, opacity in pair
-                if values is not None
-                for layer in cloud(time, values * factor, colour, columns_for(width), opacity=opacity, trend=True)
-            )
-            drawn.append(Panel(signal_title(name, unit), curves, 110, levels=levels, ticks=3))
-        return drawn
 
-    alt = f"Recording {recording}: residual of {named(outputs)} before and after the model was extended."
-    legend = tuple(entry for entry, found in ((("warm", "before"), before), (("accent", "after"), after)) if found)
-    return Plate(
-        draw(panels(WIDE), WIDE, alt, "time (s)"), draw(panels(NARROW), NARROW, alt, "time (s)"), alt,
-        Markup("Measured minus model on one scale. Dashed: twice the noise floor."), legend,
-    )  # fmt: skip
+def _rounds_drawing(
+    steps: list[StepResult], ids: list[str], words: Mapping[str, str], width: float, alt: str
+) -> Markup:
+    wide = width > 600
+    ports = {c.id: c.port for step in steps for c in step.candidates}
+    label = 350.0 if wide else 0.0
+    row = _ROW if wide else 2 * _ROW
+    canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
+    column = (width - label - 10) / len(steps)
+    most = max(10.0, *(c.delta_evidence or 0.0 for step in steps for c in step.candidates))
+
+    def across(gain: float) -> float:
+        return (column - 48) * math.log1p(max(gain, 0.0)) / math.log1p(most)
+
+    for index, id_ in enumerate(ids):
+        y = _TOP + row * index
+        canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
+        text = words.get(id_, id_)
+        canvas.text(0, y + 13, text if len(text) < 45 or not wide else f"{text[:43]}…", INK, 11.5)
+        if wide:
+            canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
+    for k, step in enumerate(steps):
+        left = label + 4 + column * k
+        canvas.text(left, 14, f"Round {step.round}", INK, 12)
+        if step.threshold:
+            edge = left + across(step.threshold)
+            canvas.curve([edge, edge], [_TOP - 6, _TOP + row * len(ids)], MUTED, 0.9, "4 3")
+        for gain in (10.0**power for power in range(0, 7) if 10.0**power <= most):
+            canvas.text(left + across(gain), _TOP - 10, tick_text(gain), MUTED, 10, "middle")
+        by_id = {c.id: c for c in step.candidates}
+        for index, id_ in enumerate(ids):
+            if id_ in by_id:
+                y = _TOP + row * index + (0 if wide else _ROW - 3)
+                _bar(canvas, by_id[id_], step, left, y, across(by_id[id_].delta_evidence or 0.0))
+    return canvas.svg()
+
+
+def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, y: float, length: float) -> None:
+    chosen = found.id == step.chosen
+    colour, opacity = (WARM, 1.0) if chosen else (ACCENT, 0.45)
+    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM});stroke-width:1.6"
+    outline = f"M{left:.1f} {y + 4:.1f}h{max(length, 1.5):.1f}v10h-{max(length, 1.5):.1f}Z"
+    canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
+    if (found.delta_evidence or 0.0) >= 1.0 or chosen:
+        odds = f", odds {significant(found.odds, 2)}" if found.odds is not None else ""
+        canvas.text(
+            left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5
+        )
+
+
+def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:
+    cells = [{c.id: c for c in step.candidates} for step in steps]
+    rows = []
+    for id_ in ids:
+        name = Markup("<code>{}</code><small>{}</small>").format(id_, words.get(id_, ""))
+        port = next((by_id[id_].port for by_id in cells if id_ in by_id), NOTHING)
+        rows.append(
+            (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
+        )
+    heads = [Column(f"round {step.round}", "right") for step in steps]
+    return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, round by round")
+
+
+def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
+    if found is None:
+        return Markup(NOTHING)
+    notes = [
+        "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
+        "" if found.refitted else "promised too little to be refitted",
+        "" if found.odds is None else f"odds {significant(found.odds, 3)}",
+    ]
+    return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
+
+
+def gain_text(value: float | None) -> str:
+    """A gain in log-evidence."""
+    return NOTHING if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
 def port_plates(run: RunDirectory, recording: str) -> list[Plate]:
-    """The signal inferred at each port that matters, against the states that explain it best, else against time."""
+    """The signal inferred at each port that matters, against the states that explain it best."""
     plates = []
     ports, states = run.signals("port", recording), run.signals("portstate", recording)
-    laws = run.signals("portlaw", recording)
-    shown = _ports_that_matter(run, ports)
-    for port, values in ports.items():
-        if port not in shown:
-            continue
-        factor, unit = scaled_unit(largest(values), unit_of(run, port) or _PORT_UNITS.get(port, ""))
+    for port in _ports_that_matter(run, ports):
+        factor, unit = scaled_unit(largest(ports[port]), run.result.unit(port))
         axis = f"signal at port {port}" + (f" ({unit})" if unit else "")
-        law = laws[port] * factor if port in laws else None
-        ranked = sorted(states.items(), key=lambda item: -explained(item[1], values))
+        ranked = sorted(states.items(), key=lambda item: -explained(item[1], ports[port]))
         for state, across in ranked[:STATES_SHOWN]:
-            plates.append(_against_state(run, across, values * factor, law, axis, port, state))
-        if not states:
-            time = run.time(recording)
-            curve = line(time, values * factor, ACCENT, columns_for(PORT))
-            alt = f"Signal inferred at port {port} over time, recording {recording}."
-            plates.append(Plate(draw([Panel(axis, (curve,), 190)], PORT, alt, "time (s)"), None, alt, Markup("")))
+            plates.append(_against_state(run, across, ports[port] * factor, axis, port, state))
     return plates
 
 
-def _ports_that_matter(run: RunDirectory, ports: Mapping[str, FloatArray]) -> set[str]:
+def _ports_that_matter(run: RunDirectory, ports: Mapping[str, FloatArray]) -> list[str]:
     """Where an effect was added, else where the unknown signal explains most; all if the run does not say."""
-    loop = mapping(run.result, "loop")
-    added = {str(effect.get("port")) for effect in table(loop, "effects")} & set(ports)
-    scores = {port: score for port, x in mapping(loop, "port_scores").items() if (score := number(x)) is not None}
-    best = {max(scores, key=lambda port: scores[port])} & set(ports) if scores else set()
-    return added or best or set(ports)
+    loop = run.result.loop
+    if loop is None:
+        return list(ports)
+    added = {effect.port for effect in loop.effects} & set(ports)
+    scores = {port: score for port, score in loop.port_scores.items() if score is not None and port in ports}
+    best = {max(scores, key=lambda port: scores[port])} if scores else set()
+    return [port for port in ports if port in (added or best or set(ports))]
 
 
 def explained(across: FloatArray, values: FloatArray, bins: int = 24) -> float:
@@ -95,70 +162,24 @@ def explained(across: FloatArray, values: FloatArray, bins: int = 24) -> float:
     return 1.0 - within / float(np.sum((y - y.mean()) ** 2))
 
 
-def replay_plate(run: RunDirectory) -> Plate | None:
-    """The paper's Fig. 6: measured pitch and that of every model of Table 1."""
-    found = {key.removeprefix("replay/"): run.series[key] for key in run.series if key.startswith("replay/")}
-    time, measured = found.pop("time", None), found.pop("measured", None)
-    models = {name: values for name, values in found.items() if time is not None and values.shape == time.shape}
-    if time is None or len(time) < 2 or not (models or measured is not None):
-        return None
-
-    def panel(width: float) -> Panel:
-        curves = [line(time, v, SERIES[i % len(SERIES)], columns_for(width)) for i, v in enumerate(models.values())]
-        if measured is not None:
-            curves.insert(0, line(time, measured, MEASURED, columns_for(width), 3.0))
-        return Panel(
-            "θ  pitch angle (rad)",
-            tuple(curves),
-            280 if width > 600 else 220,
-            ticks=6,
-            y_limits=_readable(found, measured),
-        )
-
-    alt = "Pitch angle over time, measured and as given by " + ", ".join(models) + "."
-    legend = (("measured", "measured"), *((f"s{i % len(SERIES) + 1}", name) for i, name in enumerate(models)))
-    return Plate(
-        draw([panel(WIDE)], WIDE, alt, "time (s)"), draw([panel(NARROW)], NARROW, alt, "time (s)"), alt,
-        Markup("The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it."), legend,
-    )  # fmt: skip
-
-
-def _readable(models: dict[str, FloatArray], measured: FloatArray | None) -> tuple[float, float] | None:
-    """Limits about the measurement where a model leaves it by far, so that one wild curve does not flatten the rest."""
-    if measured is None or not np.isfinite(measured).any():
-        return None
-    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
-    reach = max((largest(values) for values in models.values()), default=0.0)
-    span = high - low
-    return (low - 1.2 * span, high + 1.2 * span) if reach > 4 * max(abs(low), abs(high)) > 0 else None
-
-
 def _against_state(
-    run: RunDirectory, across: FloatArray, values: FloatArray, law: FloatArray | None, axis: str, port: str, state: str
+    run: RunDirectory, across: FloatArray, values: FloatArray, axis: str, port: str, state: str
 ) -> Plate:
-    factor, unit = scaled_unit(largest(across), unit_of(run, state) or _state_unit(state))
+    factor, unit = scaled_unit(largest(across), run.result.unit(state))
     both = np.isfinite(across) & np.isfinite(values)
     x, y = across[both] * factor, values[both]
-    layers: list[Line | Band | Dots] = [Dots(*_occupied(x, y), MEASURED)]
+    layers: list[Layer] = [Dots(*_occupied(x, y), MEASURED)]
     order = np.argsort(x, kind="stable")
     parts = np.array_split(order, max(4, min(40, len(order) // 25)))
     middle = np.array([np.median(x[part]) for part in parts])
     low, centre, high = np.transpose([np.quantile(y[part], (0.05, 0.5, 0.95)) for part in parts])
-    layers += [Band(middle, low, high, ACCENT, 0.18), Line(middle, centre, ACCENT, 2.0)]
-    if law is not None:
-        grid = order[:: max(1, len(order) // 200)]
-        layers.append(Line(x[grid], law[both][grid], INK, 1.4, dashes=True))
+    layers += [
+        Band(middle, low, high, ACCENT, 0.18, label="90 % range"), Line(middle, centre, ACCENT, 2.0, label="median")
+    ]  # fmt: skip
     label = plain_name(state) + (f" ({unit})" if unit else "")
     alt = f"Signal inferred at port {port} against {state}: points, median and 90 % range."
     words = "Points: inferred at each moment; line and band: median and 90 % range."
-    words += " Dashed: what the added effect gives." if law is not None else ""
-    return Plate(draw([Panel(axis, tuple(layers), 220)], PORT, alt, label), None, alt, Markup(words))
-
-
-def _state_unit(state: str) -> str:
-    tail = state.rsplit(".", 1)[-1]
-    return {"omega": "rad/s", "omega_m": "rad/s", "w": "rad/s", "dtheta": "rad/s", "theta_dot": "rad/s",
-            "theta": "rad", "phi": "rad", "i": "A", "i_m": "A", "V_m": "V"}.get(tail, "")  # fmt: skip
+    return plate([Panel(axis, tuple(layers), 220)], alt, label, words, width=PORT)
 
 
 def _occupied(x: FloatArray, y: FloatArray, across: int = 110, up: int = 60) -> tuple[FloatArray, FloatArray]:

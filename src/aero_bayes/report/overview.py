@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from aero_bayes.report.run_directory import RunDirectory, mapping, number, table, texts
+from aero_bayes.report.findings import R_HAT_LIMIT
 from aero_bayes.report.tables import Column, generic_cell, html_table
-from aero_bayes.report.text import count, describe_signal, duration, role_words, significant, symbol, tidy
+from aero_bayes.report.text import count, duration, role_words, significant, symbol, tidy
+from aero_bayes.schema import RunResult, Verdict
 
-_LEVELS = {"good", "warning", "bad"}
 _HASH_SHOWN = 16
 
 
@@ -24,106 +25,81 @@ class Reading:
     level: str = ""
 
 
-def verdict(run: RunDirectory) -> tuple[str, str]:
-    """The run's verdict and its level (good, warning, bad); a plain one where the run gives none."""
-    stated = mapping(run.result, "verdict")
-    if stated.get("text"):
-        level = str(stated.get("level", ""))
-        return str(stated["text"]), level if level in _LEVELS else "warning"
-    structured = [
-        f"{describe_signal(output) or output} in {recording}"
-        for recording, outputs in mapping(run.result, "residual").items()
-        for output, found in mapping(outputs).items()
-        if mapping(found).get("verdict") == "structured"
-    ]
-    if structured:
-        return f"The model does not yet explain {', '.join(structured)}: the residual is structured.", "warning"
-    if mapping(run.result, "mcmc").get("converged") is False:
-        return "The posterior has not converged; its intervals cannot be relied on.", "bad"
-    return "The run has finished and states no verdict of its own.", "warning"
+def verdict(result: RunResult) -> Verdict:
+    """The run's verdict; a plain one where the run states none."""
+    return result.verdict or Verdict(level="warning", text="The run has finished and states no verdict of its own.")
 
 
-def readings(run: RunDirectory) -> list[Reading]:
+def readings(result: RunResult) -> list[Reading]:
     """The few numbers that say how far the rest can be trusted."""
-    found = [_residual_reading(run, output) for output in _outputs(run)]
-    mcmc = mapping(run.result, "mcmc")
-    r_hat = number(mcmc.get("r_hat_max"))
-    if r_hat is not None:
-        fine = r_hat <= 1.01
+    outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
+    found = [_residual_reading(result, output) for output in outputs]
+    mcmc = result.mcmc
+    if mcmc is not None and mcmc.r_hat_max is not None:
+        fine = mcmc.r_hat_max <= R_HAT_LIMIT
         words = "ensembles agree" if fine else "ensembles disagree: above 1.01"
-        found.append(Reading(Markup("largest R&#770;"), f"{r_hat:.3f}", words, "good" if fine else "bad"))
-    sizes = [size for key in ("ess_bulk_min", "ess_tail_min") if (size := number(mcmc.get(key))) is not None]
+        found.append(Reading(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
+    sizes = [] if mcmc is None else [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
     if sizes:
         found.append(Reading(Markup("effective draws"), count(min(sizes)), "of the worst parameter"))
-    seconds = number(run.result.get("seconds"))
-    failures = mapping(run.result, "failures")
-    if seconds is not None:
-        runs = sum(value for item in failures.values() if (value := number(item)) is not None)
-        failed = runs - (number(failures.get("completed")) or 0)
-        words = f"{count(runs)} simulations, {count(failed)} failed" if failures else "wall time"
-        found.append(Reading(Markup("time taken"), duration(seconds), words))
+    if result.seconds is not None:
+        runs = sum(result.failures.values())
+        failed = runs - result.failures.get("completed", 0)
+        words = f"{count(runs)} simulations, {count(failed)} failed" if runs else "wall time"
+        found.append(Reading(Markup("time taken"), duration(result.seconds), words))
     return found
 
 
-def provenance(run: RunDirectory) -> list[Markup]:
+def provenance(result: RunResult) -> list[Markup]:
     """Tables of where the data, the model and the software came from, and what the work cost."""
-    result, tables = run.result, []
-    recordings = {str(row.get("name")): row for row in table(result, "recordings")}
+    tables = []
     files = [
-        (str(row.get("file", "–")), count(number(row.get("rows"))), tidy(number(row.get("rate_hz"))),
-         _hash(str(row.get("sha256") or "–")))
-        for row in table(result, "data")
+        (row.file, count(row.rows), tidy(row.rate_hz), _hash(row.sha256)) for row in result.data
     ]  # fmt: skip
     if files:
         heads = ("file", Column("rows", "right"), Column("rate (Hz)", "right"), "SHA-256 (first digits)")
         tables.append(html_table(heads, files, "Data"))
-    if recordings:
+    if result.recordings:
         used = [
-            (str(name), role_words(row.get("role", "–")), count(number(row.get("rows"))),
-             duration(number(row.get("duration_s"))), _signals(row.get("inputs")), _signals(row.get("outputs")))
-            for name, row in recordings.items()
+            (row.name, role_words(row.role), count(row.rows), duration(row.duration_s), _signals(row.inputs),
+             _signals(row.outputs))
+            for row in result.recordings
         ]  # fmt: skip
         columns = ("recording", "role", Column("rows", "right"), Column("length", "right"), "inputs", "outputs")
         tables.append(html_table(columns, used, "Recordings"))
+    model = {key: value for key, value in result.model.model_dump().items() if value}
     for title, node in (
-        ("Model", mapping(result, "model")),
-        ("Run", {key: result[key] for key in ("command", "seed", "seconds") if key in result}),
-        ("Versions", mapping(result, "versions")),
-        ("How simulations ended", mapping(result, "failures")),
-        ("Time by stage (s)", mapping(result, "stages_seconds")),
+        ("Model", model),
+        ("Run", {"command": result.command, "seed": result.seed}),
+        ("Versions", result.versions),
+        ("How simulations ended", result.failures),
     ):
         if node:
-            rows = [
-                (key if title == "Versions" else str(key).replace("_", " "), _exact(value))
-                for key, value in node.items()
-            ]
+            rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
             tables.append(html_table(("", ""), rows, title))
     return tables
 
 
-def warnings(run: RunDirectory) -> list[str]:
-    """The run's warnings, and those that the page itself must add."""
-    found = texts(run.result, "warnings")
-    mcmc = mapping(run.result, "mcmc")
-    if mcmc.get("converged") is False:
-        reason = str(mcmc.get("reason") or "no reason given")
-        found.append(f"The sampler has not converged ({reason}). Intervals below may be wrong.")
+def warnings(result: RunResult) -> list[str]:
+    """The run's warnings but for what the verdict says, and that of parameters on a bound."""
+    found = list(result.warnings)
+    reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
+    if reason and reason in verdict(result).text:  # said already
+        found = [text for text in found if reason not in text]
+    bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
+    if bounds:
+        found.append(f"{', '.join(bounds)}: the best value is the edge of the range that was searched; no interval.")
     return list(dict.fromkeys(found))
 
 
-def _signals(names: object) -> Markup:
-    return Markup(", ").join(symbol(str(name)) for name in names) if isinstance(names, list) else Markup("–")
+def _signals(names: Sequence[str]) -> Markup:
+    return Markup(", ").join(symbol(name) for name in names)
 
 
-def _outputs(run: RunDirectory) -> list[str]:
-    named = [out for found in mapping(run.result, "residual").values() for out in mapping(found)]
-    return list(dict.fromkeys(named))
-
-
-def _residual_reading(run: RunDirectory, output: str) -> Reading:
-    entries = [mapping(found, output) for found in mapping(run.result, "residual").values() if mapping(found, output)]
-    ratios = [ratio for entry in entries if (ratio := number(entry.get("ratio"))) is not None]
-    structured = any(entry.get("verdict") == "structured" for entry in entries)
+def _residual_reading(result: RunResult, output: str) -> Reading:
+    entries = [found[output] for found in result.residual.values() if output in found]
+    ratios = [entry.ratio for entry in entries if entry.ratio is not None]
+    structured = any(entry.verdict == "structured" for entry in entries)
     words = "structured: something is missing" if structured else "no structure left"
     return Reading(
         symbol(output) + Markup(" residual"), f"{significant(max(ratios, default=None))}\u202f×",

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from aero_bayes.files import whole_file
 from aero_bayes.report import (
+    curves,
     experiment,
     findings,
     loop_figures,
@@ -19,20 +23,29 @@ from aero_bayes.report import (
     overview,
     posterior_figures,
     profile_figures,
+    replay,
     residual_figures,
-    series_figures,
 )
-from aero_bayes.report.drawing import Plate
-from aero_bayes.report.effect_names import named_effect
-from aero_bayes.report.run_directory import RunDirectory, mapping, table, texts
+from aero_bayes.report.diagram_figure import diagram_plate
+from aero_bayes.report.drawing import FloatArray
+from aero_bayes.report.embed import embedded
+from aero_bayes.report.figure import Plate
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table
-from aero_bayes.report.text import role_words, sentence, symbol
+from aero_bayes.report.text import named_effect, sentence, symbol
+from aero_bayes.schema import LoopPart, RunResult
 
 _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
-    "design": "The next experiment",
+    "design": "The next experiment", "all": "From model to posterior",
 }  # fmt: skip
+SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "start")
+_OUTCOMES = {
+    "adequate": "nothing is missing: the residual is noise",
+    "extended": "the model was extended",
+    "unexplained": "something is missing and remains unexplained",
+}
 
 
 @dataclass(frozen=True)
@@ -41,9 +54,7 @@ class RecordingPlates:
 
     name: str
     role: str
-    fit: Plate | None
-    jumps: list[Plate]
-    residual: Plate | None
+    curves: Plate | None
     statistics: list[Plate]
 
 
@@ -75,111 +86,143 @@ def write_report(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """The page's text. The same run always gives the same page."""
-    return _template().render(_context(run))
+    context = _context(run)
+    series = dict(run.series) | posterior_figures.drawn(run.posterior)
+    return fill("page.html.jinja", context, series, [run.result])
+
+
+def fill(
+    template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], results: Sequence[RunResult]
+) -> str:
+    """A page from its template.
+
+    Parameters
+    ----------
+    template : str
+    context : mapping
+        What the template shows. The series that its figures are drawn from are put into the page.
+    series : mapping of str to ndarray, shape (n,)
+        All that figures may ask for.
+    results : sequence of RunResult
+        The runs that the page is about: they say what the names of effects and signals stand for.
+    """
+    environment = _environment().overlay()
+    words = {id_: text for result in results for id_, text in result.effect_words().items()}
+    signals = {name for result in results for name in result.signals}
+    environment.filters = environment.filters | {
+        "sentence": partial(sentence, words=words, signals=signals), "effect": partial(named_effect, words=words)
+    }  # fmt: skip
+    script = _script()
+    keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return environment.get_template(template).render(
+        context, script=Markup(script), script_hash=digest, series=embedded({key: series[key] for key in keys})
+    )
 
 
 @cache
-def _template() -> Template:
-    """The compiled template; compiling takes longer than drawing a small page."""
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("aero_bayes.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"sentence": sentence, "symbol": symbol, "cell": generic_cell, "effect": named_effect}
-    return environment.get_template("page.html.jinja")
+    environment.filters |= {"symbol": symbol, "cell": generic_cell}
+    return environment
+
+
+@cache
+def _script() -> str:
+    """The page's script: its parts in order, in one scope of their own."""
+    folder = Path(__file__).with_name("script")
+    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    return '"use strict";\n(() => {\n' + "\n".join(parts) + "})();"
+
+
+def _plates(values: Iterable[Any]) -> Iterable[Plate]:
+    """All figures in nested containers."""
+    for value in values:
+        if isinstance(value, Plate):
+            yield value
+        elif isinstance(value, Mapping):
+            yield from _plates(value.values())
+        elif isinstance(value, list | tuple):
+            yield from _plates(value)
+        elif hasattr(value, "__dataclass_fields__"):
+            yield from _plates(vars(value).values())
 
 
 def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
-    verdict, level = overview.verdict(run)
-    command = str(result.get("command", ""))
-    model = mapping(result, "model")
-    parameters = mapping(result, "parameters")
+    model = (result.loop.base if result.loop else "") or result.model.name or run.path.name
+    scene = curves.opening_scene(run)
     return {
-        "title": str(result.get("title") or f"{_TITLES.get(command, 'Run')}: {model.get('name', run.path.name)}"),
-        "kicker": " · ".join(filter(None, ("aero-bayes", command, str(model.get("name") or "")))),
-        "verdict": verdict, "level": level, "simulated": result.get("simulated") is True,
-        "warnings": overview.warnings(run), "readings": overview.readings(run),
-        "parameters": parameter_table(parameters) if parameters else None,
-        "identifiability": _identifiability(run),
-        "recordings": [_recording(run, name) for name in run.recordings()],
+        "title": f"{_TITLES.get(result.command, 'Run')}: {model}",
+        "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
+        "verdict": overview.verdict(result), "simulated": result.simulated,
+        "opening": curves.scene_plate(run, scene) if scene else None,
+        "opening_words": curves.stretch_words(run, scene) if scene else "",
+        "diagrams": [plate for diagram in result.diagrams if (plate := diagram_plate(diagram))],
+        "warnings": overview.warnings(result), "readings": overview.readings(result),
+        "parameters": parameter_table(result.parameters) if result.parameters else None,
+        "identifiability": result.identifiability, "profiles": profile_figures.profile_plates(run),
+        "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
+        "recordings": [_recording(run, name, scene) for name in run.recordings()],
+        "curve_words": curves.MEANING,
         "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
-        "sensors": sensor_table(run),
-        "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run), "pso": _pso(run),
+        "sensors": sensor_table(run), "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run),
+        "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
-        "loop": _loop(run) if mapping(result, "loop") else None,
-        "replay": _replay(run), "design": experiment.experiment(run), "provenance": overview.provenance(run),
+        "loop": _loop(run, result.loop) if result.loop else None,
+        "replay": _replay(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
     }  # fmt: skip
 
 
-def _recording(run: RunDirectory, name: str) -> RecordingPlates:
-    roles = {str(row.get("name")): str(row.get("role", "")) for row in table(run.result, "recordings")}
+def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> RecordingPlates:
+    above = scene.output if scene is not None and scene.recording == name and run.unseen(name) is not None else ""
+    whole = scene is not None and scene.stretch == run.span(name)
     return RecordingPlates(
-        name, role_words(roles.get(name, "")), series_figures.measured_against_fitted(run, name),
-        series_figures.after_jumps(run, name), residual_figures.over_time(run, name),
+        name, curves.role_of(run, name), curves.recording_plate(run, name, without=above if whole else ""),
         residual_figures.statistics(run, name),
     )  # fmt: skip
 
 
-def _identifiability(run: RunDirectory) -> dict[str, Any]:
-    found = mapping(run.result, "identifiability")
-    return {
-        "unidentified": texts(found, "unidentified"), "text": texts(found, "text"),
-        "combinations": _unless_single(table(found, "combinations")),
-        "profiles": profile_figures.profile_plates(run), "skipped": texts(found, "not_profiled"),
-    }  # fmt: skip
-
-
-def _unless_single(combinations: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Combinations but for those that are a parameter by itself: that one has a row in the table."""
-    return [entry for entry in combinations if entry.get("text") not in texts(entry, "members")]
-
-
 def _prediction(run: RunDirectory) -> dict[str, Any] | None:
     shown = {"recordings": findings.left_out_table(run), "stretches": findings.stretches_table(run)}
-    note = mapping(run.result, "prediction").get("note")
-    return shown | {"note": note} if any(shown.values()) else None
-
-
-def _pso(run: RunDirectory) -> Plate | None:
-    history = mapping(run.result, "fit", "pso").get("history")
-    return posterior_figures.history_plate(history, "best cost") if isinstance(history, list) else None
+    return shown | {"note": run.result.prediction.note} if any(shown.values()) else None
 
 
 def _posterior(run: RunDirectory) -> dict[str, Any] | None:
-    parameters = mapping(run.result, "parameters")
-    units = {name: str(mapping(entry).get("unit") or "") for name, entry in parameters.items()}
-    status = {name: mapping(entry).get("status") for name, entry in parameters.items()}
-    seen = {name: draws for name, draws in run.posterior.items() if status.get(name) != "unidentified"}
+    parameters, mcmc = run.result.parameters, run.result.mcmc
+    units = {name: entry.unit for name, entry in parameters.items()}
+    dull = {name for name, entry in parameters.items() if entry.status == "unidentified"}
+    seen = {name: draws for name, draws in run.posterior.items() if name not in dull}
     shown = {
-        "facts": findings.sampler_facts(run), "table": findings.sampler_table(run),
+        "facts": findings.sampler_facts(mcmc) if mcmc else [], "table": findings.sampler_table(mcmc) if mcmc else None,
         "pairs": posterior_figures.pair_plate(seen, units) if seen else None,
         "traces": posterior_figures.trace_plates(run.posterior, units),
-        "ensembles": max((len(draws) for draws in run.posterior.values()), default=0),
     }  # fmt: skip
     return shown if any(shown.values()) else None
 
 
-def _loop(run: RunDirectory) -> dict[str, Any]:
-    drawn = [(name, loop_figures.before_and_after(run, name)) for name in run.recordings()]
+def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
     return {
-        "outcome": loop_story.outcome(run), "story": loop_story.story(run), "effects": loop_story.effects(run),
-        "rounds": loop_story.rounds(run), "errors": loop_story.error_table(run), "shift": loop_story.shift_table(run),
-        "equivalents": loop_story.equivalents(run), "separate": texts(run.result, "loop", "separate"),
-        "diff": loop_story.diff_lines(run),
-        "source": mapping(run.result, "loop").get("modelica_source"),
+        "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
+        "effects": loop_story.effects(loop, run.result.parameters),
+        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
+        "scores": loop_story.port_table(loop.steps[0]) if loop.steps else None,
+        "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),
+        "equivalents": loop.equivalent, "separate": loop.separate,
+        "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
+        "named": any(effect.kind == "catalogue" for effect in loop.effects),
         "ports": [plate for name in run.recordings() for plate in loop_figures.port_plates(run, name)],
-        "before": [
-            (name, residual_figures.over_time(run, name, "before")) for name in run.recordings()
-            if run.signals("before", name)
-        ],
-        "residuals": [(name, plate) for name, plate in drawn if plate],
     }  # fmt: skip
 
 
 def _replay(run: RunDirectory) -> dict[str, Any] | None:
-    shown = {
-        "table": findings.replay_table(run), "figure": loop_figures.replay_plate(run),
-        "notes": [Markup(sentence(note)) for note in texts(run.result, "replay", "notes")],
+    found = run.result.replay
+    if found is None:
+        return None
+    return {
+        "table": replay.replay_table(found), "figure": replay.replay_plate(run),
+        "notes": [sentence(note) for note in found.notes],
     }  # fmt: skip
-    return shown if any(shown.values()) else None

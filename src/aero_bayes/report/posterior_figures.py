@@ -11,12 +11,15 @@ from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
 from scipy.stats import rankdata
 
-from aero_bayes.report.drawing import Band, Layer, Line, Panel, Plate, draw
-from aero_bayes.report.run_directory import FloatArray
+from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel
+from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
+from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import minus, plain_name, quantity, significant, symbol
 
 _TRACE_BINS = 60
+#: Draws that the page carries for marking them across the cells of the pair plot.
+_DRAWS = 1200
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
@@ -42,14 +45,19 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
+    ranges = {name: _range(draws[name]) for name in names}
     for row, below in enumerate(names):
         for column, name in enumerate(names[: row + 1]):
             corner = 2 + cell * column, 22 + cell * row
+            spec = {"box": [round(side, 1) for side in (*corner, cell - 8)], "x": name, "rx": ranges[name]}
+            canvas.group("cell", spec if row == column else spec | {"y": below, "ry": ranges[below]})
             if row == column:
                 _marginal(canvas, draws[name], *corner, cell)
                 canvas.text(corner[0] + cell / 2 - 4, corner[1] - 4, plain_name(name), INK, 12.5, "middle")
             else:
                 _joint(canvas, draws[name], draws[below], *corner, cell)
+            canvas.end()
+            if row != column:
                 _number(canvas, correlation[row, column], 2 + cell * row, 22 + cell * column, cell)
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
@@ -57,7 +65,21 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlations. "
         "Every cell spans the central 99.8 % of its parameter. Strongest: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
-    return Plate(canvas.svg(), None, alt, caption)
+    rows = [
+        (symbol(name), *(minus(f"{correlation[row, column]:+.2f}") for column in range(len(names))))
+        for row, name in enumerate(names)
+    ]
+    table = html_table(("", *(Column(symbol(name), "right") for name in names)), rows, "Rank correlations")
+    keys = frozenset(f"draws/{name}" for name in names)
+    return Plate(canvas.svg(), None, alt, caption, (), table, keys=keys, css="pairs")
+
+
+def drawn(posterior: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Evenly chosen draws of all ensembles, by ``draws/parameter``: what the script marks."""
+    return {
+        f"draws/{name}": values.ravel()[np.linspace(0, values.size - 1, min(_DRAWS, values.size)).astype(int)]
+        for name, values in posterior.items()
+    }
 
 
 def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
@@ -75,24 +97,25 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
         layers: list[Layer] = [Band(where, lower, upper, MEASURED, 0.25)]
         for index, ensemble in enumerate(draws / power):
             middle = np.array([np.median(ensemble[part]) for part in bins])
-            layers.append(Line(where, middle, SERIES[index % len(SERIES)], 1.2))
+            colour = SERIES[index % len(SERIES)]
+            layers.append(Line(where, middle, colour, 1.2, label=f"ensemble {index + 1}"))
         title = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
         alt = f"Traces of {name}: running median of {len(draws)} ensembles."
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
-        plates.append(Plate(draw([panel], 300, alt, "draws kept (%)"), None, alt, Markup("")))
+        plates.append(plate([panel], alt, "draws kept (%)", width=300))
     return plates
 
 
-def history_plate(history: Sequence[float], label: str) -> Plate | None:
+def history_plate(history: Sequence[float | None], label: str) -> Plate | None:
     """Best cost over the iterations of the particle swarm."""
     best = np.array([cost if cost is not None else np.nan for cost in history], dtype=np.float64)
     if np.count_nonzero(np.isfinite(best)) < 2:
         return None
     log = bool(np.nanmin(best) > 0 and np.nanmax(best) / np.nanmin(best) > 10)
-    panel = Panel(label, (Line(np.arange(1.0, len(best) + 1), best, ACCENT),), 120, log_y=log)
+    panel = Panel(label, (Line(np.arange(1.0, len(best) + 1), best, ACCENT, label=label),), 120, log_y=log)
     first, last = best[np.isfinite(best)][[0, -1]]
     alt = f"Best cost of the swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
-    return Plate(draw([panel], 320, alt, "iteration"), None, alt, Markup("Particle swarm: best cost so far."))
+    return plate([panel], alt, "iteration", "Particle swarm: best cost so far.", width=320)
 
 
 def _power(draws: FloatArray) -> float:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import Dots, Layer, Line, Panel, Plate, draw
-from aero_bayes.report.run_directory import FloatArray, RunDirectory, mapping, number
+from aero_bayes.report.drawing import Dots, FloatArray, Layer, Line, Panel
+from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
 from aero_bayes.report.text import NOTHING, plain_name, quantity, symbol
+from aero_bayes.schema import Profile
 
 #: How far up a profile is drawn; the threshold of a 90 % interval is at 1.35.
 _TOP = 5.0
@@ -18,27 +20,27 @@ _TOP = 5.0
 
 def profile_plates(run: RunDirectory) -> list[Plate]:
     """A small figure for every profile of the run."""
-    found = mapping(run.result, "identifiability")
-    level = number(found.get("profile_drop_90"))
-    plates = [_plate(name, mapping(entry), level) for name, entry in mapping(found, "profiles").items()]
-    return [plate for plate in plates if plate is not None]
+    found = run.result.identifiability
+    plates = [_plate(name, entry, found.profile_drop_90) for name, entry in found.profiles.items()]
+    return [drawn for drawn in plates if drawn is not None]
 
 
-def _plate(name: str, entry: dict[str, Any], level: float | None) -> Plate | None:
-    values, drop = _floats(entry.get("values")), _floats(entry.get("drop"))
+def _plate(name: str, entry: Profile, level: float | None) -> Plate | None:
+    values, drop, prior = _floats(entry.values), _floats(entry.drop), _floats(entry.prior_drop)
     if len(values) != len(drop) or np.isfinite(drop).sum() < 3:
         return None
-    ends = [number(end) for end in [*(entry.get("interval") or []), None, None][:2]]
     near = np.flatnonzero(np.nan_to_num(drop, nan=np.inf) < _TOP)
     view = slice(max(int(near.min()) - 1, 0), int(near.max()) + 2)
-    values, drop, prior = values[view], drop[view], _floats(entry.get("prior_drop"))[view]
+    values, drop, prior = values[view], drop[view], prior[view]
     low, high = float(values.min()), float(values.max())
-    shown = quantity(float(values[int(np.nanargmin(drop))]), low, high, str(entry.get("unit") or ""), digits=2)
+    shown = quantity(float(values[int(np.nanargmin(drop))]), low, high, entry.unit, digits=2)
     power = _power(values)
     fine = np.isfinite(drop)
-    layers: list[Layer] = [Line(values / power, prior, MEASURED, 1.4)] if len(prior) == len(values) else []
+    layers: list[Layer] = []
+    if len(prior) == len(values):
+        layers.append(Line(values / power, prior, MEASURED, 1.4, label="prior alone"))
     layers += [
-        Line(values[fine] / power, drop[fine], ACCENT, 1.6),
+        Line(values[fine] / power, drop[fine], ACCENT, 1.6, label="fall of the log-posterior"),
         Dots(values[fine] / power, drop[fine], INK, 3.0, 0.8),
     ]
     title = f"{plain_name(name)} ({shown.unit})" if shown.unit else plain_name(name)
@@ -46,16 +48,15 @@ def _plate(name: str, entry: dict[str, Any], level: float | None) -> Plate | Non
         title, tuple(layers), 110, y_limits=(-0.15, _TOP), x_limits=(low / power, high / power),
         levels=() if level is None else (level,), ticks=3,
     )  # fmt: skip
-    words = _interval_words(ends, entry)
+    words = _interval_words(entry)
     alt = f"Profile of {name}: {words}."
-    caption = Markup("{}: {}.").format(symbol(name), words)
-    return Plate(draw([panel], 300, alt, "value held"), None, alt, caption)
+    return plate([panel], alt, "value held", Markup("{}: {}.").format(symbol(name), words), width=300)
 
 
-def _interval_words(ends: list[float | None], entry: dict[str, Any]) -> str:
+def _interval_words(entry: Profile) -> str:
     """The interval at the threshold; a side on which the profile stays below it has no end."""
-    first, last = ends
-    unit = str(entry.get("unit") or "")
+    first, last = [*entry.interval, None, None][:2]
+    unit = entry.unit
     if first is None and last is None:
         return "flat over all that was tried, no 90 % interval"
     shown = quantity(first if first is not None else last, first, last, unit, digits=3)
@@ -65,8 +66,8 @@ def _interval_words(ends: list[float | None], entry: dict[str, Any]) -> str:
     return f"90 % between {shown.low} and {shown.high} {shown.unit}".rstrip() if shown.low != NOTHING else ""
 
 
-def _floats(given: object) -> FloatArray:
-    return np.array([np.nan if x is None else float(x) for x in given] if isinstance(given, list) else [])
+def _floats(given: Sequence[float | None]) -> FloatArray:
+    return np.array([np.nan if x is None else x for x in given], dtype=np.float64)
 
 
 def _power(values: FloatArray) -> float:

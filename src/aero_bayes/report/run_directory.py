@@ -7,12 +7,14 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from aero_bayes.errors import InputError
+from aero_bayes.schema import SCHEMA, RunResult
 
 if TYPE_CHECKING:
     import xarray
@@ -28,8 +30,8 @@ class RunDirectory:
     ----------
     path : Path
         The directory.
-    result : mapping
-        ``result.json`` as it is; every key but ``schema`` may be absent.
+    result : RunResult
+        ``result.json``.
     series : mapping of str to ndarray, shape (n,)
         ``series.npz``, keys ``group/recording/signal``; empty where there is no such file.
     posterior : mapping of str to ndarray, shape (ensembles, draws)
@@ -37,7 +39,7 @@ class RunDirectory:
     """
 
     path: Path
-    result: Mapping[str, Any]
+    result: RunResult
     series: Mapping[str, FloatArray]
     posterior: Mapping[str, FloatArray]
 
@@ -56,12 +58,29 @@ class RunDirectory:
     def recordings(self) -> tuple[str, ...]:
         """Names of the recordings that have series, training before test, else in file order."""
         drawn = [key.removeprefix("time/") for key in self.series if key.startswith("time/")]
-        order = {str(row.get("name")): rank for rank, row in enumerate(table(self.result, "recordings"))}
+        order = {row.name: rank for rank, row in enumerate(self.result.recordings)}
         return tuple(sorted(drawn, key=lambda name: order.get(name, len(order))))
 
     def time(self, recording: str) -> FloatArray:
         """Sample times of a recording, shape (n,), in s."""
         return self.series[f"time/{recording}"]
+
+    def span(self, recording: str) -> tuple[float, float]:
+        """First and last sample time of a recording, in s."""
+        time = self.time(recording)
+        return float(time[0]), float(time[-1])
+
+    def unseen(self, recording: str) -> tuple[float, float] | None:
+        """The stretch of a recording that was not fitted but judged on, in s; None if there is none."""
+        if self.result.role(recording) == "test":
+            return self.span(recording)
+        section = self.result.settings.get("loop")
+        held_out = section.get("held_out") if isinstance(section, dict) else None
+        apart = any(row.role == "test" for row in self.result.recordings)
+        if self.result.command != "close-loop" or apart or not isinstance(held_out, float):
+            return None
+        first, last = self.span(recording)
+        return first + (1.0 - held_out) * (last - first), last
 
     def signals(self, group: str, recording: str) -> dict[str, FloatArray]:
         """Signals of a group (``measured``, ``fitted``, ...) by name, each of shape (n,).
@@ -73,45 +92,21 @@ class RunDirectory:
         """
         prefix = f"{group}/{recording}/"
         found = {key.removeprefix(prefix): values for key, values in self.series.items() if key.startswith(prefix)}
-        rows = len(self.time(recording))
-        for name, values in found.items():
-            if values.shape != (rows,):
-                raise InputError(
-                    f"{self.path / 'series.npz'}: {prefix}{name} has shape {values.shape}, expected ({rows},) "
-                    f"as time/{recording}"
-                )
+        for name in found:
+            self.check(f"{prefix}{name}", recording)
         return found
 
-
-def mapping(node: object, *keys: str) -> dict[str, Any]:
-    """The mapping found at ``keys``; an empty one where there is none."""
-    for key in keys:
-        node = node.get(key) if isinstance(node, Mapping) else None
-    return dict(node) if isinstance(node, Mapping) else {}
-
-
-def table(node: object, *keys: str) -> list[dict[str, Any]]:
-    """The list of mappings found at ``keys``; an empty one where there is none."""
-    rows = mapping(node, *keys[:-1]).get(keys[-1])
-    return [dict(row) for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
+    def check(self, key: str, recording: str) -> None:
+        """Raise InputError where a series is not as long as its recording's times."""
+        rows = len(self.time(recording))
+        if self.series[key].shape != (rows,):
+            raise InputError(
+                f"{self.path / 'series.npz'}: {key} has shape {self.series[key].shape}, expected ({rows},) "
+                f"as time/{recording}"
+            )
 
 
-def texts(node: object, *keys: str) -> list[str]:
-    """The list of strings found at ``keys`` (a lone string counts as a list of one)."""
-    found = mapping(node, *keys[:-1]).get(keys[-1])
-    if isinstance(found, str):
-        return [found]
-    return [str(item) for item in found] if isinstance(found, list) else []
-
-
-def number(value: object) -> float | None:
-    """A finite float, or None for anything else (absent, null, text, NaN, infinity)."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if np.isfinite(value) else None
-
-
-def _read_result(directory: Path) -> dict[str, Any]:
+def _read_result(directory: Path) -> RunResult:
     path = directory / "result.json"
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -125,9 +120,13 @@ def _read_result(directory: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not UTF-8 text, expected the JSON that a run writes") from None
     if not isinstance(result, dict):
         raise InputError(f"{path}: holds a {type(result).__name__}, expected an object")
-    if result.get("schema", 1) != 1:
-        raise InputError(f"{path}: schema {result['schema']!r}, this version draws schema 1")
-    return result
+    if result.get("schema", SCHEMA) != SCHEMA:
+        raise InputError(f"{path}: schema {result['schema']!r}, this version draws schema {SCHEMA}")
+    try:
+        return RunResult.model_validate(result)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        raise InputError(f"{path}: {'.'.join(map(str, problem['loc']))}: {problem['msg'].lower()}") from None
 
 
 def _read_series(path: Path) -> dict[str, FloatArray]:

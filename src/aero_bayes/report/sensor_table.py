@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from markupsafe import Markup
 
-from aero_bayes.report.run_directory import RunDirectory, mapping, number
-from aero_bayes.report.series_figures import unit_of
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NOTHING, pretty_unit, significant, symbol, tidy
+from aero_bayes.schema import SensorResult
 
 _TURN = {"1": "once a turn", "2": "twice a turn"}
 
@@ -17,9 +17,12 @@ _TURN = {"1": "once a turn", "2": "twice a turn"}
 def sensor_table(run: RunDirectory) -> Markup | None:
     """Ripple with its evidence and the noise with and without it, and the quantum of encoders; by output."""
     rows: list[tuple[object, ...]] = []
-    for output in mapping(run.result, "sensors"):
-        rows += _ripple(run, output)
-        rows += _encoder(run, output)
+    for output, found in run.result.sensors.items():
+        unit = pretty_unit(run.result.unit(output))
+        rows += _ripple(found, output, unit)
+        if found.encoder is not None:
+            words = f"rounding is {tidy(100.0 * found.encoder.share, 2)} % of the residual's variance"
+            rows.append((symbol(output), "encoder", significant(found.encoder.step), unit, NOTHING, words))
     if not rows:
         return None
     columns = (
@@ -28,27 +31,13 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "What the sensors add (ripple: amplitude; encoder: one count)")
 
 
-def _ripple(run: RunDirectory, output: str) -> Iterator[tuple[object, ...]]:
-    entry = mapping(run.result, "sensors", output)
-    left_in = "" if entry.get("ripple_subtracted") is True else ", left in"
-    for recording, ripple in mapping(entry, "ripple").items():
-        found = mapping(ripple)
-        alone, together = (significant(number(found.get(k))) for k in ("noise_sd", "noise_sd_with_ripple"))
-        for order, size in mapping(found, "orders").items():
+def _ripple(found: SensorResult, output: str, unit: str) -> Iterator[tuple[object, ...]]:
+    left_in = "" if found.ripple_subtracted else ", left in"
+    for recording, ripple in found.ripple.items():
+        for order, size in ripple.orders.items():
             turn = f"ripple {_TURN.get(order, f'{order} times a turn')}{left_in}"
+            sizes = f"{significant(ripple.noise_sd_with_ripple)} with it, {significant(ripple.noise_sd)} without"
             yield (
-                symbol(output), Markup("{}<small>{}</small>").format(turn, recording),
-                significant(number(mapping(size).get("amplitude"))), pretty_unit(unit_of(run, output)),
-                tidy(number(mapping(size).get("log_evidence")), 3), f"{together} with it, {alone} without",
+                symbol(output), Markup("{}<small>{}</small>").format(turn, recording), significant(size.amplitude),
+                unit, tidy(size.log_evidence, 3), sizes,
             )  # fmt: skip
-
-
-def _encoder(run: RunDirectory, output: str) -> Iterator[tuple[object, ...]]:
-    found = mapping(run.result, "sensors", output, "encoder")
-    step, share = number(found.get("step")), number(found.get("share"))
-    if step is not None and share is not None:
-        unit = pretty_unit(unit_of(run, output))
-        yield (
-            symbol(output), "encoder", significant(step), unit, NOTHING,
-            f"rounding is {tidy(100.0 * share, 2)} % of the residual's variance",
-        )  # fmt: skip

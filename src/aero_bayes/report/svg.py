@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import re
+from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -27,13 +29,19 @@ class Canvas:
         self._parts: list[Markup] = []
         self._clips = 0
 
-    def curve(self, x: ArrayLike, y: ArrayLike, colour: str, width: float = 1.0, dashes: str = "") -> None:
-        """A polyline; NaN values break it."""
+    def curve(
+        self, x: ArrayLike, y: ArrayLike, colour: str, width: float = 1.0, dashes: str = "",
+        data: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
+        """A polyline; NaN values break it. ``data`` is what the page's script needs to draw it anew."""
         style = f"fill:none;stroke:var(--{colour});stroke-width:{width:g}"
         style += f";stroke-dasharray:{dashes}" if dashes else ""
-        self._path(_polyline(np.asarray(x, float), np.asarray(y, float)), style)
+        self._path(_polyline(np.asarray(x, float), np.asarray(y, float)), style, data)
 
-    def area(self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, edge: float) -> None:
+    def area(
+        self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, edge: float,
+        data: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
         """The area between two curves, one piece between gaps (NaN)."""
         style = f"fill:var(--{colour});fill-opacity:{opacity:g}"
         if edge > 0:
@@ -45,7 +53,7 @@ class Canvas:
             for p in pieces
             if len(p) and whole[p[0]]
         )
-        self._path(outline, style)
+        self._path(outline, style, data)
 
     def regions(self, rings: list[FloatArray], colour: str, opacity: float) -> None:
         """Closed rings, each of shape (n, 2); a ring within another is a hole."""
@@ -69,8 +77,16 @@ class Canvas:
         )
         self._parts.append(where.format(x, y, size, anchor, colour, _subscripts(words)))
 
+    def shape(self, outline: str, style: str) -> None:
+        """SVG path data with a style."""
+        self._path(outline, style)
+
+    def group(self, css_class: str, data: Mapping[str, object] | None = None) -> None:
+        """What is drawn from here to ``end`` belongs together."""
+        self._parts.append(Markup('<g class="{}"{}>').format(css_class, _attribute(data)))
+
     def clip(self, left: float, top: float, width: float, height: float) -> None:
-        """Cut off what is drawn from here to ``unclip`` outside a frame."""
+        """Cut off what is drawn from here to ``end`` outside a frame."""
         self._clips += 1
         name = f"c{hashlib.sha256(f'{self._alt}{self._size}'.encode()).hexdigest()[:10]}{self._clips}"
         self._parts.append(
@@ -80,8 +96,8 @@ class Canvas:
             ).format(name, left, top, width, height)
         )
 
-    def unclip(self) -> None:
-        """End what ``clip`` began."""
+    def end(self) -> None:
+        """End what ``group`` or ``clip`` began."""
         self._parts.append(Markup("</g>"))
 
     def svg(self) -> Markup:
@@ -93,9 +109,15 @@ class Canvas:
         )
         return frame.format(round(width, 1), round(height, 1), self._alt, Markup("").join(self._parts))
 
-    def _path(self, outline: str, style: str) -> None:
-        if outline:
-            self._parts.append(Markup('<path d="{}" style="{}"/>').format(outline, style))
+    def _path(self, outline: str, style: str, data: Mapping[str, object] | None = None) -> None:
+        if outline or data:
+            self._parts.append(Markup('<path d="{}" style="{}"{}/>').format(outline, style, _attribute(data)))
+
+
+def _attribute(data: Mapping[str, object] | None) -> Markup:
+    if data is None:
+        return Markup("")
+    return Markup(' data-spec="{}"').format(json.dumps(data, ensure_ascii=False, separators=(",", ":")))
 
 
 def _rounded(values: FloatArray) -> list[str]:

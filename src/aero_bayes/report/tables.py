@@ -5,21 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from markupsafe import Markup, escape
 
-from aero_bayes.report.run_directory import mapping, number
 from aero_bayes.report.text import NOTHING, Quantity, key_label, quantity, sentence, significant, symbol, tidy
+from aero_bayes.schema import ParameterResult, Quantiles
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
     "weak": "the data say little more than the prior",
     "unidentified": "the data do not determine it",
     "fixed": "held, not fitted",
+    "at_bound": "ended on the edge of its range",
     "adequate": "nothing but noise is left",
     "structured": "the model lacks something",
 }
+_RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 
 
 @dataclass(frozen=True)
@@ -68,38 +70,38 @@ def html_table(
     ).format(caption or "table", title, top, body)
 
 
-def parameter_table(parameters: Mapping[str, Any]) -> Markup:
+def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
     """Value, 90 % interval, unit, prior and status of every parameter.
 
-    What was fixed, or what the data do not determine, never shows an interval.
+    What was fixed, ended on a bound, or is not determined by the data never shows an interval.
     """
     rows = []
-    for name, entry in sorted(parameters.items(), key=lambda item: _rank(mapping(item[1]).get("status"))):
-        stated = mapping(entry)
-        status = str(stated.get("status", ""))
+    for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
         shown, sure = parameter_quantity(stated)
         interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NOTHING
-        about = Markup("{}<small>{}</small>").format(symbol(name), stated.get("description", ""))
-        glyph = interval_glyph(stated, str(name)) if sure else Markup("")
-        own = f"of {stated['recording']} alone" if stated.get("recording") else ""
-        note = "; ".join(filter(None, (str(stated.get("note") or ""), own)))
-        prior = Markup("{}<small>{}</small>").format(stated.get("prior") or NOTHING, note)
-        value = shown.value if status != "unidentified" else Markup('<span class="held">{}</span>').format(shown.value)
-        rows.append((about, value, interval, shown.unit, status_pill(status), glyph, prior))
+        about = Markup("{}<small>{}</small>").format(symbol(name), stated.description)
+        glyph = interval_glyph(stated, name) if sure else Markup("")
+        own = f"of {stated.recording} alone" if stated.recording else ""
+        note = "; ".join(filter(None, (stated.note, own)))
+        prior = Markup("{}<small>{}</small>").format(stated.prior or NOTHING, note)
+        held = stated.status in {"unidentified", "at_bound"}
+        value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
+        rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))
     columns = (
         "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status",
-        Column("interval in prior", "centre"), "prior",
+        Column("interval in bounds", "centre"), "prior",
     )  # fmt: skip
     return html_table(columns, rows, "Estimates")
 
 
-def parameter_quantity(stated: Mapping[str, Any]) -> tuple[Quantity, bool]:
+def parameter_quantity(stated: Quantiles) -> tuple[Quantity, bool]:
     """A parameter's texts, and whether it may show an interval at all."""
-    value, low, high = (number(stated.get(key)) for key in ("value", "q05", "q95"))
-    sure = stated.get("status") not in {"unidentified", "fixed"} and low is not None and high is not None
+    low, high = stated.q05, stated.q95
+    status = stated.status if isinstance(stated, ParameterResult) else None
+    sure = status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
     if not sure:
         low = high = None
-    return quantity(value, low, high, str(stated.get("unit") or "")), sure
+    return quantity(stated.value, low, high, stated.unit), sure
 
 
 def status_pill(status: str) -> Markup:
@@ -110,13 +112,9 @@ def status_pill(status: str) -> Markup:
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
-def interval_glyph(stated: Mapping[str, Any], name: str) -> Markup:
-    """The 90 % interval (bar) within that of the prior (track), else within the bounds; logarithmic where wide."""
-    low, high, middle = (number(stated.get(key)) for key in ("q05", "q95", "value"))
-    wide = [number(stated.get(key)) for key in ("prior_q05", "prior_q95")]
-    if None in wide:
-        wide = [number(stated.get(key)) for key in ("lower", "upper")]
-    first, last = wide
+def interval_glyph(stated: ParameterResult, name: str) -> Markup:
+    """The 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
+    low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper
     if low is None or high is None or middle is None or first is None or last is None or last <= first:
         return Markup("")
     ends = min(first, low), max(last, high)
@@ -134,7 +132,7 @@ def interval_glyph(stated: Mapping[str, Any], name: str) -> Markup:
         '<rect class="bar" x="{:.1f}" y="5" width="{:.1f}" height="6" rx="1"/>'
         '<line class="mark" x1="{:.1f}" x2="{:.1f}" y1="1.5" y2="14.5"/></svg>'
     ).format(
-        f"{name}: 90 % interval within the range of its prior", at(first), at(last) - at(first),
+        f"{name}: 90 % interval within its bounds", at(first), at(last) - at(first),
         0.5 * (left + right - grown), grown, at(middle), at(middle),
     )  # fmt: skip
 
@@ -179,15 +177,10 @@ def generic_cell(value: object, digits: int = 4) -> object:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tidy(number(value), digits)
+        return tidy(float(value), digits) if math.isfinite(value) else NOTHING
     if isinstance(value, Mapping):
         pairs = (Markup("{} {}").format(key_label(key), generic_cell(item, digits)) for key, item in value.items())
         return Markup(", ").join(pairs)
     if isinstance(value, list | tuple):
         return Markup(", ").join(escape(str(generic_cell(item))) for item in value)
     return NOTHING if value is None else sentence(value)
-
-
-def _rank(status: object) -> int:
-    order = ("identified", "weak", "unidentified", "fixed")
-    return order.index(str(status)) if status in order else 1

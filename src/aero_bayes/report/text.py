@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from aero_bayes.report.effect_names import effect_words, named_effect, with_named_effects
-
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "zeta": "ζ", "eta": "η", "theta": "θ", "kappa": "κ",
-    "lambda": "λ", "mu": "μ", "nu": "ν", "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "psi": "ψ", "omega": "ω",
-}  # fmt: skip
-_SIGNALS = {
-    "V_m": "motor voltage", "i_m": "motor current", "omega_m": "rotor speed", "theta": "pitch angle",
-}  # fmt: skip
 _PREFIXED = {"V", "A", "rad", "rad/s", "N", "N·m", "s", "m", "Ω", "H"}
 NOTHING = "–"
 
@@ -141,18 +134,26 @@ def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
     return (1e3, f"m{label}") if largest >= 1e-4 else (1e6, f"µ{label}")
 
 
+def greek(name: str) -> str:
+    """The letter that a name spells; the name itself where it spells none."""
+    try:
+        return unicodedata.lookup(f"GREEK SMALL LETTER {'LAMDA' if name == 'lambda' else name.upper()}")
+    except KeyError:
+        return name
+
+
 def plain_name(name: str) -> str:
     """A name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
     if name.endswith("_dot") and name.count("_") == 1:
-        return f"{_GREEK.get(name[:-4], name[:-4])}\u0307"
+        return f"{greek(name[:-4])}\u0307"
     head, separator, tail = name.partition("_")
-    return f"{_GREEK.get(head, head)}{separator}{tail}"
+    return f"{greek(head)}{separator}{tail}"
 
 
 def symbol(name: str) -> Markup:
     """A name as mathematics where it is a symbol (R_a, theta), else as code; always safe to put in the page."""
     head, separator, tail = name.partition("_")
-    letter = _GREEK.get(head, head)
+    letter = greek(head)
     if len(letter) > 2 or not letter.isalpha() or "_" in tail or not (tail.isalnum() or not separator):
         return Markup("<code>{}</code>").format(name)
     subscript = Markup("<sub>{}</sub>").format(tail) if separator else Markup("")
@@ -163,33 +164,47 @@ def key_label(key: object) -> Markup:
     """A key of a run's result as a label: a symbol where it is one, else its words."""
     text = str(key)
     head = text.partition("_")[0]
-    known = head in _GREEK or (len(head) <= 2 and "_" in text)
+    known = greek(head) != head or (len(head) <= 2 and "_" in text)
     return symbol(text) if known else escape(text.replace("_", " "))
 
 
-def role_words(role: object) -> str:
+def role_words(role: str) -> str:
     """A recording's role as a person says it."""
-    return {"train": "training", "test": "unseen"}.get(str(role), str(role))
+    return {"train": "training", "test": "unseen"}.get(role, role)
 
 
-def describe_signal(name: str) -> str:
-    """What a signal is, where the name is a known one."""
-    return _SIGNALS.get(name, "")
-
-
-def signal_title(name: str, unit: str) -> str:
+def signal_title(name: str, unit: str, meaning: str = "") -> str:
     """Title of a panel: symbol, meaning, unit."""
-    meaning = describe_signal(name)
     title = f"{plain_name(name)}  {meaning}" if meaning else plain_name(name)
     return f"{title} ({unit})" if unit else title
 
 
-def sentence(text: object) -> Markup:
-    """Escaped text in which ``backquoted`` names are set as symbols, and effects are put in words."""
+def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
+    """``dry friction at the pivot (pivot_friction)``, the id set as code; ``words`` by id."""
+    code = Markup("<code>{}</code>").format(id_)
+    return Markup("{} ({})").format(words[id_], code) if words.get(id_) else code
+
+
+def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
+    """Escaped text with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
+    words = words or {}
     parts = str(text).split("`")
     if len(parts) % 2 == 0:
-        return with_named_effects(str(text))
+        return _with_words(str(text), words, signals)
     return Markup("").join(
-        named_effect(part) if effect_words(part) else symbol(part) if index % 2 else with_named_effects(part)
+        (named_effect(part, words) if part in words else symbol(part))
+        if index % 2
+        else _with_words(part, words, signals)
+        for index, part in enumerate(parts)
+    )
+
+
+def _with_words(text: str, words: Mapping[str, str], signals: Collection[str]) -> Markup:
+    known = sorted({*words, *(name for name in signals if symbol(name)[:5] == "<span")}, key=len, reverse=True)
+    if not known:
+        return escape(text)
+    parts = re.split(rf"(?<!\w)({'|'.join(map(re.escape, known))})(?!\w)", text)
+    return Markup("").join(
+        escape(part) if index % 2 == 0 else named_effect(part, words) if part in words else symbol(part)
         for index, part in enumerate(parts)
     )

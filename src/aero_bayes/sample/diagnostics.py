@@ -1,8 +1,8 @@
 """Has it converged, and how much is it worth: R-hat across independent ensembles, autocorrelation time, ESS.
 
-Walkers of one ensemble move by each other's positions and are no independent chains. Each *ensemble* is therefore one
-chain here: R-hat compares ensembles, and the autocorrelation time is the larger of the walkers' own and that of the
-ensemble's mean, which sees what the walkers share.
+Walkers of one ensemble may move by each other's positions and are no independent chains then. Each *ensemble* is
+therefore one chain here: R-hat compares ensembles, and the autocorrelation time is the larger of the walkers' own and
+that of the ensemble's mean, which sees what the walkers share.
 
 References: Vehtari et al. (2021), Bayesian Analysis 16, 667 (rank-normalised split R-hat, tail ESS); Goodman and Weare
 (2010), Comm. App. Math. Comp. Sci. 5, 65 (autocorrelation time of an ensemble); Sokal (1997) (window).
@@ -62,24 +62,26 @@ def _window(rho: FloatArray, c: float = 5.0) -> float:
     return float(max(tau[int(np.argmax(inside))] if inside.any() else tau[-1], 1e-3))
 
 
-def autocorrelation_time(samples: FloatArray) -> float:
+def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
     """Steps per independent sample of one walker, the larger of two views.
+
+    Walkers are centred on the mean of all, so that one that stays where it is counts for little.
 
     Parameters
     ----------
     samples : ndarray, shape (ensembles, steps, walkers)
+    coupled : bool
+        Whether walkers of one ensemble move by each other's positions; otherwise there is only the first view.
     """
     _, steps, walkers = samples.shape
     variance = float(np.var(samples))
     if variance == 0.0 or steps < 4:
         return float(steps)
-    walker = autocovariance(np.swapaxes(samples, 1, 2)).mean(axis=(0, 1))
-    if walker[0] <= 0.0:
-        return float(steps)
-    own = _window(walker / walker[0])
+    own = _window(autocovariance(np.swapaxes(samples, 1, 2), float(samples.mean())).mean(axis=(0, 1)) / variance)
     mean = autocovariance(samples.mean(axis=2)).mean(axis=0)
-    shared = walkers * mean[0] / variance * _window(mean / mean[0]) if mean[0] > 0.0 else own
-    return float(max(own, shared, 1.0))
+    if not coupled or mean[0] <= 0.0:
+        return max(own, 1.0)
+    return float(max(own, walkers * mean[0] / variance * _window(mean / mean[0]), 1.0))
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,10 @@ class Diagnosis:
     ess_tail: float
 
 
-def diagnose(samples: FloatArray) -> Diagnosis:
+def diagnose(samples: FloatArray, *, coupled: bool = True) -> Diagnosis:
     """R-hat, autocorrelation time and effective sample sizes of one quantity, shape (ensembles, steps, walkers)."""
     size = samples.size
-    tau = autocorrelation_time(rank_normalise(samples))
+    tau = autocorrelation_time(rank_normalise(samples), coupled=coupled)
     low, high = np.quantile(samples, [0.05, 0.95])
-    tails = [autocorrelation_time((samples <= q).astype(np.float64)) for q in (low, high)]
+    tails = [autocorrelation_time((samples <= q).astype(np.float64), coupled=coupled) for q in (low, high)]
     return Diagnosis(r_hat(samples), tau, size / tau, size / max(tails))

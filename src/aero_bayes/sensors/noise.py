@@ -158,35 +158,33 @@ def _filter(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[F
     settled = -half + math.sqrt(half * half + q * r)
     out = np.empty_like(rows)
     log_det = 0.0
-    state = np.zeros(rows.shape[0])
-    p = p0
+    state, p = np.zeros(rows.shape[0]), p0
+    # What is known at the last reading, from where a gap is crossed in one step: `state` and `p` are the prediction.
+    known, left = state, p0
     stops = np.append(sampling.starts[1:], n)
     for start, stop in zip(sampling.starts, stops, strict=True):
         if start > 0:
-            lead = float(sampling.time[start] - sampling.time[start - 1])
-            # `state` and `p` stand one even step after the last reading; move them on by the rest of the gap.
-            rest = math.exp(-(lead - sampling.interval) / noise.tau)
-            state, p = state * rest, max(p0 + (p - p0) * rest * rest, 0.0)
+            lead = float(sampling.time[start] - sampling.time[start - 1]) / noise.tau
+            state, p = math.exp(-lead) * known, math.exp(-2.0 * lead) * left - p0 * math.expm1(-2.0 * lead)
         t = int(start)
         while t < stop and abs(p - settled) > _SETTLED * (settled + r):
             s = p + r
             innovation = rows[:, t] - state
             out[:, t] = innovation / math.sqrt(s)
             log_det += math.log(s)
-            gain = p / s
-            state = phi * (state + gain * innovation)
-            p = phi * phi * p * (1.0 - gain) + q
+            known, left = state + p / s * innovation, p * r / s
+            state, p = phi * known, phi * phi * left + q
             t += 1
         if t < stop:
             s = settled + r
             gain = settled / s
             stretch = rows[:, t:stop]
-            expected, last = lfilter(
+            expected, _ = lfilter(
                 [0.0, phi * gain], [1.0, -phi * (1.0 - gain)], stretch, axis=1, zi=state[:, np.newaxis]
             )
             out[:, t:stop] = (stretch - expected) / math.sqrt(s)
             log_det += (stop - t) * math.log(s)
-            state, p = last[:, 0], settled
+            known, left = expected[:, -1] + gain * (stretch[:, -1] - expected[:, -1]), settled * r / s
     return out, log_det
 
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-def autocovariance(series: FloatArray) -> FloatArray:
-    """Autocovariance along the last axis by FFT, biased (divided by n)."""
+def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
+    """Autocovariance along the last axis by FFT, biased (divided by n), about a known mean or that of each series."""
     n = series.shape[-1]
-    centred = series - series.mean(axis=-1, keepdims=True)
+    centred = series - (series.mean(axis=-1, keepdims=True) if mean is None else mean)
     size = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(centred, size, axis=-1)
     return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=-1)[..., :n] / n)

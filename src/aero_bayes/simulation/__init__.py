@@ -1,6 +1,6 @@
 """FMU + inputs + parameters -> trajectories, sensitivities and likelihoods."""
 
-from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.engines import engine_of, open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -40,5 +40,6 @@ __all__ = [
     "Trajectories",
     "Variable",
     "WorkerPool",
+    "engine_of",
     "open_simulator",
 ]

@@ -12,6 +12,11 @@ from aero_bayes.simulation.workers import WorkerPool
 Engine = Literal["native", "fmpy"]
 
 
+def engine_of(simulator: Simulator) -> str:
+    """What runs the problem, in words for a report, which may not be what was asked for."""
+    return str(getattr(simulator, "engine", type(simulator).__name__))
+
+
 def open_simulator(
     problem: Problem, engine: Engine = "native", workers: int | None = None, pool: WorkerPool | None = None
 ) -> Simulator:
@@ -21,7 +26,8 @@ def open_simulator(
     ----------
     problem : Problem
     engine : {"native", "fmpy"}
-        The compiled engine, or FMPy's Model Exchange with CVode (slow; the reference).
+        The compiled engine, or FMPy's Model Exchange with CVode (slow; the reference). An FMU that has co-simulation
+        only is run by FMPy whatever is asked for; see :func:`engine_of`.
     workers : int, optional
         Worker processes of the native engine; 0 runs in this process.
     pool : WorkerPool, optional
@@ -32,6 +38,10 @@ def open_simulator(
     InputError
         For an unknown engine, or a problem that contradicts its model.
     """
+    if problem.model.interface == "co-simulation" and engine in ("native", "fmpy"):
+        from aero_bayes.simulation.cosimulation import CosimulationSimulator
+
+        return CosimulationSimulator(problem, workers if pool is None else pool.size)
     if engine == "native":
         return NativeSimulator(problem, workers, pool)
     if engine == "fmpy":

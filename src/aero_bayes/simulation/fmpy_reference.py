@@ -6,7 +6,6 @@ tested against. Sensitivities are central differences of whole trajectories at a
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import time as clock
 from collections.abc import Sequence
@@ -15,29 +14,19 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from fmpy import calloc, extract, free, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Model,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
 from fmpy.sundials import CVodeSolver
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.simulation.gaussian import products
+from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     FloatArray,
-    GaussNewton,
     InputSignal,
     InputTarget,
-    Likelihoods,
     Outcome,
     ParameterTarget,
     Problem,
@@ -45,19 +34,16 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
-from aero_bayes.simulation.native import check_active, check_noise, check_values
+from aero_bayes.simulation.native import check_active, check_values
+from aero_bayes.simulation.reduction import ReducedTrajectories
 from aero_bayes.simulation.spec import check_problem, target_scale
-
-
-def _ignore(*_: Any) -> None:
-    """Take a log message and drop it."""
 
 
 class _TimedOutError(Exception):
     """The time limit of a run passed."""
 
 
-def _delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> tuple[InputSignal, ...]:
+def delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> tuple[InputSignal, ...]:
     """The signals with this run's delay and additions to grid values."""
     delay = sum(float(v) for v, t in zip(values, row, strict=True) if isinstance(t, DelayTarget))
     signals = []
@@ -70,7 +56,7 @@ def _delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> 
     return tuple(signals)
 
 
-def _value(signal: InputSignal, t: float, segment: float) -> float:
+def value_at(signal: InputSignal, t: float, segment: float) -> float:
     """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
     if signal.interpolation == "linear":
         return float(np.interp(t, signal.time, signal.values))
@@ -78,7 +64,7 @@ def _value(signal: InputSignal, t: float, segment: float) -> float:
     return float(signal.values[max(cell, 0)])
 
 
-class FmpySimulator:
+class FmpySimulator(ReducedTrajectories):
     """Runs a problem with FMPy.
 
     Parameters
@@ -86,30 +72,17 @@ class FmpySimulator:
     problem : Problem
     """
 
+    engine = "model exchange by FMPy"
+
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem
+        if problem.model.interface != "model exchange":
+            raise InputError(f"{problem.model.path}: has no Model Exchange; see CosimulationSimulator")
         self._scratch = ScratchFolder()
-        folder = str(self._scratch.path)
-        extract(str(problem.model.path), folder)
-        try:
-            description = read_model_description(folder)
-        except Exception as error:  # FMPy's own errors have no common class
-            why = " ".join(str(error).split())
-            raise InputError(f"{problem.model.path}: FMPy does not accept this FMU: {why}") from error
-        self._callbacks = fmi2CallbackFunctions()
-        self._logger = fmi2CallbackLoggerTYPE(_ignore)
-        with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
-            self._fmu = FMU2Model(
-                guid=description.guid,
-                unzipDirectory=folder,
-                modelIdentifier=description.modelExchange.modelIdentifier,
-                instanceName=problem.model.identifier,
-            )
-        self._callbacks.logger = self._logger
-        self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-        self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-        self._fmu.instantiate(callbacks=self._callbacks)
+        problem.model.unpack(self._scratch.path)
+        self._fmu = fmpy_fmu.open_fmu(problem.model, self._scratch.path)
+        self._slopes_pointer = (ctypes.c_double * max(1, len(problem.model.states)))()
         self._fresh = True
         self._closed = False
 
@@ -164,7 +137,7 @@ class FmpySimulator:
     def _apply(self, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
         for signal in signals:
             reference = self.problem.model.input(signal.name).value_reference
-            self._fmu.setReal([reference], [_value(signal, t, segment)])
+            self._fmu.setReal([reference], [value_at(signal, t, segment)])
 
     def _iterate(self) -> float:
         """Event iteration; the time of the next time event."""
@@ -176,13 +149,22 @@ class FmpySimulator:
                 return float(when) if defined else np.inf
         raise FMICallException("fmi2NewDiscreteStates", 3)
 
+    def _settle(self) -> None:
+        """Ask for the derivatives: some FMUs solve their algebraic loops only then; outputs read first are stale."""
+        self._fmu.getDerivatives(self._slopes_pointer, len(self.problem.model.states))
+
+    def _indicators(self, pointer: Any, size: int) -> None:
+        self._settle()
+        self._fmu.getEventIndicators(pointer, size)
+
     def _read(self, variables: Sequence[Any]) -> list[float]:
+        self._settle()
         get = {"real": self._fmu.getReal, "integer": self._fmu.getInteger, "boolean": self._fmu.getBoolean}
         return [float(get[v.kind]([v.value_reference])[0]) for v in variables]
 
     def _simulate_one(self, number: int, values: FloatArray, settings: SolverSettings) -> FloatArray:
         model, experiment, fmu = self.problem.model, self.problem.experiments[number], self._fmu
-        signals = _delayed(experiment, self.problem.targets[number], values)
+        signals = delayed(experiment, self.problem.targets[number], values)
         deadline = clock.monotonic() + settings.time_limit
         next_event = self._start(number, values, signals)[0]
         variables = [model.output(name) for name in experiment.outputs]
@@ -208,7 +190,7 @@ class FmpySimulator:
                     get_x=fmu.getContinuousStates,
                     set_x=fmu.setContinuousStates,
                     get_dx=fmu.getDerivatives,
-                    get_z=fmu.getEventIndicators,
+                    get_z=self._indicators,
                     get_nominals=self._nominals,
                     set_time=set_time,
                     input=_Inputs(set_time),
@@ -304,45 +286,6 @@ class FmpySimulator:
                 if outcomes[i, e] == Outcome.OK and len(columns):
                     slopes[e][i] = self._slopes(e, row, columns)
         return Trajectories(outputs, slopes if active is not None else None, outcomes)
-
-    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
-        """Gaussian log-likelihood of the measurements. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        noise = check_noise(self.problem, noise, len(values))
-        found = self.simulate(values)
-        result = np.full(found.outcomes.shape, -np.inf)
-        for i, e in np.argwhere(found.outcomes == Outcome.OK):
-            result[i, e] = self._products(e, found.outputs[e][i], None, noise[i, e])[3]
-        return Likelihoods(result, found.outcomes)
-
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        noise = check_noise(self.problem, noise, len(values))
-        found = self.simulate(values, active=active)
-        assert found.sensitivities is not None
-        n, q = len(values), len(active)
-        cost, log_likelihood = np.zeros(n), np.zeros(n)
-        gradient, hessian = np.zeros((n, q)), np.zeros((n, q, q))
-        for i, e in np.ndindex(found.outcomes.shape):
-            if found.outcomes[i, e] != Outcome.OK:
-                cost[i], log_likelihood[i], gradient[i], hessian[i] = np.inf, -np.inf, np.nan, np.nan
-                continue
-            part = self._products(e, found.outputs[e][i], found.sensitivities[e][i], noise[i, e])
-            cost[i] += part[0]
-            gradient[i] += part[1]
-            hessian[i] += part[2]
-            log_likelihood[i] += part[3]
-        return GaussNewton(cost, gradient, hessian, log_likelihood, found.outcomes)
-
-    def _products(
-        self, number: int, output: FloatArray, slopes: FloatArray | None, noise: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray, float]:
-        experiment = self.problem.experiments[number]
-        assert experiment.measured is not None
-        if slopes is None:
-            slopes = np.zeros((*output.shape, 0))
-        return products(experiment.time, experiment.measured, output, slopes, noise)
 
 
 class _Inputs:

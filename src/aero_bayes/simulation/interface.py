@@ -31,6 +31,7 @@ class Outcome(IntEnum):
     TIMED_OUT = 3
     CRASHED = 4
     MODEL_ERROR = 5
+    STATES_SELECTED_ANEW = 6
 
     @property
     def key(self) -> str:
@@ -47,6 +48,7 @@ class Outcome(IntEnum):
             Outcome.TIMED_OUT: "the time limit passed",
             Outcome.CRASHED: "the model's code crashed its worker",
             Outcome.MODEL_ERROR: "the model reported an error",
+            Outcome.STATES_SELECTED_ANEW: "the model chose other states while it ran, which is not supported",
         }[self]
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Literal
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation import archive
 
-MOST_UNPACKED_BYTES = 1 << 30
-MOST_DESCRIPTION_BYTES = 64 << 20
-BINARY_FOLDER = "binaries/linux64"
+BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
 
 Kind = Literal["real", "integer", "boolean"]
+Interface = Literal["model exchange", "co-simulation"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +44,9 @@ class Model:
     ``parameters`` are the Real parameters that may be set before initialisation (fixed or tunable), ``states`` the
     continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
     ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
+    ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
+    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to
+    copy a state with that state's position; see :meth:`copied_state`.
     """
 
     path: Path
@@ -64,6 +64,10 @@ class Model:
     derivatives: tuple[int, ...] = ()
     jacobian_pattern: tuple[tuple[int, ...], ...] | None = None
     wants_step_callback: bool = True
+    said_copies: tuple[tuple[str, int], ...] = ()
+    fmi_version: int = 2
+    interface: Interface = "model exchange"
+    takes_any_step: bool = True
 
     @classmethod
     def load(cls, path: Path | str) -> Model:
@@ -72,20 +76,27 @@ class Model:
         Parameters
         ----------
         path : path
-            An FMI 2.0 FMU with Model Exchange and a linux64 binary.
+            An FMI 2.0 or 3.0 FMU with Model Exchange or Co-Simulation and a binary for Linux on x86-64.
 
         Raises
         ------
         InputError
-            For a file that is not a usable FMI 2.0 Model-Exchange FMU; the message says why.
+            For a file that is not a usable FMU; the message says why.
         """
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: no such file (expected an FMU)")
-        names, text = _open_checked(path)
-        root = _parse(path, text)
-        model = _describe(path, root)
-        binary = f"{BINARY_FOLDER}/{model.identifier}.so"
+        names, text = archive.read_description(path)
+        from aero_bayes.simulation import description2, description3
+
+        root = description2.parse(path, text)
+        version = root.get("fmiVersion", "none")
+        if root.tag != "fmiModelDescription" or not version.startswith(("2.", "3.")):
+            raise InputError(
+                f"{path}: FMI version {version} is not supported: export the model anew with FMI 2.0 or 3.0"
+            )
+        model = description2.describe(path, root) if version.startswith("2.") else description3.describe(path, root)
+        binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}.so"
         if binary not in names:
             have = sorted({str(PurePosixPath(n).parent) for n in names if n.startswith("binaries/")}) or ["none"]
             raise InputError(f"{path}: no {binary} inside (binaries for: {', '.join(have)})")
@@ -111,12 +122,27 @@ class Model:
         for index, variable in enumerate(self.states):
             if variable.name == name:
                 return index
+        copied = self.copied_state(name)
+        if copied is None:
+            raise InputError(f"{self.path.name}: no state {name!r} (states: {_listed(self.states)})")
+        return copied
+
+    def copied_state(self, output: str) -> int | None:
+        """Position of the state that an output is or copies; None if it is none, or there is no such output.
+
+        An output with a value reference of its own is said to copy a state by its name or by the model structure;
+        whether it does is tried on the FMU itself, once a process.
+        """
         for variable in self.outputs:
-            if variable.name == name and variable.kind == "real":
+            if variable.name == output and variable.kind == "real":
                 for index, state in enumerate(self.states):
                     if state.value_reference == variable.value_reference:
                         return index
-        raise InputError(f"{self.path.name}: no state {name!r} (states: {_listed(self.states)})")
+        if any(name == output for name, _ in self.said_copies):
+            from aero_bayes.simulation.copies import true_copies
+
+            return true_copies(self).get(output)
+        return None
 
     def _find(self, what: str, variables: tuple[Variable, ...], name: str) -> Variable:
         for variable in variables:
@@ -126,10 +152,12 @@ class Model:
 
     def unpack(self, folder: Path) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
-        with zipfile.ZipFile(self.path) as archive:
-            _check_members(self.path, archive)
-            archive.extractall(folder)
-        return folder / BINARY_FOLDER / f"{self.identifier}.so"
+        archive.unpack(self.path, folder)
+        return self.binary_in(folder)
+
+    def binary_in(self, folder: Path) -> Path:
+        """Where the binary is in a folder into which the FMU was unpacked."""
+        return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
 
 
 def _listed(variables: Sequence[Variable]) -> str:
@@ -137,176 +165,7 @@ def _listed(variables: Sequence[Variable]) -> str:
     return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "none"
 
 
-def _open_checked(path: Path) -> tuple[set[str], bytes]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = _check_members(path, archive)
-            if "modelDescription.xml" not in names:
-                raise InputError(f"{path}: no modelDescription.xml inside, so this is not an FMU")
-            if archive.getinfo("modelDescription.xml").file_size > MOST_DESCRIPTION_BYTES:
-                raise InputError(f"{path}: modelDescription.xml is larger than {MOST_DESCRIPTION_BYTES >> 20} MiB")
-            return names, archive.read("modelDescription.xml")
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a readable zip archive (expected an FMU): {error}") from error
-
-
-def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
-    total = 0
-    for member in archive.infolist():
-        parts = PurePosixPath(member.filename.replace("\\", "/"))
-        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0:1]:
-            raise InputError(f"{path}: member {member.filename!r} would be unpacked outside its folder")
-        if (member.external_attr >> 16) & 0o170000 == 0o120000:
-            raise InputError(f"{path}: member {member.filename!r} is a symbolic link")
-        total += member.file_size
-    if total > MOST_UNPACKED_BYTES:
-        raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MOST_UNPACKED_BYTES >> 20} MiB are allowed)")
-    return set(archive.namelist())
-
-
-def _parse(path: Path, text: bytes) -> Element:
-    head = text[:65536]
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text or head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"{path}: modelDescription.xml declares a document type, which no FMU needs")
-    try:
-        return ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: modelDescription.xml is not valid XML: {error}") from error
-
-
-def _number(element: Element, key: str) -> float | None:
-    text = element.get(key)
-    if text is None:
-        return None
-    if text in ("true", "false"):
-        return float(text == "true")
-    return float(text)
-
-
-def _is_true(element: Element, key: str) -> bool:
-    return element.get(key, "false") in ("true", "1")
-
-
-def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
-    types: dict[str, Element] = {}
-    for simple in root.iterfind("TypeDefinitions/SimpleType"):
-        for inner in simple:
-            types[simple.get("name", "")] = inner
-    found = []
-    for scalar in root.iterfind("ModelVariables/ScalarVariable"):
-        own: Element | None = None
-        kind: Kind = "real"
-        for tag, name in (("Real", "real"), ("Integer", "integer"), ("Boolean", "boolean"), ("Enumeration", "integer")):
-            own = scalar.find(tag)
-            if own is not None:
-                kind = name  # type: ignore[assignment]
-                break
-        declared = types.get(own.get("declaredType", "")) if own is not None else None
-
-        def value(key: str, own: Element | None = own, declared: Element | None = declared) -> float | None:
-            here = _number(own, key) if own is not None else None
-            return here if here is not None or declared is None else _number(declared, key)
-
-        unit = (own.get("unit") if own is not None else None) or (declared.get("unit") if declared is not None else "")
-        found.append(
-            (
-                scalar,
-                own,
-                Variable(
-                    name=scalar.get("name", ""),
-                    unit=unit or "",
-                    description=scalar.get("description", ""),
-                    start=value("start"),
-                    minimum=value("min"),
-                    maximum=value("max"),
-                    nominal=value("nominal"),
-                    value_reference=int(scalar.get("valueReference", "0")),
-                    kind=kind,
-                    settable_start=_settable(scalar, own),
-                ),
-            )
-        )
-    return found
-
-
-def _settable(scalar: Element, own: Element | None) -> bool:
-    if own is None:
-        return False
-    initial = scalar.get("initial")
-    if initial is None:
-        return own.get("start") is not None
-    return initial in ("exact", "approx")
-
-
-def _describe(path: Path, root: Element) -> Model:
-    version = root.get("fmiVersion", "none")
-    if root.tag != "fmiModelDescription" or version != "2.0":
-        raise InputError(f"{path}: FMI version {version} (expected 2.0)")
-    exchange = root.find("ModelExchange")
-    if exchange is None:
-        raise InputError(f"{path}: no Model Exchange in this FMU (it has only Co-Simulation)")
-    try:
-        return _describe_valid(path, root, exchange)
-    except (ValueError, IndexError, KeyError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: modelDescription.xml contradicts FMI 2.0: {error}") from error
-
-
-def _describe_valid(path: Path, root: Element, exchange: Element) -> Model:
-    variables = _variables(root)
-    identifier = exchange.get("modelIdentifier", "")
-    if not identifier or "/" in identifier or "\\" in identifier:
-        raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
-    states: list[Variable] = []
-    derivatives: list[int] = []
-    position: dict[int, int] = {}
-    depends: list[set[int] | None] = []
-    for unknown in root.iterfind("ModelStructure/Derivatives/Unknown"):
-        _, own, variable = variables[int(unknown.get("index", "0")) - 1]
-        if own is None or own.get("derivative") is None:
-            raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
-        at = int(own.get("derivative", "0")) - 1
-        position[at] = len(states)
-        states.append(variables[at][2])
-        derivatives.append(variable.value_reference)
-        known = unknown.get("dependencies")
-        depends.append(None if known is None else {int(i) - 1 for i in known.split()})
-    pattern: tuple[tuple[int, ...], ...] | None = None
-    if states and all(d is not None for d in depends):
-        rows = [{position[k] for k in d if k in position} for d in depends if d is not None]
-        pattern = tuple(tuple(i for i, row in enumerate(rows) if j in row) for j in range(len(states)))
-    pick = {"parameter": [], "input": [], "output": []}  # type: dict[str, list[Variable]]
-    for scalar, own, variable in variables:
-        causality = scalar.get("causality", "local")
-        if own is None or causality not in pick:
-            continue
-        if causality != "output" and variable.kind != "real":
-            continue
-        if causality == "parameter" and scalar.get("variability", "continuous") not in ("fixed", "tunable"):
-            continue
-        pick[causality].append(variable)
-    return Model(
-        path=path,
-        sha256=_sha256(path),
-        name=root.get("modelName", identifier),
-        guid=root.get("guid", ""),
-        identifier=identifier,
-        parameters=tuple(pick["parameter"]),
-        inputs=tuple(pick["input"]),
-        outputs=tuple(pick["output"]),
-        states=tuple(states),
-        event_indicators=int(root.get("numberOfEventIndicators", "0")),
-        has_directional_derivatives=_is_true(exchange, "providesDirectionalDerivative"),
-        needs_instance_per_process=_is_true(exchange, "canBeInstantiatedOnlyOncePerProcess"),
-        derivatives=tuple(derivatives),
-        jacobian_pattern=pattern,
-        wants_step_callback=not _is_true(exchange, "completedIntegratorStepNotNeeded"),
-    )
-
-
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Checksum of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

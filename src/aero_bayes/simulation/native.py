@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -84,58 +85,26 @@ def check_noise(problem: Problem, noise: FloatArray, n: int) -> FloatArray:
         raise InputError(f"noise has shape {noise.shape}, which does not broadcast to {shape}") from error
 
 
-class NativeSimulator:
-    """Runs a problem with the compiled engine.
+class Batches:
+    """Batches of one problem, laid out in the shared memory of a pool whose workers run them.
 
     Parameters
     ----------
     problem : Problem
-    workers : int, optional
-        Worker processes of its own (default: one a core); 0 runs in this process, without isolation.
-    pool : WorkerPool, optional
-        Workers shared with other simulators, in place of its own.
-
-    Raises
-    ------
-    InputError
-        Where the problem names what the model does not have.
+    pool : WorkerPool
+    path : Path
+        Where the problem is written for the workers.
     """
 
-    def __init__(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> None:
-        check_problem(problem)
+    def __init__(self, problem: Problem, pool: WorkerPool, path: Path) -> None:
         self.problem = problem
-        self._workers = workers
-        self._owns_pool = pool is None
-        self.pool = WorkerPool(workers) if pool is None else pool
-        self._path = self.pool.new_path()
-        write_problem(problem, self.pool.binary(problem.model), self._path)
-        self._closed = False
+        self.pool = pool
+        self.path = path
         self._layout: _Layout | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.problem, self._workers)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Stop the workers (own ones) and free the model."""
-        if self._closed:
-            return
-        self._closed = True
-        self.pool.forget(self._path)
-        if self._owns_pool:
-            self.pool.close()
-
-    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
-        """Trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        columns = check_active(self.problem, active if active is not None else [])
+    def trajectories(self, values: FloatArray, active: NDArray[np.int64] | None = None) -> Trajectories:
+        """Of checked values; with ``active`` also sensitivities to those columns."""
+        columns = np.zeros(0, dtype=np.int64) if active is None else active
         n, q = len(values), len(columns)
         shapes = [(e.time.size, len(e.outputs)) for e in self.problem.experiments]
         outputs = tuple(np.empty((n, *shape)) for shape in shapes)
@@ -146,7 +115,7 @@ class NativeSimulator:
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:
-                block = self._run(_TRAJECTORY, values[part], columns, None)
+                block = self.run(_TRAJECTORY, values[part], columns, None)
                 outcomes[part] = block.outcomes
                 for e in range(len(shapes)):
                     bad = block.outcomes[:, e] != Outcome.OK
@@ -157,54 +126,8 @@ class NativeSimulator:
                         sensitivities[e][part][bad] = np.nan
         return Trajectories(outputs, sensitivities if active is not None else None, outcomes)
 
-    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
-        """Gaussian log-likelihood of the measurements, reduced inside the engine. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        n, experiments = len(values), len(self.problem.experiments)
-        noise = check_noise(self.problem, noise, n)
-        result = np.full((n, experiments), -np.inf)
-        outcomes = np.zeros((n, experiments), dtype=np.uint8)
-        none = np.zeros(0, dtype=np.int64)
-        for start in range(0, n, _MOST_ROWS):
-            part = slice(start, min(n, start + _MOST_ROWS))
-            with self.pool.lock:
-                block = self._run(_LIKELIHOOD, values[part], none, noise[part])
-                outcomes[part] = block.outcomes
-                result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
-        return Likelihoods(result, outcomes)
-
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`.
-
-        Rows with a failed run have infinite cost, a log-likelihood of minus infinity, and NaN products.
-        """
-        values = check_values(self.problem, values)
-        columns = check_active(self.problem, active)
-        n, q, experiments = len(values), len(columns), len(self.problem.experiments)
-        noise = check_noise(self.problem, noise, n)
-        total = np.full((n, 2 + q + q * q), np.nan)
-        outcomes = np.zeros((n, experiments), dtype=np.uint8)
-        rows = max(1, min(_MOST_ROWS, _BLOCK_BYTES // (8 * experiments * (2 + q + q * q))))
-        for start in range(0, n, rows):
-            part = slice(start, min(n, start + rows))
-            with self.pool.lock:
-                block = self._run(_GAUSS_NEWTON, values[part], columns, noise[part])
-                outcomes[part] = block.outcomes
-                good = np.all(block.outcomes == Outcome.OK, axis=1)
-                total[part][good] = block.result[good].sum(axis=1)
-        bad = np.any(outcomes != Outcome.OK, axis=1)
-        return GaussNewton(
-            cost=np.where(bad, np.inf, total[:, 0]),
-            gradient=total[:, 2 : 2 + q].copy(),
-            hessian=total[:, 2 + q :].reshape(n, q, q).copy(),
-            log_likelihood=np.where(bad, -np.inf, total[:, 1]),
-            outcomes=outcomes,
-        )
-
-    def _run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> _Block:
+    def run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> _Block:
         """Lay one block out in shared memory and run it; the pool's lock is held."""
-        if self._closed:
-            raise InputError("the simulator is closed")
         varies = noise is not None and noise.strides[0] != 0
         noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)
         key = mode, len(values), len(columns), varies, noise_size
@@ -219,7 +142,7 @@ class NativeSimulator:
             layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
         layout.block.outcomes[:] = TODO
         outcomes = layout.block.outcomes.reshape(-1)
-        self.pool.run(self._path, layout.job, outcomes, self.problem.settings.time_limit)
+        self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit)
         return layout.block
 
     def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _Layout:
@@ -264,4 +187,113 @@ class NativeSimulator:
             words(3, np.int64),
             words(2),
             block,
+        )
+
+
+class NativeSimulator:
+    """Runs a problem with the compiled engine.
+
+    Parameters
+    ----------
+    problem : Problem
+    workers : int, optional
+        Worker processes of its own (default: one a core); 0 runs in this process, without isolation.
+    pool : WorkerPool, optional
+        Workers shared with other simulators, in place of its own.
+
+    Raises
+    ------
+    InputError
+        Where the problem names what the model does not have.
+    """
+
+    engine = "native"
+
+    def __init__(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> None:
+        if problem.model.interface != "model exchange":
+            raise InputError(f"{problem.model.path}: has no Model Exchange, which the native engine needs")
+        check_problem(problem)
+        self.problem = problem
+        self._workers = workers
+        self._owns_pool = pool is None
+        self.pool = WorkerPool(workers) if pool is None else pool
+        self._path = self.pool.new_path()
+        write_problem(problem, self.pool.binary(problem.model), self._path)
+        self._batches = Batches(problem, self.pool, self._path)
+        self._closed = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.problem, self._workers)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open_batches(self) -> Batches:
+        if self._closed:
+            raise InputError("the simulator is closed")
+        return self._batches
+
+    def close(self) -> None:
+        """Stop the workers (own ones) and free the model."""
+        if self._closed:
+            return
+        self._closed = True
+        self.pool.forget(self._path)
+        if self._owns_pool:
+            self.pool.close()
+
+    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
+        """Trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        return self._open_batches().trajectories(values, None if active is None else check_active(self.problem, active))
+
+    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
+        """Gaussian log-likelihood of the measurements, reduced inside the engine. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        n, experiments = len(values), len(self.problem.experiments)
+        noise = check_noise(self.problem, noise, n)
+        batches = self._open_batches()
+        result = np.full((n, experiments), -np.inf)
+        outcomes = np.zeros((n, experiments), dtype=np.uint8)
+        none = np.zeros(0, dtype=np.int64)
+        for start in range(0, n, _MOST_ROWS):
+            part = slice(start, min(n, start + _MOST_ROWS))
+            with self.pool.lock:
+                block = batches.run(_LIKELIHOOD, values[part], none, noise[part])
+                outcomes[part] = block.outcomes
+                result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
+        return Likelihoods(result, outcomes)
+
+    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
+        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`.
+
+        Rows with a failed run have infinite cost, a log-likelihood of minus infinity, and NaN products.
+        """
+        values = check_values(self.problem, values)
+        columns = check_active(self.problem, active)
+        n, q, experiments = len(values), len(columns), len(self.problem.experiments)
+        noise = check_noise(self.problem, noise, n)
+        batches = self._open_batches()
+        total = np.full((n, 2 + q + q * q), np.nan)
+        outcomes = np.zeros((n, experiments), dtype=np.uint8)
+        rows = max(1, min(_MOST_ROWS, _BLOCK_BYTES // (8 * experiments * (2 + q + q * q))))
+        for start in range(0, n, rows):
+            part = slice(start, min(n, start + rows))
+            with self.pool.lock:
+                block = batches.run(_GAUSS_NEWTON, values[part], columns, noise[part])
+                outcomes[part] = block.outcomes
+                good = np.all(block.outcomes == Outcome.OK, axis=1)
+                total[part][good] = block.result[good].sum(axis=1)
+        bad = np.any(outcomes != Outcome.OK, axis=1)
+        return GaussNewton(
+            cost=np.where(bad, np.inf, total[:, 0]),
+            gradient=total[:, 2 : 2 + q].copy(),
+            hessian=total[:, 2 + q :].reshape(n, q, q).copy(),
+            log_likelihood=np.where(bad, -np.inf, total[:, 1]),
+            outcomes=outcomes,
         )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.copies import named_copies
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -21,7 +22,7 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model import Model, Variable
 
-_MAGIC = 0x4142535045430001
+_MAGIC = 0x4142535045430002
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -162,10 +163,13 @@ def _target(model: Model, experiment: Experiment, target: Target | None) -> tupl
 def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[Target | None, ...]) -> None:
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
+    copies = named_copies(model)
     w.reals(experiment.time)
     w.integers([v.value_reference for v in variables])
     w.integers([_KINDS[v.kind] for v in variables])
-    w.integers([references.get(v.value_reference, -1) if v.kind == "real" else -1 for v in variables])
+    w.integers(
+        [references.get(v.value_reference, copies.get(v.name, -1)) if v.kind == "real" else -1 for v in variables]
+    )
     w.integer(len(experiment.inputs))
     for signal in experiment.inputs:
         w.integer(model.input(signal.name).value_reference, int(signal.interpolation == "linear"))
@@ -190,9 +194,11 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w = _Writer()
     w.integer(_MAGIC)
     w.text(str(binary))
-    w.text((binary.parents[2] / "resources").as_uri())
+    resources = binary.parents[2] / "resources"
+    w.text(f"{resources}/" if model.fmi_version == 3 else resources.as_uri())
     w.text(model.guid)
     w.text(model.identifier)
+    w.integer(model.fmi_version)
     w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback), model.event_indicators)
     w.integers([v.value_reference for v in model.states])
     w.integers(model.derivatives)

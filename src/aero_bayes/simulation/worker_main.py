@@ -1,7 +1,9 @@
 """A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
 
-Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD [BYTES]``; it never imports the package, so
-that it starts in a few hundredths of a second and holds nothing that a crash could spoil.
+Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes
+(MEMORY negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a
+few hundredths of a second and holds nothing that a crash could spoil; except for co-simulation, which FMPy runs: then
+the folders where the package and FMPy are found follow.
 """
 
 import ctypes
@@ -11,6 +13,7 @@ import struct
 import sys
 import threading
 import time
+from typing import Any
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
@@ -43,6 +46,7 @@ def load(path: str) -> ctypes.CDLL:
     engine.ab_close.restype = None
     engine.ab_close.argtypes = [ctypes.c_void_p]
     engine.ab_batch.restype = ctypes.c_int
+    engine.ab_confine.argtypes = [ctypes.c_char_p, ctypes.c_int64, ctypes.c_int64]
     engine.ab_limit.restype = None
     engine.ab_limit.argtypes = [ctypes.c_int64]
     engine.ab_batch.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64]
@@ -51,9 +55,9 @@ def load(path: str) -> ctypes.CDLL:
     return engine
 
 
-def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
+def serve(engine: Any, commands: int, replies: int, arena: int) -> None:
     """Answer commands until the pipe closes."""
-    problems: dict[bytes, int] = {}
+    problems: dict[bytes, Any] = {}
     size, base, memory = 0, 0, None
     while True:
         command, wanted, job, slot, first, length = HEADER.unpack(read_exactly(commands, HEADER.size))
@@ -81,7 +85,16 @@ def serve(engine: ctypes.CDLL, commands: int, replies: int, arena: int) -> None:
 
 
 if __name__ == "__main__":
-    threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
     loaded = load(sys.argv[1])
-    loaded.ab_limit(int(sys.argv[5]) if len(sys.argv) > 5 else 0)
-    serve(loaded, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+    memory_limit, file_limit = int(sys.argv[5]), int(sys.argv[6])
+    if memory_limit >= 0:  # before any other thread, which would stay free
+        loaded.ab_confine(b".", 2 * memory_limit, file_limit)
+    threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
+    loaded.ab_limit(abs(memory_limit))
+    runner: Any = loaded
+    if len(sys.argv) > 7:
+        sys.path[:] = sys.argv[7:]
+        from aero_bayes.simulation.cosimulation_runs import Runner
+
+        runner = Runner(loaded)
+    serve(runner, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -6,10 +6,13 @@ takes one task at a time from a shared counter, so a crash or a hang costs exact
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import mmap
 import os
 import select
+import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -28,7 +31,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.simulation import worker_main
+from aero_bayes.simulation import confinement, worker_main
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
 
@@ -55,6 +58,7 @@ class _Worker:
     process: subprocess.Popen[bytes]
     commands: int
     replies: int
+    folder: Path
 
     def send(self, command: int, size: int, job: int, slot: int, first: int, path: bytes) -> None:
         data = worker_main.HEADER.pack(command, size, job, slot, first, len(path)) + path
@@ -67,8 +71,11 @@ class _Worker:
     def stop(self) -> None:
         os.close(self.commands)
         os.close(self.replies)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)  # with whatever it started
         self.process.kill()
         self.process.wait()
+        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def _stop(workers: list[_Worker | None], owner: int) -> None:
@@ -90,15 +97,22 @@ class WorkerPool:
         no protection against a model that crashes or hangs.
     memory_limit : int
         Bytes of its own memory beyond which a worker is recycled: it ends between two runs and another goes on, so
-        that a model that leaks does not fill the machine. 0 for no limit.
+        that a model that leaks does not fill the machine. At twice of it the model gets no more. 0 for no limit.
+    cosimulation : bool
+        Workers in which FMPy runs co-simulation FMUs. They take about a second to start.
+
+    Notes
+    -----
+    Workers are confined as far as the kernel allows (:mod:`aero_bayes.simulation.confinement`).
     """
 
-    def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30) -> None:
+    def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30, *, cosimulation: bool = False) -> None:
         if workers is None:
             workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.size = workers
         self.lock = threading.RLock()
         self.memory_limit = memory_limit
+        self._cosimulation = cosimulation
         self.replaced = self.recycled = 0
         self._workers: list[_Worker | None] = [None] * workers
         self._scratch = ScratchFolder()
@@ -196,7 +210,7 @@ class WorkerPool:
         if not outcomes.size:
             return
         if self._engine is not None:
-            self._run_here(key, job)
+            self._run_here(key, job, outcomes)
             return
         active: dict[int, int] = {}
         for index in range(min(self.size, outcomes.size)):
@@ -208,7 +222,7 @@ class WorkerPool:
                 self._replace(index)
             raise
 
-    def _run_here(self, key: bytes, job: int) -> None:
+    def _run_here(self, key: bytes, job: int, outcomes: NDArray[np.uint8]) -> None:
         assert self._engine is not None
         if key not in self._problems:
             error = ctypes.create_string_buffer(1024)
@@ -217,7 +231,8 @@ class WorkerPool:
                 raise CannotFinishError(error.value.decode(errors="replace"))
             self._problems[key] = problem
         base = self.arena.ctypes.data
-        self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1)
+        while self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1):
+            outcomes[int(self._slots[0, 0])] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
 
     def counts(self, path: Path, experiment: int = 0) -> tuple[int, int, int]:
         """Accepted steps, rejected steps and derivative evaluations of the last run (only with ``workers=0``)."""
@@ -235,23 +250,28 @@ class WorkerPool:
         active[worker.replies] = index
 
     def _start(self) -> _Worker:
+        folder = Path(tempfile.mkdtemp(prefix="worker-", dir=self.folder))
+        found = [str(Path(__file__).parents[2]), *filter(None, sys.path)] if self._cosimulation else []
+        memory = -self.memory_limit - 1 if confinement.is_trusted() else self.memory_limit
         command_read, command_write = os.pipe()
         reply_read, reply_write = os.pipe()
         try:
             process = subprocess.Popen(
                 [sys.executable, "-I", "-S", worker_main.__file__, str(engine_path())]
-                + [str(fd) for fd in (command_read, reply_write, self._arena_fd, self.memory_limit)],
+                + [str(fd) for fd in (command_read, reply_write, self._arena_fd, memory, confinement.FILE_LIMIT)]
+                + found,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 pass_fds=(command_read, reply_write, self._arena_fd),
                 start_new_session=True,
-                cwd=self.folder,
+                cwd=folder,
+                env=os.environ | {"TMPDIR": str(folder), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             )
         finally:
             os.close(command_read)
             os.close(reply_write)
-        return _Worker(process, command_write, reply_read)
+        return _Worker(process, command_write, reply_read, folder)
 
     def _replace(self, index: int) -> None:
         worker = self._workers[index]
@@ -266,68 +286,74 @@ class WorkerPool:
         self.recycled += 1
 
     def _watch(
-        self,
-        key: bytes,
-        job: int,
-        outcomes: NDArray[np.uint8],
-        time_limit: float,
-        active: dict[int, int],
+        self, key: bytes, job: int, outcomes: NDArray[np.uint8], time_limit: float, active: dict[int, int]
     ) -> None:
+        """Until every task has an outcome. What workers write is not believed where it cannot be true: a model's code
+        reaches the pipe and the shared memory, too."""
         poller = select.poll()
         for fd in active:
             poller.register(fd, select.POLLIN)
         patience = min(250.0, max(5.0, 250.0 * time_limit))
         early_deaths = 0
         retried: set[int] = set()
+        silent: dict[int, int] = {}  # when a worker was first seen without a task, ns
+
+        def drop(fd: int) -> None:
+            poller.unregister(fd)
+            silent.pop(active.pop(fd), None)
+
+        def proceed(index: int, task: int, end: Outcome, *, retry: bool) -> None:
+            """Another worker takes over; the task that was under way ends so, or is tried once more."""
+            again = retry and task >= 0 and outcomes[task] == TODO and task not in retried
+            if again:
+                retried.add(task)
+            elif task >= 0 and outcomes[task] == TODO:
+                outcomes[task] = end
+            if np.any(outcomes == TODO):
+                self._command(index, key, job, task if again else -1, active)
+                worker = self._workers[index]
+                assert worker is not None
+                poller.register(worker.replies, select.POLLIN)
+
         while active:
             for fd, _ in poller.poll(patience):
                 index = active[fd]
                 reply = os.read(fd, 2048)
-                if reply == b"d":
-                    poller.unregister(fd)
-                    del active[fd]
-                    continue
-                if reply == b"r":
-                    poller.unregister(fd)
-                    del active[fd]
+                task, fresh = self._slot(index, outcomes.size)
+                if reply == b"d" and task == -1:
+                    drop(fd)
+                elif reply == b"r":  # full, or a task met an FMU that cannot be instantiated again
+                    drop(fd)
                     self._recycle(index)
-                    if np.any(outcomes == TODO):
-                        self._command(index, key, job, -1, active)
-                        worker = self._workers[index]
-                        assert worker is not None
-                        poller.register(worker.replies, select.POLLIN)
-                    continue
-                if reply:
+                    proceed(index, task, Outcome.MODEL_ERROR, retry=True)
+                elif reply.startswith(b"e") and fresh:
                     raise CannotFinishError(reply[1:].decode(errors="replace").strip())
-                poller.unregister(fd)
-                del active[fd]
-                task = int(self._slots[index, 0])
-                self._replace(index)
-                early_deaths += task < 0
-                if early_deaths > 8:
-                    raise CannotFinishError("worker processes of the native engine die as soon as they start")
-                again = task >= 0 and outcomes[task] == TODO and task not in retried
-                if again:
-                    retried.add(task)
-                elif task >= 0 and outcomes[task] == TODO:
-                    outcomes[task] = Outcome.CRASHED
-                if np.any(outcomes == TODO):
-                    self._command(index, key, job, task if again else -1, active)
-                    worker = self._workers[index]
-                    assert worker is not None
-                    poller.register(worker.replies, select.POLLIN)
+                else:
+                    drop(fd)
+                    self._replace(index)
+                    early_deaths += fresh
+                    if early_deaths > 8:
+                        raise CannotFinishError("worker processes of the native engine die as soon as they start")
+                    proceed(index, task, Outcome.CRASHED, retry=True)
             now = time.monotonic_ns()
+            allowed = 1e9 * (time_limit + 0.05 + 0.1 * time_limit)
             for fd, index in list(active.items()):
-                task, started = (int(v) for v in self._slots[index, :2])
-                if task < 0 or now - started < 1e9 * (time_limit + 0.05 + 0.1 * time_limit):
-                    continue
-                poller.unregister(fd)
-                del active[fd]
+                task, _ = self._slot(index, outcomes.size)
+                started = int(self._slots[index, 1])
+                if task < 0:
+                    if now - silent.setdefault(index, now) < max(6e10, 2.0 * allowed):
+                        continue
+                else:
+                    silent.pop(index, None)
+                    if abs(now - started) < allowed:  # it may have begun another since the clock was read
+                        continue
+                drop(fd)
                 self._replace(index)
-                if outcomes[task] == TODO:
-                    outcomes[task] = Outcome.TIMED_OUT
-                if np.any(outcomes == TODO):
-                    self._command(index, key, job, -1, active)
-                    worker = self._workers[index]
-                    assert worker is not None
-                    poller.register(worker.replies, select.POLLIN)
+                proceed(index, task, Outcome.TIMED_OUT, retry=False)
+        lost = outcomes > max(Outcome)  # TODO is one of them: tasks that nobody knows of any more
+        outcomes[lost] = Outcome.CRASHED
+
+    def _slot(self, index: int, tasks: int) -> tuple[int, bool]:
+        """The task that a worker is at, -1 for none, -2 for nonsense; and whether it has never been at one."""
+        task, started = (int(v) for v in self._slots[index, :2])
+        return (task if -1 <= task < tasks else -2), (task, started) == (-1, 0)

@@ -18,6 +18,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
+from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
     Series,
     band_series,
@@ -219,6 +220,7 @@ def _finish(job: Job, command: str, began: float, parts: Sequence[Json], series:
     """Write everything and say where."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
+    result |= context_part(job, result)
     write_series(out, only_measured(series))
     write_result(out, result)
     page = write_report(out)

@@ -37,10 +37,18 @@ def fitted_series(fit: Fit) -> Series:
 def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
     """``ripple/<rec>/<output>``: what the fit took out of the readings, where it took anything out."""
     series: Series = {}
-    fitted = {recording.name: recording.outputs for recording in fit.calibration.recordings}
+    calibration = fit.calibration
+    fitted = dict(zip(calibration.names, zip(calibration.experiments, calibration.readings, strict=True), strict=True))
     for recording in recordings:
-        for output, readings in recording.outputs.items():
-            ripple = readings - fitted.get(recording.name, {}).get(output, readings)
+        if recording.name not in fitted:
+            continue
+        experiment, readings = fitted[recording.name]
+        rows = np.searchsorted(recording.time, experiment.time)
+        for column, output in enumerate(experiment.outputs):
+            if output not in recording.outputs:
+                continue
+            ripple = np.zeros(recording.rows)
+            ripple[rows] = recording.outputs[output][rows] - readings[:, column]
             if np.nanmax(np.abs(ripple), initial=0.0) > 0.0:
                 series[f"ripple/{recording.name}/{output}"] = ripple
     return series

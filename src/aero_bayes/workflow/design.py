@@ -35,6 +35,7 @@ from aero_bayes.physics.catalogue import effect_parameter
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.commands import fit_job, fit_part
+from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job
 from aero_bayes.workflow.progress import ProgressBar
@@ -96,6 +97,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     write_series(options.out, only_measured(series) | plan)
     signal.write_csv(options.out / SIGNAL)
     result = merge(result, part, closing)
+    result |= context_part(job, result)
     write_result(options.out, result)
     page = write_report(options.out)
     click.echo(result["verdict"]["text"].replace("`", ""))

@@ -176,7 +176,7 @@ def _parameters(model: Model, config: Config) -> ParameterSet:
             overrides[name] = _override(name, section, overrides.get(name, Override()))
     if not overrides:
         raise InputError(
-            f"model {model.name} is not an AERO: name the parameters to fit, "
+            f"model {model.name} declares no parameters to fit: name them, "
             f"e.g. [parameters.{next(iter(sorted(known)), 'p')}] with free = true"
         )
     return parameters_from_model(model, overrides=overrides)

@@ -52,6 +52,7 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         ports=section.ports,
         laws=section.laws,
         held_out=section.held_out,
+        libraries=job.config.model.libraries,
         fixed=job.fixed,
         overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
         free=tuple(p.name for p in job.parameters if not p.auto),
@@ -61,7 +62,6 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         job.tests,
         model=job.name,
         sources=job.config.model.sources,
-        libraries=job.config.model.libraries,
         settings=settings,
         workers=job.options.workers,
         out_dir=job.options.out,
@@ -104,6 +104,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             for output, noise in loop.noise.items()
         },
         "loop": loop.to_dict(),
+        "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "verdict": {"level": _level(loop), "text": loop.sentence},
     }

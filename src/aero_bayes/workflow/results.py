@@ -16,19 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.files import whole_file
+from aero_bayes.schema import SCHEMA, RunResult
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
-SCHEMA = 1
+__all__ = ["SCHEMA", "merge", "plain", "versions", "write_result", "write_series"]
+
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
 
 def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
-    """Write ``result.json``; numbers that are not finite become null."""
+    """Write ``result.json``; numbers that are not finite become null.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        The result is not what :class:`aero_bayes.schema.RunResult` promises its readers.
+    """
+    checked = RunResult.model_validate(plain(result)).model_dump(by_alias=True, exclude_unset=True)
     path = directory / "result.json"
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+        temporary.write_text(json.dumps(checked, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
     return path
 
 

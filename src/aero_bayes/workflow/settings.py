@@ -35,6 +35,7 @@ def fit_settings(job: Job) -> FitSettings:
             delay="auto" if delay > 0.0 else "none",
             delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
             start=section.initial_states,
+            interpolation=job.config.data.interpolation or ("hold" if aero else "auto"),
             resting=RESTING if aero else None,
             solver=job.solver,
         ),

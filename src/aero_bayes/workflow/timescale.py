@@ -68,7 +68,7 @@ def _modes(model: Model, fixed: Mapping[str, float], start: FloatArray) -> list[
             "expected an FMU whose binary runs on this machine"
         )
     values, vectors = np.linalg.eig(run.sensitivities[0][0, -1])
-    aliases = {v.name: s.name for v in model.outputs for s in model.states if v.value_reference == s.value_reference}
+    aliases = {v.name: names[i] for v in model.outputs if (i := model.copied_state(v.name)) is not None}
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
         if abs(value) < 1e-12:

@@ -16,7 +16,9 @@ static int discrete(Model *m, Events *e)
     if (m->r[H] <= 0.0 && m->r[V] < 0.0) {
         m->r[H] = 2.2250738585072014e-308;
         m->r[V] = -m->r[V] * m->r[E];
+#ifndef SILENT /* OpenModelica does not say so */
         e->states_changed = 1;
+#endif
         if (m->r[V] < 1e-3) m->r[V] = 0.0, m->r[GRAVITY] = 0.0;
     }
     return OK;

@@ -1,5 +1,14 @@
 /* A minimal FMI 2.0 Model Exchange skeleton for test models. A model defines before including it:
- *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below.
+ *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below. Ways of other tools, by define:
+ *   HELD_INPUTS     nothing may be set between events
+ *   FIXED           nothing but inputs (references from 40 on) may be set after initialisation
+ *   ONLY_DERIVATIVES_SOLVE  values are brought up to date by fmi2GetDerivatives alone
+ *   STEP_EVENT      step_event() is asked after every step
+ *   ONCE            one instance a process
+ *   NO_RESET        fmi2Reset fails
+ *   NOISY           prints on every call of fmi2SetTime
+ *   FMI3            speaks FMI 3.0
+ *   STEPS           co-simulation only, by Euler's method with a fixed number of steps, whatever tolerance is asked for
  * Variables live in m->r, addressed by their value reference. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,11 +36,14 @@ typedef struct {
     double t;
     const Callbacks *callbacks;
     char name[64], resources[512];
-    int initialized, continuous;
+    int initializing, initialized, continuous;
 } Model;
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
+#ifndef STATE /* where a state lives */
+#define STATE(m, i) ((m)->r[states[i]])
+#endif
 static const unsigned states[] = STATES, derivatives_of[] = DERIVATIVES;
 
 static void start(Model *m);           /* default values */
@@ -40,8 +52,16 @@ static int update(Model *m);           /* derivatives and outputs from states, i
 static int discrete(Model *m, Events *e);
 static void zero_crossings(Model *m, double *z);
 static int derivative(Model *m, unsigned unknown, unsigned known, double *value); /* partial derivative */
+#ifdef STEP_EVENT
+static int step_event(Model *m);
+#endif
 
-#define API __attribute__((visibility("default")))
+#define EXPORTED __attribute__((visibility("default")))
+#ifdef FMI3 /* the functions of FMI 2.0 stay inside, fmi3.h calls them */
+#define API static
+#else
+#define API EXPORTED
+#endif
 
 API const char *fmi2GetTypesPlatform(void) { return "default"; }
 API const char *fmi2GetVersion(void) { return "2.0"; }
@@ -50,6 +70,10 @@ API int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *what) 
 API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *f,
                           int visible, int logging)
 {
+#ifdef ONCE
+    static int instances;
+    if (instances++) return NULL;
+#endif
     Model *m = calloc(1, sizeof *m);
     m->callbacks = f;
     snprintf(m->name, sizeof m->name, "%s", name);
@@ -63,7 +87,11 @@ API int fmi2SetupExperiment(void *c, int td, double tol, double t0, int sd, doub
     ((Model *)c)->t = t0;
     return OK;
 }
-API int fmi2EnterInitializationMode(void *c) { return OK; }
+API int fmi2EnterInitializationMode(void *c)
+{
+    ((Model *)c)->initializing = 1;
+    return OK;
+}
 API int fmi2ExitInitializationMode(void *c)
 {
     Model *m = c;
@@ -74,15 +102,22 @@ API int fmi2Terminate(void *c) { return OK; }
 API int fmi2Reset(void *c)
 {
     Model *m = c;
+#ifdef NO_RESET
+    return ERROR;
+#endif
     memset(m->r, 0, sizeof m->r);
-    m->initialized = m->continuous = 0;
+    m->initializing = m->initialized = m->continuous = 0;
     start(m);
     return OK;
 }
 API int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *v)
 {
     Model *m = c;
+#ifdef ONLY_DERIVATIVES_SOLVE
+    const int status = OK;
+#else
     const int status = m->initialized ? update(m) : OK;
+#endif
     for (size_t i = 0; i < n; i++) v[i] = m->r[vr[i]];
     return status;
 }
@@ -98,6 +133,10 @@ API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
 #ifdef HELD_INPUTS /* as a discrete input may: set in event mode only */
     if (((Model *)c)->continuous) return ERROR;
 #endif
+#ifdef FIXED
+    for (size_t i = 0; i < n; i++)
+        if (((Model *)c)->initializing && vr[i] < 40) return ERROR;
+#endif
     for (size_t i = 0; i < n; i++) ((Model *)c)->r[vr[i]] = v[i];
     return OK;
 }
@@ -110,6 +149,7 @@ API int fmi2FreeFMUstate(void *c, void **s) { return ERROR; }
 API int fmi2SerializedFMUstateSize(void *c, void *s, size_t *n) { return ERROR; }
 API int fmi2SerializeFMUstate(void *c, void *s, char *d, size_t n) { return ERROR; }
 API int fmi2DeSerializeFMUstate(void *c, const char *d, size_t n, void **s) { return ERROR; }
+#ifndef OWN_DIRECTIONAL
 API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu, const unsigned *known, size_t nk,
                                      const double *dv, double *out)
 {
@@ -124,6 +164,7 @@ API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu
     }
     return OK;
 }
+#endif
 API int fmi2EnterEventMode(void *c) { return ((Model *)c)->continuous = 0; }
 API int fmi2NewDiscreteStates(void *c, Events *e)
 {
@@ -134,16 +175,22 @@ API int fmi2EnterContinuousTimeMode(void *c) { return ((Model *)c)->continuous =
 API int fmi2CompletedIntegratorStep(void *c, int keep, int *event, int *stop)
 {
     *event = *stop = 0;
+#ifdef STEP_EVENT
+    *event = step_event(c);
+#endif
     return OK;
 }
 API int fmi2SetTime(void *c, double t)
 {
+#ifdef NOISY
+    for (int i = 0; i < 20; i++) fprintf(i % 2 ? stdout : stderr, "t = %g\n", t);
+#endif
     ((Model *)c)->t = t;
     return OK;
 }
 API int fmi2SetContinuousStates(void *c, const double *x, size_t n)
 {
-    for (size_t i = 0; i < n; i++) ((Model *)c)->r[states[i]] = x[i];
+    for (size_t i = 0; i < n; i++) STATE((Model *)c, i) = x[i];
     return OK;
 }
 API int fmi2GetDerivatives(void *c, double *x, size_t n)
@@ -154,13 +201,17 @@ API int fmi2GetDerivatives(void *c, double *x, size_t n)
 }
 API int fmi2GetEventIndicators(void *c, double *z, size_t n)
 {
+#ifdef ONLY_DERIVATIVES_SOLVE
+    const int status = OK;
+#else
     const int status = update(c);
+#endif
     if (n) zero_crossings(c, z);
     return status;
 }
 API int fmi2GetContinuousStates(void *c, double *x, size_t n)
 {
-    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[states[i]];
+    for (size_t i = 0; i < n; i++) x[i] = STATE((Model *)c, i);
     return OK;
 }
 API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)
@@ -168,3 +219,29 @@ API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)
     for (size_t i = 0; i < n; i++) x[i] = 1.0;
     return OK;
 }
+#ifdef STEPS
+API int fmi2DoStep(void *c, double t, double h, int keep)
+{
+    Model *m = c;
+    const size_t n = sizeof states / sizeof *states;
+    for (int k = 0; k < 20; k++) {
+        m->t = t + h * k / 20;
+        const int status = update(m);
+        if (status > WARNING) return status;
+        for (size_t i = 0; i < n; i++) m->r[states[i]] += h / 20 * m->r[derivatives_of[i]];
+    }
+    m->t = t + h;
+    return OK;
+}
+API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v) { return ERROR; }
+API int fmi2GetRealOutputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, double *v) { return ERROR; }
+API int fmi2CancelStep(void *c) { return ERROR; }
+API int fmi2GetStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetRealStatus(void *c, int kind, double *v) { return ERROR; }
+API int fmi2GetIntegerStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetBooleanStatus(void *c, int kind, int *v) { return ERROR; }
+API int fmi2GetStringStatus(void *c, int kind, const char **v) { return ERROR; }
+#endif
+#ifdef FMI3
+#include "fmi3.h"
+#endif

@@ -68,6 +68,7 @@ static int direct(Run *r)
 static int one(Run *r, int mode, const double *noise)
 {
     heartbeat(r);
+    probe(r);
     sink_begin(r, mode, noise);
     if (!r->q) return run_once(r);
     int outcome = NEED_DIFFERENCES;
@@ -163,7 +164,9 @@ static int leaks(void)
     return read == 3 && (int64_t)(resident - shared) * sysconf(_SC_PAGESIZE) > memory_limit;
 }
 
-/* Works until no task is left (0) or its memory is full (1); `first` (or -1) is a task to do before asking for more. */
+/* Works until no task is left (0) or until this process can do no more (1): its memory is full, or the FMU was
+ * instantiated as often as it can be; the task that met this stays in the slot, undone. `first` (or -1) is a task to do
+ * before asking for more. */
 EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 {
 #if defined(__x86_64__)
@@ -181,6 +184,10 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
         __atomic_store_n(&slot->started, now_ns(), __ATOMIC_RELEASE);
         __atomic_store_n(&slot->task, index, __ATOMIC_RELEASE);
         const int result = task(p, base, job, index);
+        if (p->fmu && p->fmu->spent) {
+            full = 1;
+            break;
+        }
         outcome[index] = (unsigned char)result;
         __atomic_store_n(&slot->task, -1, __ATOMIC_RELEASE);
         full = leaks();
@@ -191,6 +198,9 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 #endif
     return full;
 }
+
+/* The next task of a job, for runs that are not the engine's. */
+EXPORT int64_t ab_take(Job *job) { return __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED); }
 
 /* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
 EXPORT int ab_counts(const Problem *p, int64_t experiment, int64_t *counts)

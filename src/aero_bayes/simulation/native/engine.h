@@ -1,6 +1,7 @@
 /* Types shared by the engine's files. One idea a file:
  *   spec.c         reads a problem written by Python (spec.py)
  *   fmu.c          loads an FMU's binary and speaks FMI 2.0 Model Exchange to it
+ *   fmi3.c         the same to FMI 3.0
  *   inputs.c       input signals, their delay, and the times at which they break
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -9,8 +10,10 @@
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   run.c          one simulation from initialisation to the last sample
  *   trust.c        whether the FMU's derivatives can be built on
+ *   probe.c        what an FMU does that its description does not say
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
  *   batch.c        many runs, handed out from a shared counter
+ *   confine.c      what a worker gives up before it loads a model
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
 #ifndef AB_ENGINE_H
 #define AB_ENGINE_H
@@ -24,7 +27,7 @@
 #include "fmi2.h"
 
 /* The numbers of interface.Outcome. */
-enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR };
+enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW };
 
 enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
 enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
@@ -73,8 +76,9 @@ typedef struct Fmu {
     void *library;
     fmi_component instance;
     fmi_callbacks callbacks;
+    void *environment; /* FMI 3.0's own functions */
     int used; /* instance needs a reset before the next run */
-    int continuous;
+    int instantiated, spent; /* it was instantiated and can be no more in this process */
     fmi_instantiate instantiate;
     fmi_free_instance free_instance;
     fmi_setup setup;
@@ -94,6 +98,7 @@ typedef struct {
     void *map; /* the mapped spec file */
     size_t map_size;
     const char *library, *resources, *guid, *name;
+    int version; /* of FMI */
     int has_directional, step_callback;
     int n, nz; /* states, event indicators */
     fmi_reference *state_reference, *derivative_reference;
@@ -102,6 +107,7 @@ typedef struct {
     int *color;                  /* of each state */
     int *column_start, *row;     /* sparsity of df/dx by columns */
     int parameter_directional;   /* -1 not tried, 0 refused, 1 accepted */
+    int probed, settle; /* settle: nothing may be read before the derivatives */
     int64_t n_fixed;
     fmi_reference *fixed_reference;
     const double *fixed_value;
@@ -163,13 +169,13 @@ typedef struct Run {
     double rtol, atol;
     /* the step */
     double t, t_end, resolution;
-    double *x, *x1, *f, *f1, *ft, *u, *r, *nominal, *jac, *lu, *k, *dense;
+    double *x, *x1, *f, *f1, *ft, *u, *r, *settled, *nominal, *jac, *lu, *k, *dense;
     int *pivot;
     Sparse factors;
     double *seed, *column, *start_value;
     fmi_reference *seed_reference, *start_reference;
     double *z0, *z1, *z2, *z_try, next_event;
-    int time_dependent, events_seen;
+    int time_dependent, events_seen, nominals_changed;
     int64_t taken, rejected, evaluations, deadline;
     /* inputs */
     double delay, shift_delay;
@@ -208,13 +214,18 @@ void problem_close(Problem *);
 
 /* fmu.c */
 int fmu_ready(Problem *);
+int fmu_symbol(Fmu *, const char *name, void *where);
 void fmu_discard(Fmu *);
 int fmu_begin(Run *);
+int read_nominals(Run *);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
 int directional_column(Run *, fmi_reference known, double *column);
 int worse(int status);
+
+/* fmi3.c */
+int fmi3_bind(Fmu *);
 
 /* inputs.c */
 void inputs_prepare(Run *);
@@ -243,7 +254,7 @@ double sensitivity_step(Run *, double h);
 void sensitivity_enter(Run *, double t);
 
 /* events.c */
-int event_iterate(Run *, int *states_changed);
+int event_iterate(Run *);
 int indicators(Run *, double t, const double *x, double *z);
 double find_event(Run *, double h);
 
@@ -266,6 +277,9 @@ void run_close(Run *);
 
 /* trust.c */
 int derivatives_are_right(Run *);
+
+/* probe.c */
+void probe(Run *);
 
 /* differences.c */
 int start_sensitivities(Run *);

@@ -6,17 +6,17 @@
 enum { MOST_ITERATIONS = 1000 };
 
 /* fmi2NewDiscreteStates until nothing changes; the instance is in event mode. */
-int event_iterate(Run *r, int *states_changed)
+int event_iterate(Run *r)
 {
     Fmu *f = r->fmu;
     fmi_event_info info;
-    *states_changed = 0;
+    r->nominals_changed = 0;
     int rounds = 0;
     do {
         memset(&info, 0, sizeof info);
         const int status = f->new_discrete(f->instance, &info);
         if (worse(status)) return status;
-        *states_changed |= info.states_changed;
+        r->nominals_changed |= info.nominals_changed;
         if (info.terminate_simulation || ++rounds > MOST_ITERATIONS) return FMI_ERROR;
     } while (info.new_discrete_states_needed);
     r->next_event = info.next_event_time_defined ? info.next_event_time : INFINITY;

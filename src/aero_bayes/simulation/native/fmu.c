@@ -1,4 +1,4 @@
-/* One FMU in this process: its library, its single instance, and the calls of FMI 2.0 Model Exchange. The instance is
+/* One FMU in this process: its library, its single instance, and the calls of Model Exchange. The instance is
  * reset and reused, since some FMUs die after about a thousand instantiations. */
 #include <dlfcn.h>
 #include <float.h>
@@ -14,47 +14,53 @@ static void quiet(fmi_environment e, const char *name, int status, const char *c
 
 int worse(int status) { return status != FMI_OK && status != FMI_WARNING; }
 
-static int symbol(Fmu *f, const char *name, void *where)
+int fmu_symbol(Fmu *f, const char *name, void *where)
 {
     void *s = dlsym(f->library, name);
     memcpy(where, &s, sizeof s);
     return s == NULL;
 }
 
-static Fmu *fmu_load(const char *path)
+static int fmi2_bind(Fmu *f)
+{
+    int bad = 0;
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
+    FIND(instantiate, "Instantiate");
+    FIND(free_instance, "FreeInstance");
+    FIND(setup, "SetupExperiment");
+    FIND(enter_initialization, "EnterInitializationMode");
+    FIND(exit_initialization, "ExitInitializationMode");
+    FIND(enter_event, "EnterEventMode");
+    FIND(enter_continuous, "EnterContinuousTimeMode");
+    FIND(reset, "Reset");
+    FIND(terminate, "Terminate");
+    FIND(get_real, "GetReal");
+    FIND(set_real, "SetReal");
+    FIND(new_discrete, "NewDiscreteStates");
+    FIND(completed, "CompletedIntegratorStep");
+    FIND(set_time, "SetTime");
+    FIND(set_states, "SetContinuousStates");
+    FIND(get_derivatives, "GetDerivatives");
+    FIND(get_indicators, "GetEventIndicators");
+    FIND(get_states, "GetContinuousStates");
+    FIND(get_nominals, "GetNominalsOfContinuousStates");
+#undef FIND
+    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
+    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    return bad;
+}
+
+static Fmu *fmu_load(const char *path, int version)
 {
     for (Fmu *f = loaded; f; f = f->next)
         if (!strcmp(f->path, path)) return f;
     Fmu *f = calloc(1, sizeof *f);
     f->path = strdup(path);
     f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    int bad = f->library == NULL;
-    if (!bad) {
-        bad |= symbol(f, "fmi2Instantiate", &f->instantiate);
-        bad |= symbol(f, "fmi2FreeInstance", &f->free_instance);
-        bad |= symbol(f, "fmi2SetupExperiment", &f->setup);
-        bad |= symbol(f, "fmi2EnterInitializationMode", &f->enter_initialization);
-        bad |= symbol(f, "fmi2ExitInitializationMode", &f->exit_initialization);
-        bad |= symbol(f, "fmi2EnterEventMode", &f->enter_event);
-        bad |= symbol(f, "fmi2EnterContinuousTimeMode", &f->enter_continuous);
-        bad |= symbol(f, "fmi2Reset", &f->reset);
-        bad |= symbol(f, "fmi2Terminate", &f->terminate);
-        bad |= symbol(f, "fmi2GetReal", &f->get_real);
-        bad |= symbol(f, "fmi2SetReal", &f->set_real);
-        bad |= symbol(f, "fmi2NewDiscreteStates", &f->new_discrete);
-        bad |= symbol(f, "fmi2CompletedIntegratorStep", &f->completed);
-        bad |= symbol(f, "fmi2SetTime", &f->set_time);
-        bad |= symbol(f, "fmi2SetContinuousStates", &f->set_states);
-        bad |= symbol(f, "fmi2GetDerivatives", &f->get_derivatives);
-        bad |= symbol(f, "fmi2GetEventIndicators", &f->get_indicators);
-        bad |= symbol(f, "fmi2GetContinuousStates", &f->get_states);
-        bad |= symbol(f, "fmi2GetNominalsOfContinuousStates", &f->get_nominals);
-        symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
-        symbol(f, "fmi2GetInteger", &f->get_integer);
-        symbol(f, "fmi2GetBoolean", &f->get_boolean);
-    }
-    if (bad) {
+    if (!f->library || (version == 3 ? fmi3_bind(f) : fmi2_bind(f))) {
         if (f->library) dlclose(f->library);
+        free(f->environment);
         free(f->path);
         free(f);
         return NULL;
@@ -74,16 +80,18 @@ void fmu_discard(Fmu *f)
 static int fmu_instantiate(Problem *p)
 {
     Fmu *f = p->fmu;
-    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, NULL};
+    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, f->environment};
     f->instance = f->instantiate(p->name, FMI_MODEL_EXCHANGE, p->guid, p->resources, &f->callbacks, 0, 0);
     f->used = 0;
+    if (!f->instance && f->instantiated) f->spent = 1;
+    f->instantiated |= f->instance != NULL;
     return f->instance == NULL;
 }
 
 /* Loads, instantiates or resets: the instance is in its first mode afterwards. */
 int fmu_ready(Problem *p)
 {
-    if (!p->fmu && !(p->fmu = fmu_load(p->library))) return AB_MODEL_ERROR;
+    if (!p->fmu && !(p->fmu = fmu_load(p->library, p->version))) return AB_MODEL_ERROR;
     Fmu *f = p->fmu;
     if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
     if (f->instance && f->used) {
@@ -155,7 +163,7 @@ static int override_states(Run *r)
     return differs;
 }
 
-static int read_nominals(Run *r)
+int read_nominals(Run *r)
 {
     const int status = r->fmu->get_nominals(r->fmu->instance, r->nominal, (size_t)r->n);
     for (int i = 0; i < r->n; i++) {
@@ -187,8 +195,7 @@ int fmu_begin(Run *r)
     if (e->n_signals) TRY(inputs_apply(r, r->t));
     TRY(f->enter_initialization(f->instance));
     TRY(f->exit_initialization(f->instance));
-    int changed;
-    TRY(event_iterate(r, &changed));
+    TRY(event_iterate(r));
     TRY(f->enter_continuous(f->instance));
     if (!r->n) return AB_OK;
     TRY(f->get_states(f->instance, r->x, (size_t)r->n));
@@ -199,7 +206,7 @@ int fmu_begin(Run *r)
     return AB_OK;
 }
 
-int set_point(Run *r, double t, const double *x)
+static int place(Run *r, double t, const double *x)
 {
     Fmu *f = r->fmu;
     int status = f->set_time(f->instance, t);
@@ -208,10 +215,18 @@ int set_point(Run *r, double t, const double *x)
     return status;
 }
 
+/* Some FMUs solve their algebraic loops only when the derivatives are asked for. */
+int set_point(Run *r, double t, const double *x)
+{
+    const int status = place(r, t, x);
+    if (worse(status) || !r->problem->settle) return status;
+    return r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
+}
+
 int rhs(Run *r, double t, const double *x, double *out)
 {
     r->evaluations++;
-    const int status = set_point(r, t, x);
+    const int status = place(r, t, x);
     if (worse(status) || !r->n) return status;
     return r->fmu->get_derivatives(r->fmu->instance, out, (size_t)r->n);
 }

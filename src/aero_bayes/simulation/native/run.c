@@ -36,7 +36,7 @@ static void lay_out(Run *r, Pool *p)
     size_t grid = 0;
     for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
-    r->r = REALS(n), r->nominal = REALS(n), r->column = REALS(n);
+    r->r = REALS(n), r->settled = REALS(n), r->nominal = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
     r->pivot = PART(int, n);
     r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
@@ -120,14 +120,12 @@ static int outcome_of(Run *r, int status)
     return worse(status) ? AB_MODEL_ERROR : AB_OK;
 }
 
-/* Does f change with time alone? Looked for at a few times ahead, with the states held. */
-static int depends_on_time(Run *r)
+/* Does f change with time alone? Looked for at a few times ahead, with the states held; f at r->t is in r->f. */
+static int depends_on_time(Run *r, double until, int times)
 {
-    static const double ahead[] = {1e-4, 0.0123, 0.217, 0.618, 0.9};
-    if (r->any_linear) return 1;
-    if (worse(rhs(r, r->t, r->x, r->f))) return 1;
-    for (int k = 0; k < 5; k++) {
-        if (worse(rhs(r, r->t + ahead[k] * (r->t_end - r->t), r->x, r->u))) return 1;
+    static const double ahead[] = {0.0123, 0.618, 1e-4, 0.217, 0.9};
+    for (int k = 0; k < times; k++) {
+        if (worse(rhs(r, r->t + ahead[k] * (until - r->t), r->x, r->u))) return 1;
         for (int i = 0; i < r->n; i++)
             if (r->u[i] != r->f[i]) return 1;
     }
@@ -144,24 +142,38 @@ static void remember_step(Run *r, double fraction)
     r->steps[r->n_steps++] = fraction;
 }
 
-/* Event mode at r->t: new input values, discrete states iterated, new continuous states. */
+/* Do the states still bear the values of their own variables? Not where the model has selected others. */
+static int selected_anew(Run *r, const double *x)
+{
+    double *value = r->settled;
+    if (worse(r->fmu->get_real(r->fmu->instance, r->problem->state_reference, (size_t)r->n, value))) return 0;
+    for (int i = 0; i < r->n; i++)
+        if (fabs(value[i] - x[i]) > 1e-9 * fmax(fabs(x[i]), r->nominal[i])) return 1;
+    return 0;
+}
+
+/* Event mode at r->t: new input values, discrete states iterated, new continuous states. They are read whatever the
+ * FMU says of them: some report no change after a reinit. */
 static int enter_event(Run *r, int inputs_too)
 {
     Fmu *f = r->fmu;
-    int changed = 0, outcome;
+    int outcome;
     if ((outcome = outcome_of(r, f->enter_event(f->instance)))) return outcome;
     if (inputs_too && (outcome = outcome_of(r, inputs_apply(r, r->t)))) return outcome;
-    if ((outcome = outcome_of(r, event_iterate(r, &changed)))) return outcome;
+    if ((outcome = outcome_of(r, event_iterate(r)))) return outcome;
     if ((outcome = outcome_of(r, f->enter_continuous(f->instance)))) return outcome;
-    if (changed && r->n) {
-        if ((outcome = outcome_of(r, f->get_states(f->instance, r->u, (size_t)r->n)))) return outcome;
-        for (int i = 0; i < r->n; i++) {
-            if (!isfinite(r->u[i])) return AB_NOT_FINITE;
-            r->events_seen |= r->u[i] != r->x[i];
-            r->x[i] = r->u[i];
-        }
+    if (!r->n) return AB_OK;
+    if ((outcome = outcome_of(r, f->get_states(f->instance, r->u, (size_t)r->n)))) return outcome;
+    int jumped = r->nominals_changed;
+    for (int i = 0; i < r->n; i++) {
+        if (!isfinite(r->u[i])) return AB_NOT_FINITE;
+        jumped |= r->u[i] != r->x[i];
+        r->x[i] = r->u[i];
     }
-    return AB_OK;
+    if (!jumped) return AB_OK;
+    r->events_seen = 1;
+    if (r->nominals_changed && (outcome = outcome_of(r, read_nominals(r)))) return outcome;
+    return selected_anew(r, r->x) ? AB_STATES_ANEW : AB_OK;
 }
 
 typedef struct {
@@ -171,6 +183,8 @@ typedef struct {
     int fresh;         /* no step size is known */
     int have_f, have_jac, have_node;
     int event;         /* a state or step event ended the segment early */
+    int asked;         /* a step event: the FMU asked for it after a step */
+    int idle;          /* and nothing came of it */
 } Segment;
 
 static void swap(double **a, double **b)
@@ -325,6 +339,7 @@ static int integrate_segment(Run *r, Segment *g)
             if (worse(status = set_point(r, r->t, r->x))) return outcome_of(r, status);
             if (worse(status = f->completed(f->instance, 1, &event, &stop))) return outcome_of(r, status);
             if (stop) return AB_MODEL_ERROR;
+            g->asked = event && !g->event;
             g->event |= event;
         } else if (g->event && worse(status = set_point(r, r->t, r->x)))
             return outcome_of(r, status);
@@ -352,7 +367,9 @@ static int cross(Run *r, Segment *g)
     }
     const int timed = r->next_event <= r->t + r->resolution;
     const int shifts = jump && r->sensitive && delay_column(r);
-    const int watch = r->sensitive && (timed || g->event);
+    const int idle = g->asked && !jump && !timed && r->n;
+    const int watch = (r->sensitive && (timed || g->event)) || idle;
+    const int look = (timed || g->event) && r->n && !r->time_dependent;
     if (shifts || watch) {
         if (worse(status = rhs(r, r->t, r->x, r->f1))) return outcome_of(r, status);
     } else if ((jump || timed || g->event) && r->n && worse(status = set_point(r, r->t, r->x)))
@@ -368,12 +385,22 @@ static int cross(Run *r, Segment *g)
         g->have_node = 0;
     }
     if (r->sensitive && (jump || kink)) sensitivity_enter(r, r->t);
-    if (shifts || watch) {
+    if (shifts || watch || look) {
         if (worse(status = rhs(r, r->t, r->x, r->f))) return outcome_of(r, status);
         g->have_f = 1;
     }
-    for (int i = 0; watch && i < r->n; i++)
-        if (r->events_seen || (!jump && r->f[i] != r->f1[i])) return NEED_DIFFERENCES;
+    if (look) {
+        r->time_dependent = depends_on_time(r, fmin(r->t_end, r->next_event), 2);
+        g->have_f = 0; /* the FMU stands elsewhere now */
+    }
+    int changed = r->events_seen;
+    for (int i = 0; watch && i < r->n; i++) changed |= r->f[i] != r->f1[i];
+    if (watch && r->sensitive && (r->events_seen || (!jump && changed))) return NEED_DIFFERENCES;
+    g->idle = idle && !changed;
+    if (g->idle)
+        g->fresh = 0; /* nothing happened: the step size still fits */
+    else if (g->event)
+        r->events_seen = 1; /* the time of a state event moves with the parameters: its step cannot be repeated */
     for (int k = 0; shifts && k < r->q; k++)
         if (r->column_target[k].kind == TARGET_DELAY)
             for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] += r->f1[i] - r->f[i];
@@ -396,7 +423,9 @@ int run_once(Run *r)
         if ((outcome = sensitivity_begin(r))) return outcome;
         memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
     }
-    r->time_dependent = n ? depends_on_time(r) : 0;
+    r->time_dependent = r->any_linear;
+    if (n && !r->any_linear)
+        r->time_dependent = worse(rhs(r, r->t, r->x, r->f)) || depends_on_time(r, r->t_end, 5);
     if (r->nz && worse(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r, status);
     Segment g = {.fresh = 1};
     if (r->next_event <= r->t + r->resolution) {
@@ -404,16 +433,18 @@ int run_once(Run *r)
         if ((outcome = cross(r, &g))) return outcome;
     }
     while (r->t_end - r->t > r->resolution) {
-        g.begin = r->t;
+        if (!g.idle) g.begin = r->t;
         g.end = r->t_end;
-        g.event = 0;
+        g.event = g.idle = 0;
         if (r->next_break < r->n_breaks) g.end = fmin(g.end, r->breaks[r->next_break].time);
         if (r->next_event < g.end) g.end = r->next_event;
         if (r->t_end - g.end <= r->resolution) g.end = r->t_end;
         if ((outcome = integrate_segment(r, &g))) return outcome;
-        remember_step(r, -1.0);
-        if (r->replay && r->at_step < r->n_steps && r->steps[r->at_step] < 0.0) r->at_step++;
         if ((outcome = cross(r, &g))) return outcome;
+        if (!g.idle) {
+            remember_step(r, -1.0);
+            if (r->replay && r->at_step < r->n_steps && r->steps[r->at_step] < 0.0) r->at_step++;
+        }
         if ((outcome = stuck(r))) return outcome;
         r->taken++;
     }

@@ -134,7 +134,10 @@ static int ask_sensitivities(Run *r, double t, const double *s)
             r->seed_reference[known] = r->u_reference[i];
             r->seed[known++] = w;
         }
-        if (reals) {
+        int moves = 0;
+        for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
+        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)reals);
+        if (reals && moves) {
             const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)reals,
                                                    r->seed_reference, (size_t)known, r->seed, r->other);
             if (worse(status)) return status;

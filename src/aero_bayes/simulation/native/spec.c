@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x4142535045430001LL
+#define SPEC_MAGIC 0x4142535045430002LL
 
 typedef struct {
     const char *at, *end;
@@ -212,6 +212,7 @@ Problem *problem_open(const char *path, char *error, size_t size)
     p->resources = text(&r);
     p->guid = text(&r);
     p->name = text(&r);
+    p->version = (int)integer(&r);
     p->has_directional = (int)integer(&r);
     p->step_callback = (int)integer(&r);
     p->parameter_directional = p->has_directional ? -1 : 0;

@@ -1,0 +1,124 @@
+"""What an actuator makes of a command: pieces of constant, ramp and exponential, each exact.
+
+A command holds from its sample to the next. Every law of an input turns it into pieces
+``base + slope s + decay exp(-rate s)``, s being the time since the piece began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """A signal's coefficients in every interval of a grid."""
+
+    start: list[float]
+    base: list[float]
+    slope: list[float]
+    decay: list[float]
+    rate: float
+
+    def at(self, k: int, t: float) -> float:
+        """Value at time ``t`` s within interval ``k``."""
+        s = t - self.start[k]
+        return self.base[k] + self.slope[k] * s + (self.decay[k] * exp(-self.rate * s) if self.rate else 0.0)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An input over time; before its first break it has the first piece's starting value.
+
+    Parameters
+    ----------
+    breaks, base, slope, decay : ndarray, shape (n,)
+        Where pieces begin (s) and their coefficients.
+    rate : float
+        Rate of the exponential in 1/s; 0 for none.
+    """
+
+    breaks: FloatArray
+    base: FloatArray
+    slope: FloatArray
+    decay: FloatArray
+    rate: float = 0.0
+
+    @property
+    def held(self) -> bool:
+        """Whether every piece is constant."""
+        return not self.rate and not self.slope.any()
+
+    def pieces(self, grid: FloatArray) -> Pieces:
+        """Coefficients in every interval that begins at a point of ``grid``."""
+        at = np.maximum(np.searchsorted(self.breaks, grid + 1e-9 * (grid[-1] - grid[0]) / grid.size, "right") - 1, 0)
+        early = grid < self.breaks[0] - 1e-12
+        return Pieces(
+            self.breaks[at].tolist(),
+            np.where(early, self.base[0] + self.decay[0], self.base[at]).tolist(),
+            np.where(early, 0.0, self.slope[at]).tolist(),
+            np.where(early, 0.0, self.decay[at]).tolist(),
+            self.rate,
+        )
+
+
+def hold(time: FloatArray, values: FloatArray) -> Signal:
+    """Values that hold from their sample to the next; equal neighbours make one piece."""
+    first = np.concatenate(([True], values[1:] != values[:-1]))
+    zero = np.zeros(int(first.sum()))
+    return Signal(time[first], values[first], zero, zero)
+
+
+def static(law: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, FloatArray], Signal]:
+    """A law that maps each value by itself."""
+    return lambda time, values: hold(time, law(values))
+
+
+def delayed(time: FloatArray, values: FloatArray, delay: float) -> Signal:
+    """The command ``delay`` s late; before it arrives, its first value."""
+    return hold(time + delay, values)
+
+
+def lagged(time: FloatArray, values: FloatArray, constant: float) -> Signal:
+    """First-order lag of time constant ``constant`` s, settled at the first value."""
+    away, out = 0.0, []
+    keep = np.exp(-np.diff(time) / constant).tolist()
+    value = values.tolist()
+    for k, factor in enumerate(keep):
+        out.append(away)
+        away = away * factor + value[k] - value[k + 1]
+    out.append(away)
+    return Signal(time, values, np.zeros(time.size), np.array(out), 1.0 / constant)
+
+
+def rate_limited(time: FloatArray, values: FloatArray, fastest: float) -> Signal:
+    """Follows the command, but by no more than ``fastest`` a second."""
+    at, step = float(values[0]), float(time[-1] - time[-2])
+    pieces: list[tuple[float, float, float]] = [(float(time[0]), at, 0.0)]
+    ends = [*time[1:].tolist(), float(time[-1]) + step]
+    for t, end, target in zip(time.tolist(), ends, values.tolist(), strict=True):
+        gap = target - at
+        if not gap:
+            continue
+        speed = fastest if gap > 0.0 else -fastest
+        pieces.append((t, at, speed))
+        at = target if gap / speed < end - t else at + speed * (end - t)
+        if at == target:
+            pieces.append((t + gap / speed, at, 0.0))
+    breaks, base, slope = np.array(pieces).T
+    return Signal(breaks, base, slope, np.zeros(len(pieces)))
+
+
+def play(time: FloatArray, values: FloatArray, half_width: float, share: float) -> Signal:
+    """Hysteresis: a share of the command goes through a play (backlash operator) of ``half_width``."""
+    out, inner = [], float(values[0])
+    for value in values.tolist():
+        inner = min(max(inner, value - half_width), value + half_width)
+        out.append((1.0 - share) * value + share * inner)
+    return hold(time, np.array(out))

@@ -1,0 +1,100 @@
+"""A model with some candidates at hand, held against the recordings; fits on one stand start on another by name."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.loop.workbench import Workbench
+from aero_bayes.physics.kin import Candidate
+from aero_bayes.sensors.noise import OutputNoise
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A fit of the model with some effects: the stand that it was made on, the effects, and the optimum there."""
+
+    stand: Stand
+    effects: tuple[str, ...]
+    optimum: Optimum
+
+    @property
+    def values(self) -> dict[str, float]:
+        """SI values by name; those of candidates that are off are their off values."""
+        parameters = self.stand.study.parameters
+        return dict(zip(parameters.names, parameters.from_search(self.optimum.coordinates).tolist(), strict=True))
+
+    @property
+    def log_evidence(self) -> float:
+        return self.optimum.log_evidence
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """One model, ``candidates`` by id switched off, and the objective; ``own`` columns of the model itself are free."""
+
+    study: Objective
+    candidates: Mapping[str, Candidate]
+    own: tuple[int, ...]
+
+    def free(self, effects: Collection[str]) -> tuple[int, ...]:
+        """Columns of the model itself and of some candidates."""
+        return (*self.own, *(j for id_ in effects for j in self.candidates[id_].columns))
+
+    def fit(
+        self,
+        values: Mapping[str, float],
+        effects: Sequence[str],
+        noise: Mapping[str, OutputNoise],
+        settings: ClimbSettings,
+    ) -> Held:
+        """Climb from values by name with some effects on; whatever has no value starts where it is off."""
+        parameters = self.study.parameters
+        on = set(self.free(effects))
+        start = [
+            values.get(p.name, p.start) if j in on or p.recording is not None else p.start
+            for j, p in enumerate(parameters)
+        ]
+        at = parameters.to_search(np.array(start))
+        return Held(self, tuple(effects), climb(self.study, at, self.free(effects), noise=noise, settings=settings))
+
+
+class Stands:
+    """The stands of a loop, built when they are asked for; each set of candidates once."""
+
+    def __init__(self, bench: Workbench, plain: Calibration, own: tuple[int, ...]) -> None:
+        self._bench, self._plain, self._own = bench, plain, own
+        self._built: dict[frozenset[str], Stand] = {}
+
+    def of(self, ids: Collection[str]) -> Stand:
+        """The stand that has these candidates (one that is at hand may have more)."""
+        wanted = frozenset(ids)
+        ready = [built for built in self._built if wanted == built] or [
+            built for built in self._built if self._bench.family.roomy and wanted <= built
+        ]
+        if ready:
+            return self._built[ready[0]]
+        offer = self._bench.family.offer(wanted)
+        calibration = self._bench.family.on(self._plain, offer.model)
+        calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
+        first = len(self._plain.parameters)
+        found = {}
+        for candidate, count in offer.candidates:
+            found[candidate.id] = replace(candidate, columns=tuple(range(first, first + count)))
+            first += count
+        stand = Stand(self._bench.open_objective(calibration), found, self._own)
+        self._built[wanted] = stand
+        return stand
+
+    def forget(self, *keep: Stand) -> None:
+        """Close all stands but some."""
+        for key, stand in list(self._built.items()):
+            if stand not in keep:
+                self._bench.tally.count(stand.study)
+                stand.study.simulator.close()
+                del self._built[key]

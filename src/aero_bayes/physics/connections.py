@@ -1,0 +1,90 @@
+"""Ports at connections: an element at a node, a drop in series."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.physics.entrance import Entrance
+from aero_bayes.physics.ports import Port
+from aero_bayes.physics.quantities import is_current, kind_of, signals_of, units_of
+from aero_bayes.physics.structure import Structure
+
+
+def _sets(flat: FlatModel) -> Iterator[tuple[int, list[str]]]:
+    """Sums of flows at connections of the model's own class, by the names of the flows."""
+    flow = {v.name for v in flat.variables if v.flow}
+    for i, e in enumerate(flat.equations):
+        if e.origin == "flow":
+            names = _sum_names(e.left)
+            if names and all(n in flow and n.count(".") == 2 for n in names):
+                yield i, names
+
+
+def _sum_names(tree: Expression) -> list[str]:
+    match tree:
+        case Name(name, ()):
+            return [name]
+        case Call("+", (one, two)):
+            return [*_sum_names(one), *_sum_names(two)]
+    return []
+
+
+def _potential(s: Structure, connector: str) -> str:
+    """The one variable of a connector that is no flow, without the connector's name; empty where there are more."""
+    inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
+    return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
+
+
+def node(s: Structure, state: str, position: str) -> Port | None:
+    """A node whose potential is the state or its position; the one at the component that has the state comes first."""
+    owner = state.rpartition(".")[0]
+    choices: list[tuple[bool, int, list[str], str]] = []
+    for i, flows in _sets(s.flat):
+        connectors = [f.rpartition(".")[0] for f in flows]
+        potential = _potential(s, connectors[0])
+        cls = s.of(f"{connectors[0]}.{potential}")
+        if potential and cls in (state, position):
+            connectors.sort(key=lambda c: not c.startswith(owner + "."))
+            choices.append((not connectors[0].startswith(owner + "."), i, connectors, potential))
+    if not choices:
+        return None
+    _, index, connectors, potential = min(choices, key=lambda c: c[:2])
+    flow = s.flat.equations[index]
+    name = _sum_names(flow.left)[0].rpartition(".")[2]
+    v = s.variables[f"{connectors[0]}.{name}"]
+    kind = kind_of(s, state, position)
+    if kind == "electrical":
+        return None
+    signals = signals_of(kind, state, position)
+    return Port(
+        connectors[0], kind, "node", v.unit, units_of(s, kind, signals, v.unit), s.variables[state].place,
+        (position, state) if position else (state,), signals, Entrance(index, Number(1.0), v.unit),
+        tuple(connectors), name, potential,
+    )  # fmt: skip
+
+
+def series(s: Structure, state: str) -> Port | None:
+    """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
+    if not is_current(s, state):
+        return None
+    owner = state.rpartition(".")[0] + "."
+    pairs = [flows for _, flows in _sets(s.flat) if len(flows) == 2 and s.of(flows[0]) == state]
+    for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
+        connectors = [f.rpartition(".")[0] for f in flows]
+        potential, name = _potential(s, connectors[0]), flows[0].rpartition(".")[2]
+        ends = {f"{c}.{potential}" for c in connectors}
+        for i, e in enumerate(s.flat.equations):
+            if e.origin == "connection" and names_in(e.left) | names_in(e.right) == ends and isinstance(e.left, Name):
+                left = e.left.name.rpartition(".")[0]
+                right = next(c for c in connectors if c != left)
+                unit = s.variables[e.left.name].unit
+                signals = {"i": f"{right}.{name}"}
+                own = next((c for c in connectors if c.startswith(owner)), left)
+                return Port(
+                    own, "electrical", "series", unit, units_of(s, "electrical", signals, unit),
+                    s.variables[state].place, (state,), signals, Entrance(i, Number(-1.0), unit), (left, right), name,
+                    potential,
+                )  # fmt: skip
+    return None

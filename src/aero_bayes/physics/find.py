@@ -1,0 +1,221 @@
+"""Finds the ports of a model: its inputs and outputs, its balances, its connections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.export.syntax import Call, Expression, Name, names_in
+from aero_bayes.physics.balance import Driver
+from aero_bayes.physics.connections import node, series
+from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
+from aero_bayes.physics.laws import Law
+from aero_bayes.physics.ports import Port, fits
+from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
+from aero_bayes.physics.structure import Structure, structure_of
+from aero_bayes.physics.terms import Term, dimension_of_unit
+
+
+def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
+    """All ports of a model: inputs, outputs, then balances in the order of their states.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        A state is reached by a balance or a connection of the model's own class; only where there is none, by the
+        balance inside a component.
+    laws : sequence of Law
+        Those that are looked at for :attr:`Port.laws`.
+    """
+    s = structure_of(flat)
+    flat = s.flat
+    balances = list(_balances(s))
+    taken = {p.id for p in balances}
+    outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s)]
+    ports = [*_inputs(flat), *outputs, *balances]
+    ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
+    return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
+
+
+def _top(v: FlatVariable, causality: str) -> bool:
+    return v.causality == causality and not {*".["} & {*v.name} and v.type == "Real" and not v.sizes and not v.constant
+
+
+def _inputs(flat: FlatModel) -> Iterator[Port]:
+    for v in flat.variables:
+        if _top(v, "input"):
+            yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
+
+
+def _outputs(s: Structure) -> Iterator[Port]:
+    for v in s.flat.variables:
+        if _top(v, "output"):
+            own = s.of(v.name)
+            giving = [e for e in s.flat.equations if isinstance(e.left, Name) and e.left.name == v.name]
+            states = (own,) if own in s.states else tuple(x for e in giving for x in s.states_in(e.right))
+            yield Port(v.name, "output", "output", v.unit, {"u": v.unit, "y": v.unit}, v.place, states, {"u": v.name})
+
+
+def _balances(s: Structure) -> Iterator[Port]:
+    values = parameter_values(s.flat)
+    units = {v.name: v.unit for v in s.flat.variables}
+    positions = {x: r for x, r in s.rates.items() if r in s.states}
+    driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
+    own, inner = (_assigned(s, driven, values, units, inside=inside) for inside in (False, True))
+    for state in driven:
+        position = next((x for x, r in positions.items() if r == state), "")
+        found = (
+            series(s, state)
+            or _equation(s, state, position, own.get(state))
+            or node(s, state, position)
+            or _equation(s, state, position, inner.get(state))
+        )
+        if found is not None:
+            yield found
+
+
+# balances that the model's own class states
+
+
+def _assigned(
+    s: Structure, states: Sequence[str], values: Mapping[str, float], units: Mapping[str, str], *, inside: bool
+) -> dict[str, Entrance]:
+    """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
+
+    Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant.
+    """
+    flow = {v.name for v in s.flat.variables if v.flow}
+    options: dict[str, list[Entrance]] = {}
+    for state in states:
+        found: list[tuple[bool, Entrance]] = []
+        for index, driver in _drivers(s, state):
+            e = s.flat.equations[index]
+            names = names_in(e.left) | names_in(e.right)
+            stated = bool(e.component) is inside and e.origin in ("component", "binding")
+            kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
+            if not stated or kinematic or (names & flow and not inside):
+                continue
+            entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
+            if entrance is not None:
+                found.append((not _constant_factor(s, e, driver), entrance))
+        options[state] = [entrance for _, entrance in sorted(found, key=lambda f: f[0])]
+    taken: dict[int, str] = {}
+
+    def place(state: str, tried: set[int]) -> bool:
+        for entrance in options[state]:
+            if entrance.equation not in tried:
+                tried.add(entrance.equation)
+                if entrance.equation not in taken or place(taken[entrance.equation], tried):
+                    taken[entrance.equation] = state
+                    return True
+        return False
+
+    for state in states:
+        place(state, set())
+    return {x: next(o for o in options[x] if o.equation == equation) for equation, x in taken.items()}
+
+
+def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
+    """Whether an equation only says how an angle or a displacement follows from a speed."""
+    unit = unit_in(s, state)
+    varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
+    speeds = all(dimension_of_unit(unit_in(s, n)) in SPEEDS for n in varying)
+    return unit == "rad" or (unit == "m" and bool(varying) and speeds)
+
+
+def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
+    """Whether a driver stands in an equation with nothing but constants as factors."""
+
+    def factors(tree: Expression) -> set[str]:
+        if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
+            return next((factors(a) for a in tree.args if _holds(a, driver)), set())
+        return names_in(tree) - {driver, driver[4:-1]}
+
+    side = e.left if _holds(e.left, driver) else e.right
+    return all(s.variables[n].constant for n in factors(side) if n in s.variables)
+
+
+def _equation(s: Structure, state: str, position: str, entrance: Entrance | None) -> Port | None:
+    if entrance is None:
+        return None
+    e = s.flat.equations[entrance.equation]
+    own = _own_name(s, state)
+    kind = kind_of(s, state, position)
+    signals = signals_of(kind, own, _own_name(s, position) if position else "")
+    states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
+    return Port(
+        own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
+        tuple(_own_name(s, x) for x in states), signals, entrance,
+    )  # fmt: skip
+
+
+def driver_names(s: Structure, state: str) -> list[str]:
+    """What a balance drives: the derivative of a state, or a variable that equals it."""
+    rate = s.rates.get(s.of(state))
+    names = [f"der({n})" for n in s.members(s.of(state))]
+    return names + (s.members(rate) if rate is not None and rate not in s.states else [])
+
+
+def is_driver(name: str) -> Driver:
+    """Whether a term is a driver of that name."""
+
+    def found(t: Term) -> bool:
+        if name.startswith("der("):
+            return t.kind == "call" and t.word == "der" and t.parts[0][1].word == name[4:-1]
+        return t.kind == "name" and t.word == name
+
+    return found
+
+
+def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
+    """Equations that may be the balance of a state, with what they drive: its derivative, or a name for that."""
+    wanted = driver_names(s, state)
+    late: list[tuple[int, str]] = []
+    for i, e in enumerate(s.flat.equations):
+        for driver in wanted:
+            if _holds(e.left, driver) or _holds(e.right, driver):
+                # an equation that says only der(x) = rate is the balance where no other one has the rate
+                if i in s.plain:
+                    late.append((i, driver))
+                elif driver.startswith("der(") or _gives(e, driver):
+                    yield i, driver
+    yield from late
+
+
+def _gives(e: FlatEquation, name: str) -> bool:
+    """Whether an equation can be the one that determines a name: it stands alone on a side, or in a product."""
+    return any(isinstance(t, Name) and t.name == name for t in (e.left, e.right)) or any(
+        isinstance(t, Call) and t.function in ("*", "/") and name in names_in(t) for t in (e.left, e.right)
+    )
+
+
+def _holds(tree: Expression, driver: str) -> bool:
+    return _has_der(tree, driver[4:-1]) if driver.startswith("der(") else driver in names_in(tree)
+
+
+def _has_der(tree: Expression, name: str) -> bool:
+    if isinstance(tree, Call):
+        if tree.function == "der":
+            return isinstance(tree.args[0], Name) and tree.args[0].name == name
+        return any(_has_der(a, name) for a in tree.args)
+    return False
+
+
+def _own_name(s: Structure, state: str) -> str:
+    """The name of a state in the model's own class, where it has one there that is no output."""
+    return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
+
+
+def _alike(one: str, other: str) -> bool:
+    """Whether two units may be the same: a unit that nobody gave may be any."""
+    return not one or not other or one == other
+
+
+def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
+    if port.kind != "storage":
+        return ()
+    others = [p for p in ports if p.kind == "storage" and p.id != port.id and p.via == port.via]
+    others = [p for p in others if _alike(p.units["h"], port.units["h"]) and _alike(p.unit, port.unit)]
+    others.sort(key=lambda p: port.states[-1:] != p.states[-1:] and not set(port.states) & set(p.states))
+    return tuple(p.id for p in others)

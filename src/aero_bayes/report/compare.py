@@ -1,0 +1,242 @@
+"""Finished runs side by side: parameters with their intervals, residuals over each other, settings that differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from aero_bayes.errors import InputError
+from aero_bayes.files import whole_file
+from aero_bayes.report.curves import FINAL, largest, left_over
+from aero_bayes.report.drawing import FloatArray, Line, Panel, Source
+from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
+from aero_bayes.report.page import fill
+from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.svg import INK, MUTED, RULE, SERIES, Canvas
+from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
+from aero_bayes.report.text import NOTHING, plain_name, pretty_unit, scaled_unit, signal_title, significant, symbol
+from aero_bayes.schema import ParameterResult
+
+Runs = Mapping[str, RunDirectory]
+
+
+def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path:
+    """One page that sets runs side by side.
+
+    Parameters
+    ----------
+    directories : sequence of path
+        Two to six finished runs.
+    out : path
+        The page to write.
+
+    Returns
+    -------
+    Path
+        ``out``.
+
+    Raises
+    ------
+    InputError
+        Too few or too many runs, or one that cannot be read.
+    """
+    if not 2 <= len(directories) <= len(SERIES):
+        raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
+    runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
+    figures = residual_plates(runs)
+    context = {
+        "title": " against ".join(runs),
+        "legend": [(SERIES[k], name) for k, name in enumerate(runs)],
+        "verdicts": [(name, run.result.verdict) for name, run in runs.items()],
+        "intervals": interval_plate(runs), "parameters": parameter_table(runs),
+        "errors": error_table(runs), "residuals": figures, "settings": settings_table(runs),
+    }  # fmt: skip
+    series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
+    page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
+    target = Path(out)
+    with whole_file(target) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return target
+
+
+def _names(directories: Sequence[Path]) -> list[str]:
+    """Last parts of the paths; as much of them as it takes to tell them apart."""
+    parts = [path.resolve().parts for path in directories]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    raise InputError("a run cannot be compared with itself: the same directory was given twice")
+
+
+def _shared(runs: Runs) -> dict[str, dict[str, ParameterResult]]:
+    """Parameters that at least one run estimates, with every run's entry."""
+    names = dict.fromkeys(
+        name for run in runs.values() for name, entry in run.result.parameters.items() if entry.status != "fixed"
+    )
+    return {
+        name: {k: run.result.parameters[name] for k, run in runs.items() if name in run.result.parameters}
+        for name in names
+    }
+
+
+def interval_plate(runs: Runs) -> Plate | None:
+    """A row for each parameter that two runs estimate: values and 90 % intervals, each row on a scale of its own."""
+    rows = {
+        name: known
+        for name, entries in _shared(runs).items()
+        if len(known := {k: e for k, e in entries.items() if e.value is not None and parameter_quantity(e)[1]}) > 1
+    }
+    if not rows:
+        return None
+    alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
+    caption = "Every row has a scale of its own, from the least to the greatest end of its intervals."
+    wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE, NARROW))
+    return Plate(wide, narrow, alt, Markup(caption))
+
+
+def _interval_drawing(
+    rows: Mapping[str, Mapping[str, ParameterResult]], runs: list[str], width: float, alt: str
+) -> Markup:
+    label, line, gap = (150.0 if width > 600 else 92.0), 11.0, 16.0
+    height = (line * len(runs) + gap) * len(rows) + 8
+    canvas = Canvas(width, height, alt)
+    for index, (name, entries) in enumerate(rows.items()):
+        top = 8 + (line * len(runs) + gap) * index
+        ends = [end for e in entries.values() for end in (e.q05, e.q95, e.value) if end is not None]
+        low, high = min(ends), max(ends)
+        spread = (high - low) or abs(high) or 1.0
+        canvas.text(0, top + 0.5 * line * len(runs) + 4, plain_name(name), INK, 12)
+        canvas.curve([0, width], [top + line * len(runs) + 6] * 2, RULE, 0.7)
+
+        def across(value: float, low: float = low, spread: float = spread) -> float:
+            return label + 10 + (width - label - 20) * (value - low) / spread
+
+        for k, run in enumerate(runs):
+            if run not in entries:
+                continue
+            found, y = entries[run], top + line * (k + 0.5)
+            canvas.curve([across(found.q05 or 0.0), across(found.q95 or 0.0)], [y, y], SERIES[k], 3.0)
+            x = across(found.value or 0.0)
+            canvas.dots(np.array([x]), np.array([y]), SERIES[k], 7.0, 1.0)
+            canvas.curve([x, x], [y - 4, y + 4], MUTED, 0.8)
+    return canvas.svg()
+
+
+def parameter_table(runs: Runs) -> Markup | None:
+    """Value, interval and status of every parameter, run by run."""
+    rows = []
+    for name, entries in _shared(runs).items():
+        unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")
+        rows.append(
+            (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
+        )
+    heads = [Column(run, "right") for run in runs]
+    last = Column("largest difference, in joint standard deviations", "right")
+    return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
+
+
+def _estimate(found: ParameterResult | None) -> Markup | str:
+    if found is None:
+        return NOTHING
+    shown, sure = parameter_quantity(found)
+    power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
+    value = f"{shown.value} {power}".strip()
+    if not sure:
+        return Markup("{} {}").format(value, status_pill(found.status or ""))
+    return Markup("{}<small>{} … {}</small>").format(value, shown.low, shown.high)
+
+
+def _apart(entries: Sequence[ParameterResult]) -> str:
+    known = [(e.value, e.sd) for e in entries if e.value is not None and e.sd]
+    gaps = [
+        abs(a - b) / math.hypot(s, t) for k, (a, s) in enumerate(known) for b, t in known[k + 1 :] if s and t
+    ]  # fmt: skip
+    return significant(max(gaps), 2) if gaps else NOTHING
+
+
+def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
+    """What each run leaves of the recordings that at least two of them saw, over each other."""
+    names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
+    found = []
+    for name in names:
+        seen = {k: run for k, run in runs.items() if name in run.recordings()}
+        if len(seen) > 1 and (drawn := _residual_plate(runs, seen, name)) is not None:
+            found.append((name, drawn))
+    return found
+
+
+def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
+    outputs = dict.fromkeys(output for run in seen.values() for output in run.signals("measured", recording))
+    panels = []
+    for output in outputs:
+        left = {k: pair for k, run in seen.items() if (pair := left_over(run, recording, output, FINAL))}
+        if not left:
+            continue
+        result = seen[next(iter(left))].result
+        factor, unit = scaled_unit(largest(*(values for values, _ in left.values())), result.unit(output))
+        lines = tuple(
+            Line(seen[k].time(recording), factor * values, SERIES[list(runs).index(k)], 1.1, label=k, cloud=0.35,
+                 trend=True, rms=True, source=_of_run(source, k))
+            for k, (values, source) in left.items()
+        )  # fmt: skip
+        title = f"what is left of {signal_title(output, unit, result.description(output))}"
+        panels.append(Panel(title, lines, 120, ticks=3, factor=factor))
+    alt = f"Recording {recording}: residuals of {', '.join(seen)} over each other."
+    return plate(panels, alt, "time (s)", link=recording) if panels else None
+
+
+def _of_run(source: Source, run: str) -> Source:
+    return Source(f"{run}|{source.time}", tuple((sign, f"{run}|{key}") for sign, key in source.terms))
+
+
+def error_table(runs: Runs) -> Markup | None:
+    """RMS of what is left, by recording and output."""
+    rows = []
+    places = dict.fromkeys(
+        (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)
+    )
+    for recording, output in places:
+        sizes = [_rms(run, recording, output) for run in runs.values()]
+        unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
+        if any(size is not None for size in sizes):
+            rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
+    heads = [Column(run, "right") for run in runs]
+    return html_table(("recording", "output", "unit", *heads), rows, "RMS of what is left") if rows else None
+
+
+def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
+    found = left_over(run, recording, output, FINAL) if recording in run.recordings() else None
+    values: FloatArray | None = None if found is None else found[0]
+    return None if values is None else float(np.sqrt(np.nanmean(values**2)))
+
+
+def settings_table(runs: Runs) -> Markup | None:
+    """Everything about how the runs were made that is not the same for all."""
+    told = all(run.result.settings for run in runs.values())
+    found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]
+    keys = [key for key in dict.fromkeys(k for f in found for k in f) if len({repr(f.get(key)) for f in found}) > 1]
+    rows = [(Markup("<code>{}</code>").format(key), *(generic_cell(f.get(key)) for f in found)) for key in keys]
+    return html_table(("setting", *runs), rows, "Settings that differ") if rows else None
+
+
+def _circumstances(run: RunDirectory) -> Iterator[tuple[str, object]]:
+    result = run.result
+    yield "command", result.command
+    yield "seed", None if result.seed is None else str(result.seed)
+    yield from ((f"model.{key}", value) for key, value in result.model.model_dump().items() if key != "fmu_sha256")
+    yield "data", [f"{row.file} {row.sha256[:8]}" for row in result.data]
+    yield "effects", [effect.id for effect in result.loop.effects] if result.loop else []
+    yield from (("versions." + key, value) for key, value in result.versions.items())
+
+
+def _flat(path: str, node: object) -> Iterator[tuple[str, object]]:
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            yield from _flat(f"{path}.{key}" if path else str(key), value)
+    else:
+        yield path, node

@@ -1,0 +1,183 @@
+"""Figures over time: what was measured, what the model gives before and after it was extended, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel, Source, Terms
+from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM
+from aero_bayes.report.text import plain_name, role_words, scaled_unit, signal_title
+
+#: The model as it stood, and the one that came out.
+BASE, FINAL = "before", "fitted"
+MEANING = (
+    "Grey: measured, from the least to the greatest value of every pixel column, so that no spike is lost. "
+    "Below each output what the model leaves: measured minus model; dashed: twice the noise floor, between which noise "
+    "alone leaves 95 % of samples; the line is a running mean."
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The picture that a page opens with: one output of one recording, over one stretch."""
+
+    recording: str
+    output: str
+    stretch: tuple[float, float]
+
+
+def largest(*arrays: FloatArray | None) -> float:
+    """Greatest finite magnitude."""
+    return max((float(np.nanmax(np.abs(a))) for a in arrays if a is not None and np.isfinite(a).any()), default=0.0)
+
+
+def named(signals: Sequence[str]) -> str:
+    """Signals in words for an alternative text."""
+    words = [plain_name(name) for name in signals]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[FloatArray, Source] | None:
+    """A sum of series of one recording (sign, ``group/signal``), and where the script finds it; None if one is absent.
+
+    A series that is nowhere finite counts as absent.
+    """
+    full: Terms = tuple((sign, f"{group}/{recording}/{name}") for sign, key in terms
+                        for group, _, name in [key.partition("/")])  # fmt: skip
+    if any(key not in run.series for _, key in full):
+        return None
+    for _, key in full:
+        run.check(key, recording)
+    values = np.sum([sign * run.series[key] for sign, key in full], axis=0)
+    return (values, Source(f"time/{recording}", full)) if np.isfinite(values).any() else None
+
+
+def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
+    """Measured minus modelled. Ripple that the fit took out of the readings is no part of what the fit left."""
+    terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
+    if model == FINAL and f"ripple/{recording}/{output}" in run.series:
+        terms.append((-1, f"ripple/{output}"))
+    return summed(run, recording, *terms)
+
+
+def opening_scene(run: RunDirectory) -> Scene | None:
+    """The output that most was left of, before or after, on data that was not fitted if there is any."""
+    unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
+    stretches = unseen or [(name, run.span(name)) for name in run.recordings()]
+    best: tuple[float, Scene] | None = None
+    for name, stretch in stretches:
+        within = (run.time(name) >= stretch[0]) & (run.time(name) <= stretch[1])
+        for output in run.signals("measured", name):
+            sizes = [
+                float(np.sqrt(np.nanmean(found[0][within] ** 2)))
+                for model in (BASE, FINAL)
+                if (found := left_over(run, name, output, model)) and np.isfinite(found[0][within]).any()
+            ]
+            if sizes:
+                floor = run.result.noise_floor(name, output) or min(sizes) or 1.0
+                weight = max(sizes) / floor
+                if best is None or weight > best[0]:
+                    best = weight, Scene(name, output, stretch)
+    return best[1] if best else None
+
+
+def scene_plate(run: RunDirectory, scene: Scene) -> Plate:
+    """The opening picture: the curve above, what is left below."""
+    panels = _output_panels(run, scene.recording, scene.output, (190.0, 110.0), scene.stretch)
+    low, high = scene.stretch
+    whole = run.span(scene.recording) == scene.stretch
+    where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
+    unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
+    alt = f"{plain_name(scene.output)}, measured and modelled, and what the model leaves; recording {where}, {unseen}."
+    return plate(panels, alt, "time (s)", legend=_legend(run, scene.recording), link=scene.recording, width=700)
+
+
+def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
+    """Inputs, then every output (but one that stands elsewhere) with what is left of it, over one time axis."""
+    time = run.time(recording)
+    outputs = [o for o, y in run.signals("measured", recording).items() if o != without and np.isfinite(y).any()]
+    if not outputs or len(time) < 2:
+        return None
+    panels = []
+    for name in run.signals("input", recording):
+        values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
+        factor, unit = scaled_unit(largest(values), run.result.unit(name))
+        held = Line(time, factor * values, INK, 1.2, label="input", source=source, held=True)
+        title = signal_title(name, unit, run.result.description(name))
+        panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
+    for name in outputs:
+        panels += _output_panels(run, recording, name, (130.0, 78.0))
+    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
+    return plate(panels, alt, "time (s)", legend=_legend(run, recording), link=recording)
+
+
+def _legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
+    fitted, base = run.signals(FINAL, recording), run.signals(BASE, recording)
+    entries = [
+        (MEASURED, "measured", True),
+        (WARM, "before", bool(base)),
+        (ACCENT, "after" if base else "fitted", bool(fitted)),
+        (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording))),
+    ]
+    return tuple((colour, label) for colour, label, there in entries if there)
+
+
+def _output_panels(
+    run: RunDirectory, recording: str, name: str, heights: tuple[float, float],
+    stretch: tuple[float, float] | None = None,
+) -> list[Panel]:  # fmt: skip
+    """The curve and, below, what is left of it."""
+    time = run.time(recording)
+    final = "after" if f"{BASE}/{recording}/{name}" in run.series else "fitted"
+    shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),
+             (WARM, "before", summed(run, recording, (1, f"{BASE}/{name}"))),
+             (ACCENT, final, summed(run, recording, (1, f"{FINAL}/{name}")))]  # fmt: skip
+    factor, unit = scaled_unit(largest(*(found[0] for *_, found in shown[:1] if found)), run.result.unit(name))
+    curves: list[Layer] = [
+        Line(time, factor * found[0], colour, 3.2 if label == "measured" else 1.3, label=label, source=found[1],
+             cloud=0.8 if label == "measured" else 0.0)
+        for colour, label, found in shown if found
+    ]  # fmt: skip
+    low, high = (summed(run, recording, (1, f"{edge}/{name}")) for edge in ("lower", "upper"))
+    if low and high:
+        source = Source(low[1].time, low[1].terms, high[1].terms)
+        curves.insert(1, Band(time, factor * low[0], factor * high[0], ACCENT, 0.2, label="90 %", source=source))
+    title = signal_title(name, unit, run.result.description(name))
+    panels = [Panel(title, tuple(curves), heights[0], x_limits=stretch, factor=factor)]
+    left = [(WARM, "before", 0.25, left_over(run, recording, name, BASE)),
+            (ACCENT, final, 0.5, left_over(run, recording, name, FINAL))]  # fmt: skip
+    found = [(colour, label, opacity, pair) for colour, label, opacity, pair in left if pair]
+    if found:
+        factor, unit = scaled_unit(largest(*(pair[0] for *_, pair in found)), run.result.unit(name))
+        floor = run.result.noise_floor(recording, name)
+        levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
+        lines = tuple(
+            Line(time, factor * pair[0], colour, 1.1, label=label, source=pair[1], cloud=opacity, trend=True, rms=True)
+            for colour, label, opacity, pair in found
+        )
+        words = f"what is left of {plain_name(name)} ({unit})" if unit else f"what is left of {plain_name(name)}"
+        panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch, factor=factor))
+    return panels
+
+
+def stretch_words(run: RunDirectory, scene: Scene) -> str:
+    """Which data the opening picture shows."""
+    unseen = run.unseen(scene.recording)
+    if unseen is None:
+        return f"{scene.recording}, fitted"
+    if unseen == run.span(scene.recording):
+        return f"{scene.recording}, not fitted"
+    return f"{scene.recording} from {unseen[0]:.4g} s on, not fitted"
+
+
+def role_of(run: RunDirectory, recording: str) -> str:
+    """How a recording was used, for its heading."""
+    unseen = run.unseen(recording)
+    if unseen is not None and unseen != run.span(recording):
+        return f"fitted up to {unseen[0]:.4g} s"
+    return role_words(run.result.role(recording))

@@ -1,0 +1,123 @@
+"""A smooth stand-in for an expensive log-density, fitted to points where it has been evaluated."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from aero_bayes.sample.moves.heavytail import HeavyTail
+
+FloatArray = NDArray[np.float64]
+
+#: Length scales and amplitudes (nats squared) among which the marginal likelihood chooses.
+_LENGTHS, _BENT, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
+#: Error, in nats, that is accepted at the mode; it grows with the depth below it.
+_ERROR = 0.02
+#: Points that choose the scales, and points that the stand-in rests on.
+_CHOOSING, _POINTS = 400, 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """A quadratic plus a Gaussian process with a rational quadratic kernel, over the scores of a :class:`HeavyTail`.
+
+    ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores over ``lengths``
+    (d,), ``weights`` (n,) theirs. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
+    Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.4.
+    """
+
+    coordinates: HeavyTail
+    quadratic: FloatArray
+    centres: FloatArray
+    lengths: FloatArray
+    weights: FloatArray
+    radius: float
+
+    @staticmethod
+    def least(dimension: int) -> int:
+        """How many points a fit needs."""
+        return 3 * (dimension + 1) * (dimension + 2) // 4 + 10
+
+    @classmethod
+    def fit(cls, coordinates: HeavyTail, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
+        """Fit to ``values`` (n,) at ``points`` (n, d).
+
+        Parameters
+        ----------
+        coordinates : HeavyTail
+            Its scores are the coordinates; a bent one gets a length scale of its own.
+        points, values : ndarray
+        depth : ndarray, shape (n,)
+            How far each point's density lies below the highest, in nats: the deeper, the less it matters.
+        """
+        d = points.shape[1]
+        most = max(min(_POINTS, 25 * cls.least(d)), 3 * cls.least(d))
+        rows = _spread(len(points), most)
+        if len(points) > most:
+            rows = np.concatenate(
+                [np.arange(most // 2), most // 2 + _spread(len(points) - most // 2, most - most // 2)]
+            )
+        scores, error = coordinates.scores(points[rows])[0], _ERROR * (1.0 + depth[rows])
+        pairs = list(itertools.combinations_with_replacement(range(d + 1), 2))
+        ahead = np.insert(scores, 0, 1.0, axis=1)
+        design = np.stack([ahead[:, i] * ahead[:, j] for i, j in pairs], axis=1)
+        weight = 1.0 / (1.0 + depth[rows] / 3.0)
+        ridge = 1e-6 * len(rows) * np.eye(len(pairs))
+        weighed = design * weight[:, None]
+        level = float(np.max(values[rows]))
+        found = np.linalg.solve(weighed.T @ weighed + ridge, weighed.T @ (weight * (values[rows] - level)))
+        quadratic = np.zeros((d + 1, d + 1))
+        quadratic[tuple(np.transpose(pairs))] = found
+        rest = values[rows] - level - design @ found
+        quadratic[0, 0] += level
+        some = _spread(len(rows), _CHOOSING)
+        lengths, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.bent)
+        centres = scores / lengths
+        covariance = amplitude * _kernel(centres, centres) + np.diag(error**2)
+        weights = amplitude * cho_solve(cho_factor(covariance, lower=True), rest)
+        radius = float(np.max(np.linalg.norm(scores, axis=1)))
+        return cls(coordinates, quadratic, centres, lengths, weights, radius)
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Approximate values at points (n, d), shape (n,)."""
+        scores = self.coordinates.scores(points)[0]
+        ahead = np.insert(scores, 0, 1.0, axis=1)
+        outside = np.maximum(np.linalg.norm(scores, axis=1) - self.radius, 0.0)
+        smooth = np.einsum("ni,ij,nj->n", ahead, self.quadratic, ahead, optimize=True)
+        return np.asarray(smooth + _kernel(scores / self.lengths, self.centres) @ self.weights - outside**2)
+
+
+def _spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most so many of ``count`` rows, evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+def _kernel(one: FloatArray, two: FloatArray) -> FloatArray:
+    """Rational quadratic kernel of shape one, (n, d) and (m, d) to (n, m)."""
+    kernel = one @ -two.T
+    kernel += 0.5 * np.sum(one**2, axis=1)[:, None]
+    kernel += 0.5 * np.sum(two**2, axis=1) + 1.0
+    return np.asarray(np.reciprocal(np.maximum(kernel, 1.0, out=kernel), out=kernel))
+
+
+def _choose(
+    scores: FloatArray, rest: FloatArray, error: FloatArray, bent: NDArray[np.bool_]
+) -> tuple[FloatArray, float]:
+    """Length scales and amplitude of the largest marginal likelihood."""
+    best, found = -np.inf, (np.ones(scores.shape[1]), 1.0)
+    for length in _LENGTHS:
+        for short in (length, *(b for b in _BENT if b < length and bent.any())):
+            lengths = np.where(bent, short, length)
+            kernel = _kernel(scores / lengths, scores / lengths) / np.outer(error, error)
+            values, vectors = np.linalg.eigh(kernel)
+            projected = (vectors.T @ (rest / error)) ** 2
+            for amplitude in _AMPLITUDES:
+                spread = amplitude * np.maximum(values, 0.0) + 1.0
+                evidence = -0.5 * float(np.sum(projected / spread + np.log(spread)))
+                if evidence > best:
+                    best, found = evidence, (lengths, float(amplitude))
+    return found

@@ -1,0 +1,55 @@
+"""When a chain is enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.sample.diagnostics import Diagnosis, diagnose
+
+if TYPE_CHECKING:
+    from aero_bayes.sample.mcmc import SampleSettings
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a chain is enough, what it lacks, and at how many steps it is worth asking again."""
+
+    enough: bool
+    reason: str
+    diagnoses: tuple[Diagnosis, ...]
+    next_check: int
+
+    @property
+    def line(self) -> str:
+        tau, ess = max(d.tau for d in self.diagnoses), min(d.ess_bulk for d in self.diagnoses)
+        return f"R-hat {max(d.r_hat for d in self.diagnoses):.4f}, tau {tau:.1f}, ESS {ess:.0f}"
+
+
+def judge(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> Verdict:
+    """The stop rule, for kept points of shape (ensembles, steps, walkers, d), and whether walkers meet each other."""
+    length, dimension = max(settings.lengths, 50.0), points.shape[-1]
+    if points.shape[1] < 8:
+        nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
+        return Verdict(False, "hardly any step was kept", (nothing,) * dimension, int(length))
+    steps = points.shape[1]
+    diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
+    tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
+    low = min(min(d.ess_bulk, d.ess_tail) for d in diagnoses)
+    missed, wanted = [], float(steps)
+    if worst > settings.r_hat:
+        missed.append(f"R-hat {worst:.4f} is above {settings.r_hat:g}")
+        wanted = 1.2 * steps
+    if steps < length * tau:
+        missed.append(f"the chain has {steps / tau:.0f} autocorrelation times, {length:g} are needed")
+        wanted = max(wanted, length * tau)
+    if low < settings.ess:
+        missed.append(f"{low:.0f} effective samples, {settings.ess:g} are wanted")
+        wanted = max(wanted, steps * settings.ess / max(low, 1.0))
+    next_check = int(np.clip(np.ceil(wanted), steps + 4, 1.5 * steps + 4))
+    return Verdict(not missed, "; ".join(missed) or "every criterion was met", diagnoses, next_check)

@@ -1,0 +1,190 @@
+"""What a sampler learns of a density before its kept chain begins: cuts through it, a proposal, a stand-in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+from scipy.stats import chi2
+
+from aero_bayes.sample.moves import HeavyTail, Surrogate, Warp
+from aero_bayes.sample.moves.warp import SCORES
+
+FloatArray = NDArray[np.float64]
+Density = Callable[[FloatArray], FloatArray]
+
+#: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
+GOOD, STICKY = 0.7, 40.0
+#: Logarithm of the proposal's share in a stand-in.
+_SHARE = float(np.log(0.2))
+#: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
+_NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class StandIn:
+    """A surrogate of the target less its prior, and a little of the heavy-tailed proposal, as one log-density.
+
+    The proposal's share keeps it from falling far below the target where nothing has been seen, which is where a
+    chain would be stuck. ``level`` is the logarithm of the rest's integral.
+    """
+
+    surrogate: Surrogate
+    level: float
+
+    @classmethod
+    def of(cls, surrogate: Surrogate, prior: Density, points: FloatArray) -> StandIn:
+        """With the integral estimated from draws of about the target, (n, d)."""
+        ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
+        return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
+
+    def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.0) -> FloatArray:
+        """Not normalised, shape (n,); minus infinity outside the prior's support, at no cost."""
+        total = np.array(prior(points))
+        inside = np.isfinite(total)
+        some = points[inside]
+        least = self.surrogate.coordinates.log_density(some) + self.level + _SHARE
+        total[inside] = np.logaddexp(total[inside] + self.surrogate(some), least)
+        return total / temperature
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What moves may propose from.
+
+    ``stand_in`` is None as long as too little is known; ``steps`` is how many steps on it forget where they started;
+    ``overlap`` the share of its proposals that the target would accept, judged on points that it was not fitted to;
+    ``sticky`` how many it takes to leave all but a few in a thousand points; ``frozen`` is True for the kept chain.
+    """
+
+    proposal: HeavyTail
+    stand_in: StandIn | None = None
+    steps: int = 20
+    overlap: float = 0.0
+    sticky: float = np.inf
+    frozen: bool = False
+
+    @property
+    def good(self) -> bool:
+        """Whether more tuning would hardly pay."""
+        return self.overlap >= GOOD and self.sticky <= STICKY
+
+
+def log_prior_of(density: Density) -> Density:
+    """What costs nothing of a density: its method ``log_prior``, minus infinity outside its support; or zero."""
+    prior: Density | None = getattr(density, "log_prior", None)
+    return prior if prior is not None else lambda points: np.zeros(len(points))
+
+
+def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
+    """Look along every axis of a proposal through its middle, and bend it to what is there.
+
+    A margin that ends at a bound, or goes on far beyond the curvature at the mode, is seen so at the price of about
+    twenty evaluations an axis. The proposal is given back as it is if its middle has no density.
+    """
+    d = proposal.mean.size
+    first = np.array([-t for t in _NEAR[::-1]] + list(_NEAR))
+    places = np.insert((np.eye(d)[:, None, :] * first[None, :, None]).reshape(-1, d), 0, 0.0, axis=0)
+    values = density(proposal.points(places))
+    if not np.isfinite(values[0]):
+        return proposal
+    cuts = [dict(zip(first.tolist(), row.tolist(), strict=True)) for row in values[1:].reshape(d, -1)]
+    for cut in cuts:
+        cut[0.0] = float(values[0])
+    going = [(k, side) for k in range(d) for side in (-1.0, 1.0)]
+    reach = _NEAR[-1]
+    for _ in range(_FURTHER):
+        going = [(k, s) for k, s in going if cuts[k][s * reach] > max(cuts[k].values()) - _DEEP]
+        if not going:
+            break
+        reach *= _RATIO
+        found = density(proposal.points(np.array([s * reach * np.eye(d)[k] for k, s in going])))
+        for (k, s), value in zip(going, found.tolist(), strict=True):
+            cuts[k][s * reach] = value
+    return replace(proposal, warp=Warp.through(np.stack([_quantiles(cut) for cut in cuts])))
+
+
+def _quantiles(cut: dict[float, float]) -> FloatArray:
+    """Quantiles of the density along a cut, at the normal probabilities of ``SCORES``."""
+    place = np.array(sorted(cut))
+    level = np.array([cut[t] for t in place.tolist()])
+    level = np.where(np.isfinite(level), level - level.max(), -3.0 * _DEEP)
+    fine = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(place.tolist())]))
+    density = np.exp(np.interp(fine, place, level))
+    mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
+    return np.asarray(np.interp(ndtr(SCORES), mass / mass[-1], fine))
+
+
+def retuned(
+    tuned: Tuned, prior: Density, visited: tuple[FloatArray, FloatArray], seen: tuple[FloatArray, FloatArray]
+) -> Tuned:
+    """Approximations after another round.
+
+    Parameters
+    ----------
+    tuned : Tuned
+        Of the round before.
+    prior : callable
+    visited : tuple of ndarray, (n, d) and (n,)
+        Where the chains have been, and the log-density there.
+    seen : tuple of ndarray, (m, d) and (m,)
+        All that was evaluated so far.
+    """
+    d, dof = tuned.proposal.mean.size, tuned.proposal.dof
+    good = visited[1] >= visited[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
+    points, values = visited[0][good], visited[1][good]
+    if len(np.unique(points[:, 0])) <= 4 * d:
+        return tuned
+    quality, sticky = 0.0, np.inf
+    if tuned.stand_in is not None:
+        missed = tuned.stand_in.log_density(points, prior) - values
+        quality, sticky = overlap(missed), memory(missed)
+    plain, proposal = max(
+        (
+            (overlap(fitted.log_density(points) - values), fitted)
+            for curved in (False, True)
+            for first in (False, True)
+            for fitted in (HeavyTail.fit(points, dof, curved=curved, bent_first=first),)
+        ),
+        key=lambda pair: pair[0],
+    )
+    depth = seen[1].max() - seen[1]
+    near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
+    if near.sum() <= Surrogate.least(d):
+        return Tuned(proposal)
+    where, level = seen[0][near], seen[1][near]
+    if tuned.stand_in is not None:  # first of all those that the last one knew least of
+        order = np.argsort(-np.abs(tuned.stand_in.log_density(where, prior) - level), kind="stable")
+        where, level = where[order], level[order]
+    surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
+    stand_in = StandIn.of(surrogate, prior, points)
+    steps = int(np.clip(memory(proposal.log_density(points) - stand_in.log_density(points, prior)), 12, 200))
+    return Tuned(proposal, stand_in, steps, quality if quality > plain else 0.0, sticky)
+
+
+def overlap(log_ratio: FloatArray) -> float:
+    """Share of independent proposals from s that a stationary chain of p accepts, from log(s / p) at draws of p.
+
+    It is the expectation of min(r, r') over pairs of draws, over that of r. The largest ratios are cut: they come from
+    tails that have no share in it.
+    """
+    ratio = np.sort(_ratios(log_ratio))
+    n = ratio.size
+    return float(ratio @ (2.0 * (n - np.arange(n)) - 1.0) / (n * ratio.sum()))
+
+
+def memory(log_ratio: FloatArray) -> float:
+    """Proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
+
+    At a point of weight w = s / q, over its mean under q, about w proposals are needed.
+    """
+    ratio = _ratios(log_ratio)
+    return 1.5 * float(ratio.mean() / np.quantile(ratio, 0.003))
+
+
+def _ratios(log_ratio: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(np.minimum(log_ratio, np.quantile(log_ratio, 0.98)) - np.median(log_ratio)))

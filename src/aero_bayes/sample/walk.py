@@ -1,0 +1,199 @@
+"""The walkers of all ensembles: how they start, move, learn, and are stored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+import emcee
+import numpy as np
+from emcee.moves import GaussianMove, Move, RedBlueMove
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.sample.checkpoint import pack, pack_random, unpack, unpack_random
+from aero_bayes.sample.moves import (
+    DifferentialMove,
+    HeavyTail,
+    IndependenceMove,
+    ScreenedMove,
+    ScreenedWalkMove,
+    StretchMove,
+)
+from aero_bayes.sample.tuning import Density, Tuned, log_prior_of, retuned, scout
+
+if TYPE_CHECKING:
+    from aero_bayes.sample.mcmc import SampleSettings
+
+FloatArray = NDArray[np.float64]
+
+
+class MakeMoves(Protocol):
+    """Moves and their shares from what tuning has learnt, for a density whose cheap part is ``prior``."""
+
+    def __call__(self, tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]: ...
+
+
+def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
+    """Proposals screened by the stand-in and a random walk; where there is none, moves that need to know little."""
+    if tuned.stand_in is None or (tuned.frozen and tuned.overlap == 0.0):
+        share = 0.85 if tuned.frozen else 0.3
+        return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
+    approximation = partial(tuned.stand_in.log_density, prior=prior)
+    factor = tuned.proposal.factor
+    moves: list[tuple[Move, float]] = [
+        (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.75),
+        (ScreenedWalkMove(approximation, tuned.proposal), 0.15),
+        (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.1),
+    ]
+    # Until the stand-in is frozen the walkers also find their own way, to where it knows nothing yet.
+    return moves if tuned.frozen else [*moves, (DifferentialMove(), 0.6), (StretchMove(), 0.3)]
+
+
+class Walk:
+    """The ensembles, their random states, and what the present phase (a round, the settling, the chain) has visited."""
+
+    def __init__(self, density: Density, proposal: HeavyTail, settings: SampleSettings, moves: MakeMoves) -> None:
+        self.density, self.prior = density, log_prior_of(density)
+        self.settings, self._moves, self.tuned = settings, moves, Tuned(proposal)
+        self.dimension = proposal.mean.size
+        self.walkers = settings.walkers or 2 * self.dimension + 2
+        self.rounds, self._left, self.evaluations, self.seconds = 0, settings.burn_in[0], 0, 0.0
+        self.next_check = int(max(settings.lengths, 50.0))
+        self.visited: list[FloatArray] = []
+        self._levels: list[FloatArray] = []
+        self._seen: list[FloatArray] = []
+        self._states: list[emcee.State] = []
+        self._samplers: list[emcee.EnsembleSampler] = []
+
+    @property
+    def kept(self) -> int:
+        """Steps of the kept chain; zero before it begins."""
+        return len(self.visited) if self.tuned.frozen and self._left == 0 else 0
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a walker moves by where the others of its ensemble are."""
+        return any(isinstance(move, RedBlueMove) for move, _ in self._moves(self.tuned, self.prior))
+
+    def chain(self) -> tuple[FloatArray, FloatArray]:
+        """Points (ensembles, steps, walkers, d) and log-densities of what is kept."""
+        if self.kept:
+            return np.stack(self.visited, axis=1), np.stack(self._levels, axis=1)
+        shape = (self.settings.ensembles, 0, self.walkers)
+        return np.empty((*shape, self.dimension)), np.empty(shape)
+
+    def _evaluate(self, points: FloatArray) -> FloatArray:
+        value = np.asarray(self.density(points))
+        self.evaluations += int(np.sum(np.isfinite(self.prior(points))))
+        if not self.tuned.frozen:
+            known = np.isfinite(value)
+            self._seen.append(np.column_stack([points, value])[known])
+        return value
+
+    def _make_samplers(self) -> None:
+        moves = list(self._moves(self.tuned, self.prior))
+        self._samplers = [
+            emcee.EnsembleSampler(self.walkers, self.dimension, self._evaluate, moves=moves, vectorize=True)
+            for _ in range(self.settings.ensembles)
+        ]
+
+    def start(self, rng: np.random.Generator) -> None:
+        """Look around, and draw overdispersed starts of finite density for every ensemble."""
+        self.tuned = Tuned(scout(self._evaluate, self.tuned.proposal))
+        wide = self.tuned.proposal.widened(1.5, 4.0)
+        for child in rng.spawn(self.settings.ensembles):
+            random = np.random.RandomState(np.random.MT19937(int(child.integers(2**63))))
+            points, values = np.empty((0, self.dimension)), np.empty(0)
+            for attempt in range(60):
+                new = wide.widened(0.85**attempt, 4.0).sample(random, self.walkers)
+                level = self._evaluate(new)
+                good = np.isfinite(level)
+                points, values = np.concatenate([points, new[good]]), np.concatenate([values, level[good]])
+                if len(points) >= self.walkers:
+                    break
+            else:
+                raise CannotFinishError("no starting point of finite posterior density was found for the sampler")
+            self._states.append(
+                emcee.State(
+                    points[: self.walkers], log_prob=values[: self.walkers], random_state=random.get_state(legacy=True)
+                )
+            )
+        self._make_samplers()
+
+    def advance(self) -> None:
+        """One step of every ensemble."""
+        for e, sampler in enumerate(self._samplers):
+            (self._states[e],) = sampler.sample(self._states[e], store=False, skip_initial_state_check=True)
+        self.visited.append(np.stack([state.coords for state in self._states]))
+        self._levels.append(np.stack([state.log_prob for state in self._states]))
+        if self._left > 0:
+            self._left -= 1
+            if self._left == 0:
+                self._end_phase()
+
+    def _end_phase(self) -> None:
+        """After a round, learn from it and freeze what is good enough; after the settling, begin the kept chain."""
+        if not self.tuned.frozen:
+            self._look_further()
+            rows = slice(len(self.visited) // 4, None)
+            points = np.concatenate(self.visited[rows]).reshape(-1, self.dimension)
+            seen = np.concatenate(self._seen)
+            self.tuned = retuned(
+                self.tuned,
+                self.prior,
+                (points, np.concatenate(self._levels[rows]).ravel()),
+                (seen[:, :-1], seen[:, -1]),
+            )
+            self.rounds += 1
+            planned, extra = self.settings.burn_in, self.rounds - len(self.settings.burn_in)
+            if extra >= self.settings.extra_rounds or (extra >= 0 and self.tuned.good):
+                self.tuned, self._left, self._seen = replace(self.tuned, frozen=True), self.settings.settle, []
+            else:
+                self._left = planned[self.rounds] if extra < 0 else int(planned[-1] * 1.5 ** (extra + 1))
+            self._make_samplers()
+        self.visited, self._levels = [], []
+
+    def _look_further(self) -> None:
+        """Evaluate cuts, and draws of the stand-in at a higher temperature; the next one shall know its ends."""
+        if self.tuned.stand_in is None:
+            return
+        scout(self._evaluate, self.tuned.proposal)
+        warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=3.0)
+        random = np.random.RandomState()
+        for e, state in enumerate(self._states):
+            random.set_state(state.random_state)
+            move = ScreenedMove(warm, self.tuned.proposal.widened(1.7, 4.0), self.tuned.steps)
+            for _ in range(2):
+                self._evaluate(move.propose_from(state.coords, random)[0])
+            self._states[e].random_state = random.get_state(legacy=True)
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything, as arrays."""
+        arrays = pack(self.tuned, "tuned.") | {
+            "visited": np.array(self.visited),
+            "levels": np.array(self._levels),
+            "seen": np.concatenate(self._seen) if self._seen else np.empty((0, self.dimension + 1)),
+            "counts": np.array([self.rounds, self._left, self.evaluations, self.next_check]),
+            "seconds": np.array(self.seconds),
+        }
+        for e, state in enumerate(self._states):
+            arrays |= {f"coords{e}": state.coords, f"log_prob{e}": state.log_prob}
+            random = np.random.RandomState()
+            random.set_state(state.random_state)
+            arrays |= {f"{key}{e}": value for key, value in pack_random(random).items()}
+        return arrays
+
+    def restore(self, arrays: dict[str, NDArray[np.generic]]) -> None:
+        """Continue where :meth:`state` was taken."""
+        self.tuned = unpack(Tuned, arrays, "tuned.")
+        self.rounds, self._left, self.evaluations, self.next_check = map(int, arrays["counts"])
+        self.seconds = float(arrays["seconds"])
+        self.visited, self._levels = list(arrays["visited"]), list(arrays["levels"])
+        self._seen = [np.asarray(arrays["seen"])]
+        for e in range(self.settings.ensembles):
+            random = unpack_random({"keys": arrays[f"keys{e}"], "rest": arrays[f"rest{e}"]})
+            self._states.append(emcee.State(arrays[f"coords{e}"], log_prob=arrays[f"log_prob{e}"], random_state=random))
+        self._make_samplers()

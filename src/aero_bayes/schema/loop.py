@@ -1,0 +1,109 @@
+"""The closed loop in a result: effects, rounds, errors before and after."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from aero_bayes.schema.base import Number, ParameterResult, Part
+from aero_bayes.schema.estimate import ResidualResult
+from aero_bayes.schema.model import Signal
+
+
+class Evidence(Part):
+    """Log-evidence that the model loses without the effect, and the least that counts."""
+
+    log_evidence_gain: Number = None
+    needed: Number = None
+
+
+class EffectResult(Part):
+    """An effect that was added; ``id`` is ``law@port`` or an id of a library."""
+
+    id: str
+    port: str
+    kind: Literal["catalogue", "free_form"]
+    parameters: dict[str, ParameterResult] = {}
+    evidence: Evidence = Evidence()
+    odds: Number = None
+    modelica: str = ""
+    summary: str = ""
+    widths: dict[str, Number] = {}
+    width_influence_sd: Number = None
+    over: str = ""
+
+
+class CandidateResult(Part):
+    """A candidate of a round: gain in log-evidence over the model without it, odds against doing without."""
+
+    id: str
+    port: str
+    delta_evidence: Number = None
+    odds: Number = None
+    refitted: bool = True
+
+
+class StepResult(Part):
+    """A round of the search; ``threshold`` is the least gain that counts, ``odds`` those of nothing and the untried."""
+
+    round: int
+    port_scores: dict[str, Number] = {}
+    candidates: list[CandidateResult] = []
+    threshold: Number = None
+    chosen: str | None = None
+    equivalent: list[str] = []
+    odds: dict[str, Number] = {}
+    why: str = ""
+
+
+class MomentResult(Part):
+    """A disturbance that belongs to a moment and not to a state."""
+
+    port: str
+    start: float
+    stop: float
+    size: Number
+
+
+class ShiftResult(Part):
+    """How far a base parameter moved."""
+
+    before: Number
+    before_sd: Number
+    after: Number
+    after_sd: Number
+    in_sd: Number
+
+
+Errors = dict[str, dict[str, Number]]
+
+
+class LoopPart(Part):
+    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output."""
+
+    outcome: Literal["adequate", "extended", "unexplained"]
+    sentence: str = ""
+    base: str = ""
+    model: str = ""
+    effects: list[EffectResult] = []
+    equivalent: list[list[str]] = []
+    before: Errors = {}
+    after: Errors = {}
+    before_sd: Errors = {}
+    after_sd: Errors = {}
+    noise_floor: dict[str, Number] = {}
+    steps: list[StepResult] = []
+    shifts: dict[str, ShiftResult] = {}
+    whiteness: dict[str, dict[str, dict[str, ResidualResult]]] = {}
+    port_scores: dict[str, Number] = {}
+    ports: dict[str, Signal] = {}
+    tied_ports: list[str] = []
+    moment: MomentResult | None = None
+    separate: list[str] = []
+    story: list[str] = []
+    diff: str = ""
+    modelica_source: str = ""
+    notes: list[str] = []
+    simulations: int = 0
+    failures: int = 0
+    seconds: dict[str, float] = {}
+    parameters_before: dict[str, ParameterResult] = {}

@@ -1,0 +1,91 @@
+"""The zip archive of an FMU, which may come from anywhere: checked before anything of it is written or believed."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+
+from aero_bayes.errors import InputError
+
+MOST_UNPACKED_BYTES = 1 << 30
+MOST_DESCRIPTION_BYTES = 64 << 20
+MOST_MEMBERS = 100_000
+DESCRIPTION = "modelDescription.xml"
+
+# What zipfile raises on archives that are damaged, encrypted or packed in a way it does not know.
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
+
+
+def read_description(path: Path) -> tuple[set[str], bytes]:
+    """The members' names and the model description of an FMU.
+
+    Raises
+    ------
+    InputError
+        For a file that is no archive, or one whose members would leave their folder, are links, collide or are too
+        large.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = _check_members(path, archive)
+            if DESCRIPTION not in names:
+                raise InputError(f"{path}: no {DESCRIPTION} inside, so this is not an FMU")
+            if archive.getinfo(DESCRIPTION).file_size > MOST_DESCRIPTION_BYTES:
+                raise InputError(f"{path}: {DESCRIPTION} is larger than {MOST_DESCRIPTION_BYTES >> 20} MiB")
+            return names, archive.read(DESCRIPTION)
+    except _UNREADABLE as error:
+        raise _unreadable(path, error) from error
+
+
+def unpack(path: Path, folder: Path) -> None:
+    """Unpack into an existing private folder; no member leaves it, and none is larger than it says.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_description`, and for members that cannot be unpacked.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check_members(path, archive)
+            archive.extractall(folder)
+    except _UNREADABLE as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    if isinstance(error, InputError):
+        return error
+    return InputError(f"{path}: not a readable zip archive (expected an FMU): {error}")
+
+
+def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
+    members = archive.infolist()
+    if len(members) > MOST_MEMBERS:
+        raise InputError(f"{path}: has {len(members)} members (at most {MOST_MEMBERS} are allowed)")
+    total, files, folders = 0, set[str](), set[str]()
+    for member in members:
+        name = member.filename.replace("\\", "/")
+        parts = PurePosixPath(name)
+        if parts.is_absolute() or ".." in parts.parts or ":" in name.split("/")[0]:
+            raise InputError(f"{path}: member {member.filename!r} would be unpacked outside its folder")
+        kind = (member.external_attr >> 16) & 0o170000
+        if kind == 0o120000:
+            raise InputError(f"{path}: member {member.filename!r} is a symbolic link")
+        if kind not in (0, 0o100000, 0o040000):
+            raise InputError(f"{path}: member {member.filename!r} is neither a file nor a folder")
+        folders.update(str(p) for p in parts.parents)
+        if name.endswith("/"):
+            folders.add(str(parts))
+        elif str(parts) in files:
+            raise InputError(f"{path}: member {member.filename!r} is there twice")
+        else:
+            files.add(str(parts))
+        total += member.file_size
+    both = sorted(files & folders)
+    if both:
+        raise InputError(f"{path}: member {both[0]!r} is a file and a folder")
+    if total > MOST_UNPACKED_BYTES:
+        raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MOST_UNPACKED_BYTES >> 20} MiB are allowed)")
+    return set(archive.namelist())

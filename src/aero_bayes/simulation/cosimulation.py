@@ -1,0 +1,174 @@
+"""Co-simulation FMUs: FMPy steps them in worker processes.
+
+Such an FMU brings its own solver, which may not heed any tolerance, and tells nothing of its states: its runs are slow
+(some hundred times a native run's time), their accuracy is the FMU's own, initial states cannot be set, and
+sensitivities are central differences of whole runs, two runs a column. Communication steps are halved until halving
+them once more changes nothing that matters.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import warnings
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    FloatArray,
+    Outcome,
+    Problem,
+    StartTarget,
+    Trajectories,
+)
+from aero_bayes.simulation.native import Batches, check_active, check_values
+from aero_bayes.simulation.reduction import ReducedTrajectories
+from aero_bayes.simulation.spec import check_problem, target_scale
+from aero_bayes.simulation.workers import WorkerPool
+
+ENGINE = "co-simulation by FMPy"
+MOST_SUBSTEPS = 64
+_GOAL = 1e-5  # of an output's range, between a step and its halves
+_RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother than that
+
+
+class CosimulationSimulator(ReducedTrajectories):
+    """Runs a problem whose model has co-simulation only.
+
+    Parameters
+    ----------
+    problem : Problem
+    workers : int, optional
+        Worker processes (default: one a core); at least one.
+
+    Raises
+    ------
+    InputError
+        Where the problem names what the model does not have, sets a state, or needs steps that the FMU does not take.
+
+    Warns
+    -----
+    UserWarning
+        Once, on what this costs, and where halving the communication steps goes on changing the outputs.
+    """
+
+    engine = ENGINE
+
+    def __init__(self, problem: Problem, workers: int | None = None) -> None:
+        _check(problem)
+        self.problem = problem
+        self._workers = workers
+        self.pool = WorkerPool(None if workers is None else max(1, workers), cosimulation=True)
+        self.substeps = 0
+        self._batches: Batches | None = None
+        warnings.warn(
+            f"{problem.model.path.name} has co-simulation only: its own solver runs it, slowly; sensitivities are "
+            "differences of whole runs, initial states cannot be set (Model Exchange has none of these limits)",
+            stacklevel=3,
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.problem, self._workers)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the workers and free the model."""
+        self.pool.close()
+
+    def _open(self, substeps: int) -> Batches:
+        path = self.pool.new_path()
+        folder = self.pool.binary(self.problem.model).parents[2]
+        partial = path.with_suffix(".part")
+        partial.write_bytes(pickle.dumps((self.problem, folder, substeps)))
+        os.replace(partial, path)
+        return Batches(self.problem, self.pool, path)
+
+    def _settle(self, values: FloatArray) -> Batches:
+        """Halve the communication steps until that changes nothing that matters."""
+        if self._batches is not None:
+            return self._batches
+        coarse, change = self._open(1), np.inf
+        before = coarse.trajectories(values[:1])
+        self.substeps = 1
+        while self.problem.model.takes_any_step and 2 * self.substeps <= MOST_SUBSTEPS:
+            fine = self._open(2 * self.substeps)
+            after = fine.trajectories(values[:1])
+            change = _largest_change(before, after)
+            if not change > _GOAL:  # or every run failed
+                break
+            self.pool.forget(coarse.path)
+            coarse, before, self.substeps = fine, after, 2 * self.substeps
+        if np.isfinite(change) and change > _GOAL:
+            warnings.warn(
+                f"{self.problem.model.path.name}: halving the communication step still changes its outputs by "
+                f"{change:.1e} of their range: its solver is not accurate",
+                stacklevel=3,
+            )
+        if np.all(before.outcomes == Outcome.OK):
+            self._batches = coarse
+        return coarse
+
+    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
+        """Trajectories; with ``active`` also differences for those columns. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        columns = check_active(self.problem, active if active is not None else [])
+        batches = self._settle(values)
+        found = batches.trajectories(values)
+        if active is None:
+            return found
+        experiments = self.problem.experiments
+        slopes = tuple(np.zeros((*out.shape, len(columns))) for out in found.outputs)
+        for place, column in enumerate(columns):
+            scale = max(
+                target_scale(self.problem.model, experiment, row[column])
+                for experiment, row in zip(experiments, self.problem.targets, strict=True)
+            )
+            size = np.where(values[:, column] != 0.0, np.abs(values[:, column]), scale)
+            step = _RELATIVE_STEP * size
+            sides = np.repeat(values, 2, axis=0)
+            sides[0::2, column] += step
+            sides[1::2, column] -= step
+            ran = batches.trajectories(sides)
+            for e, out in enumerate(ran.outputs):
+                if self.problem.targets[e][column] is not None:
+                    slopes[e][..., place] = (out[0::2] - out[1::2]) / (2.0 * step)[:, None, None]
+        return Trajectories(found.outputs, slopes, found.outcomes)
+
+
+def _largest_change(before: Trajectories, after: Trajectories) -> float:
+    """Over all outputs, in units of their range; 0 where a run failed."""
+    if np.any(before.outcomes != Outcome.OK) or np.any(after.outcomes != Outcome.OK):
+        return 0.0
+    changes = [
+        float(np.max(np.abs(a - b) / (np.ptp(b, axis=1, keepdims=True) + 1e-300)))
+        for a, b in zip(before.outputs, after.outputs, strict=True)
+        if a.size
+    ]
+    return max(changes, default=0.0)
+
+
+def _check(problem: Problem) -> None:
+    model = problem.model
+    for experiment, row in zip(problem.experiments, problem.targets, strict=False):
+        if experiment.start or any(isinstance(target, StartTarget) for target in row):
+            raise InputError(f"{model.path}: has co-simulation only, which lets no initial state be set")
+        if model.takes_any_step:
+            continue
+        steps = np.diff(experiment.time)
+        if steps.size and np.ptp(steps) > 1e-6 * steps.mean():
+            raise InputError(f"{model.path}: takes steps of one size only, but the samples are not uniform")
+        if any(isinstance(target, DelayTarget) for target in row):
+            raise InputError(f"{model.path}: takes steps of one size only: an input delay needs others")
+    check_problem(problem)

@@ -1,0 +1,150 @@
+"""Runs of a co-simulation FMU by FMPy, inside a worker process."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import pickle
+import time as clock
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fmpy.fmi1 import FMICallException
+
+from aero_bayes.simulation import fmpy_fmu
+from aero_bayes.simulation.fmpy_reference import delayed, value_at
+from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
+
+# The words of a job and of a slot, as native/batch.c reads them.
+_TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
+
+
+@dataclass
+class CosimulationRuns:
+    """One instance of an FMU and the problem that it runs.
+
+    Parameters
+    ----------
+    problem : Problem
+    folder : Path
+        Where the FMU is unpacked.
+    substeps : int
+        Communication steps between two samples.
+    """
+
+    problem: Problem
+    folder: Path
+    substeps: int
+    _fmu: Any = None
+
+    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> None:
+        """Take tasks from the job's counter until none is left. The three are addresses."""
+        words = (ctypes.c_int64 * 16).from_address(job)
+        mine = (ctypes.c_int64 * 2).from_address(slot)
+        outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
+        index = first if first >= 0 else engine.ab_take(job)
+        while index < words[_TOTAL]:
+            if outcomes[index] == 255:
+                mine[1] = clock.monotonic_ns()
+                mine[0] = index
+                outcomes[index] = self._task(words, base, index)
+                mine[0] = -1
+            index = engine.ab_take(job)
+
+    def _task(self, words: Any, base: int, index: int) -> int:
+        row, number = divmod(index, words[_EXPERIMENTS])
+        p = words[_P]
+        values = np.ctypeslib.as_array((ctypes.c_double * p).from_address(base + words[_VALUES] + 8 * row * p))
+        table = (ctypes.c_int64 * 4).from_address(base + words[_TABLE] + 32 * number)
+        experiment = self.problem.experiments[number]
+        shape = experiment.time.size, len(experiment.outputs)
+        out = np.ctypeslib.as_array((ctypes.c_double * table[1]).from_address(base + table[0] + 8 * row * table[1]))
+        if not np.all(np.isfinite(values)):
+            return Outcome.NOT_FINITE
+        try:
+            found = self._run(number, values)
+        except Exception:  # FMPy's own errors have no common class
+            self._fmu = None  # not freed: the error may have been fatal
+            return Outcome.MODEL_ERROR
+        if not np.all(np.isfinite(found)):
+            return Outcome.NOT_FINITE
+        out.reshape(shape)[:] = found
+        return Outcome.OK
+
+    def _ready(self) -> Any:
+        if self._fmu is not None:
+            try:
+                self._fmu.reset()
+                return self._fmu
+            except FMICallException:
+                self._fmu.freeInstance()
+        self._fmu = fmpy_fmu.open_fmu(self.problem.model, self.folder)
+        return self._fmu
+
+    def _run(self, number: int, values: FloatArray) -> FloatArray:
+        problem, experiment = self.problem, self.problem.experiments[number]
+        model, samples = problem.model, experiment.time
+        signals = delayed(experiment, problem.targets[number], values)
+        fmu = self._ready()
+        fmu.setupExperiment(startTime=float(samples[0]))
+        for name, value in problem.fixed.items():
+            fmu.setReal([model.parameter(name).value_reference], [value])
+        for value, target in zip(values, problem.targets[number], strict=True):
+            if isinstance(target, ParameterTarget):
+                fmu.setReal([model.parameter(target.name).value_reference], [float(value)])
+        self._apply(fmu, signals, float(samples[0]), float(samples[0]))
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        variables = [model.output(name) for name in experiment.outputs]
+        get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
+        out = np.empty((samples.size, len(variables)))
+        points = communication_points(samples, signals if model.takes_any_step else (), self.substeps)
+        done = 0
+        for k, t in enumerate(points):
+            if t == samples[done]:
+                out[done] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
+                done += 1
+            if k + 1 < points.size:
+                step = float(points[k + 1] - t)
+                self._apply(fmu, signals, float(t) + 0.5 * step, float(t))
+                fmu.doStep(float(t), step)
+        return out
+
+    def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
+        for signal in signals:
+            fmu.setReal([self.problem.model.input(signal.name).value_reference], [value_at(signal, t, segment)])
+
+
+class Runner:
+    """In the place of the engine in :func:`worker_main.serve`."""
+
+    def __init__(self, engine: ctypes.CDLL) -> None:
+        engine.ab_take.restype = ctypes.c_int64
+        engine.ab_take.argtypes = [ctypes.c_void_p]
+        self._engine = engine
+
+    def ab_open(self, path: bytes, *_: Any) -> CosimulationRuns:
+        """The problem that the parent wrote."""
+        problem, folder, substeps = pickle.loads(Path(os.fsdecode(path)).read_bytes())
+        return CosimulationRuns(problem, folder, substeps)
+
+    def ab_close(self, runs: CosimulationRuns) -> None:
+        """Let it go."""
+
+    def ab_batch(self, runs: CosimulationRuns, base: int, job: int, slot: int, first: int) -> int:
+        """Work until no task is left."""
+        runs.batch(self._engine, base, job, slot, first)
+        return 0
+
+
+def communication_points(samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int) -> FloatArray:
+    """Samples, times at which inputs break, and so many steps between two samples."""
+    fractions = np.arange(substeps) / substeps
+    between = samples[:-1, None] + np.diff(samples)[:, None] * fractions
+    breaks = [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
+    points = np.unique(np.concatenate([samples, between.ravel(), *breaks]))
+    tiny = 1e-12 * max(abs(samples[0]), abs(samples[-1]))
+    keep = np.append(np.diff(points) > tiny, True) | np.isin(points, samples)
+    return points[keep]

@@ -1,0 +1,227 @@
+"""The model description of an FMI 2.0 FMU."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.model import Kind, Model, Variable, sha256
+
+# OpenModelica's name of the state behind an output that is a state.
+OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")
+_STATE_SET = re.compile(r"(?:\$|_D_)STATESET")
+
+
+class _DoctypeError(Exception):
+    """The document declares a document type."""
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Builds elements and stops at a document type, in whatever encoding it is written."""
+
+    def doctype(self, *_: object) -> None:
+        raise _DoctypeError
+
+
+def parse(path: Path, text: bytes) -> Element:
+    """The root of a model description; InputError for what is no XML or declares entities."""
+    parser = ElementTree.XMLParser(target=_Builder())
+    try:
+        parser.feed(text)
+        root: Element = parser.close()
+        return root
+    except _DoctypeError:
+        raise InputError(f"{path}: modelDescription.xml declares a document type, which no FMU needs") from None
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: modelDescription.xml is not valid XML: {error}") from error
+
+
+def _number(element: Element, key: str) -> float | None:
+    text = element.get(key)
+    if text is None:
+        return None
+    if text in ("true", "false"):
+        return float(text == "true")
+    return float(text)
+
+
+def is_true(element: Element, key: str) -> bool:
+    """A Boolean attribute, false where it is missing."""
+    return element.get(key, "false") in ("true", "1")
+
+
+def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
+    types: dict[str, Element] = {}
+    for simple in root.iterfind("TypeDefinitions/SimpleType"):
+        for inner in simple:
+            types[simple.get("name", "")] = inner
+    found = []
+    for scalar in root.iterfind("ModelVariables/ScalarVariable"):
+        own: Element | None = None
+        kind: Kind = "real"
+        for tag, name in (("Real", "real"), ("Integer", "integer"), ("Boolean", "boolean"), ("Enumeration", "integer")):
+            own = scalar.find(tag)
+            if own is not None:
+                kind = name  # type: ignore[assignment]
+                break
+        declared = types.get(own.get("declaredType", "")) if own is not None else None
+
+        def value(key: str, own: Element | None = own, declared: Element | None = declared) -> float | None:
+            here = _number(own, key) if own is not None else None
+            return here if here is not None or declared is None else _number(declared, key)
+
+        unit = (own.get("unit") if own is not None else None) or (declared.get("unit") if declared is not None else "")
+        found.append(
+            (
+                scalar,
+                own,
+                Variable(
+                    name=scalar.get("name", ""),
+                    unit=unit or "",
+                    description=scalar.get("description", ""),
+                    start=value("start"),
+                    minimum=value("min"),
+                    maximum=value("max"),
+                    nominal=value("nominal"),
+                    value_reference=int(scalar.get("valueReference", "0")),
+                    kind=kind,
+                    settable_start=_settable(scalar, own),
+                ),
+            )
+        )
+    return found
+
+
+def _settable(scalar: Element, own: Element | None) -> bool:
+    if own is None:
+        return False
+    initial = scalar.get("initial")
+    if initial is None:
+        return own.get("start") is not None
+    return initial in ("exact", "approx")
+
+
+def describe(path: Path, root: Element) -> Model:
+    """The model of a checked archive; InputError where it cannot be used."""
+    exchange = root.find("ModelExchange")
+    if exchange is None and root.find("CoSimulation") is None:
+        raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
+    try:
+        return _describe_valid(path, root, exchange)
+    except (ValueError, IndexError, KeyError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: modelDescription.xml contradicts FMI 2.0: {error}") from error
+
+
+def checked_identifier(path: Path, interface: Element) -> str:
+    """The name of the binary."""
+    identifier = interface.get("modelIdentifier", "")
+    if not identifier or "/" in identifier or "\\" in identifier:
+        raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
+    return identifier
+
+
+def jacobian_pattern(
+    depends: Sequence[set[int] | None], position: Mapping[int, int]
+) -> tuple[tuple[int, ...], ...] | None:
+    """For each state the states whose derivative depends on it, from the knowns of each derivative."""
+    if not depends or any(d is None for d in depends):
+        return None
+    rows = [{position[k] for k in d if k in position} for d in depends if d is not None]
+    return tuple(tuple(i for i, row in enumerate(rows) if j in row) for j in range(len(rows)))
+
+
+def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Model:
+    variables = _variables(root)
+    interface = exchange if exchange is not None else root.find("CoSimulation")
+    assert interface is not None
+    identifier = checked_identifier(path, interface)
+    states: list[Variable] = []
+    derivatives: list[int] = []
+    position: dict[int, int] = {}
+    depends: list[set[int] | None] = []
+    for unknown in root.iterfind("ModelStructure/Derivatives/Unknown") if exchange is not None else ():
+        _, own, variable = variables[int(unknown.get("index", "0")) - 1]
+        if own is None or own.get("derivative") is None:
+            raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
+        at = int(own.get("derivative", "0")) - 1
+        position[at] = len(states)
+        states.append(variables[at][2])
+        derivatives.append(variable.value_reference)
+        known = unknown.get("dependencies")
+        depends.append(None if known is None else {int(i) - 1 for i in known.split()})
+    refuse_selected_states(path, states)
+    pick = {"parameter": [], "input": [], "output": []}  # type: dict[str, list[Variable]]
+    for scalar, own, variable in variables:
+        causality = scalar.get("causality", "local")
+        if own is None or causality not in pick:
+            continue
+        if causality != "output" and variable.kind != "real":
+            continue
+        if causality == "parameter" and scalar.get("variability", "continuous") not in ("fixed", "tunable"):
+            continue
+        pick[causality].append(variable)
+    return Model(
+        path=path,
+        sha256=sha256(path),
+        name=root.get("modelName", identifier),
+        guid=root.get("guid", ""),
+        identifier=identifier,
+        parameters=tuple(pick["parameter"]),
+        inputs=tuple(pick["input"]),
+        outputs=tuple(pick["output"]),
+        states=tuple(states),
+        event_indicators=int(root.get("numberOfEventIndicators", "0")) if exchange is not None else 0,
+        has_directional_derivatives=exchange is not None and is_true(exchange, "providesDirectionalDerivative"),
+        needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
+        derivatives=tuple(derivatives),
+        jacobian_pattern=jacobian_pattern(depends, position),
+        wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded"),
+        said_copies=said_copies(_outputs(root, variables), position, states),
+        interface="co-simulation" if exchange is None else "model exchange",
+        takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
+    )
+
+
+def refuse_selected_states(path: Path, states: Sequence[Variable]) -> None:
+    """InputError where a state belongs to a set that the model selects while it runs."""
+    for state in states:
+        if _STATE_SET.match(state.name):
+            raise InputError(
+                f"{path}: {state.name!r} is selected while the model runs (dynamic state selection), which is not "
+                "supported: choose the states in the source, with stateSelect = StateSelect.always or .prefer"
+            )
+
+
+def _outputs(
+    root: Element, variables: Sequence[tuple[Element, Element | None, Variable]]
+) -> list[tuple[Variable, list[int] | None]]:
+    """Outputs with the positions of what they depend on, None where that is not said."""
+    found = []
+    for unknown in root.iterfind("ModelStructure/Outputs/Unknown"):
+        known = unknown.get("dependencies")
+        depends = None if known is None else [int(i) - 1 for i in known.split()]
+        found.append((variables[int(unknown.get("index", "0")) - 1][2], depends))
+    return found
+
+
+def said_copies(
+    outputs: Sequence[tuple[Variable, list[int] | None]], position: Mapping[int, int], states: Sequence[Variable]
+) -> tuple[tuple[str, int], ...]:
+    """Outputs that depend on one state and nothing else, or after which a state is named."""
+    named = {m["output"]: i for i, s in enumerate(states) if (m := OUTPUT_ALIAS.fullmatch(s.name))}
+    references = {state.value_reference for state in states}
+    said = {}
+    for variable, depends in outputs:
+        if variable.kind != "real" or variable.value_reference in references:
+            continue
+        if variable.name in named:
+            said[variable.name] = named[variable.name]
+        elif depends is not None and len(depends) == 1 and depends[0] in position:
+            said[variable.name] = position[depends[0]]
+    return tuple(said.items())

@@ -1,0 +1,88 @@
+"""FMUs as FMPy loads them, FMI 3.0 under the names of FMI 2.0."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from fmpy import calloc, free
+from fmpy.fmi2 import (
+    FMU2Model,
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.fmi3 import FMU3Model, FMU3Slave
+
+from aero_bayes.simulation.model import Model
+
+
+def _ignore(*_: Any) -> None:
+    """Take a log message and drop it."""
+
+
+class _NamesOfTwo:
+    """What FMI 3.0 calls otherwise."""
+
+    def setupExperiment(self, startTime: float = 0.0) -> None:
+        self._begin = startTime
+
+    def enterInitializationMode(self) -> None:
+        super().enterInitializationMode(startTime=self._begin)  # type: ignore[misc]
+
+    def setReal(self, references: list[int], values: list[float]) -> None:
+        self.setFloat64(references, values)  # type: ignore[attr-defined]
+
+    def getReal(self, references: list[int]) -> Any:
+        return self.getFloat64(references)  # type: ignore[attr-defined]
+
+    def getInteger(self, references: list[int]) -> Any:
+        return self.getInt32(references)  # type: ignore[attr-defined]
+
+    def newDiscreteStates(self) -> Any:
+        return self.updateDiscreteStates()  # type: ignore[attr-defined]
+
+    def getDerivatives(self, pointer: Any, size: int) -> None:
+        self.getContinuousStateDerivatives(pointer, size)  # type: ignore[attr-defined]
+
+
+class _Model3(_NamesOfTwo, FMU3Model):  # type: ignore[misc]
+    pass
+
+
+class _Slave3(_NamesOfTwo, FMU3Slave):  # type: ignore[misc]
+    def doStep(self, time: float, step: float) -> None:
+        _, stop, early, reached = super().doStep(time, step)
+        if stop or (early and reached < time + step):
+            raise RuntimeError("the FMU ended the step early")
+
+
+def open_fmu(model: Model, folder: Path) -> Any:
+    """Load and instantiate a model unpacked into a folder.
+
+    Returns
+    -------
+    FMPy's object for the FMU, with the methods of FMI 2.0.
+    """
+    slave = model.interface == "co-simulation"
+    kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
+    with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
+        fmu = kind[model.fmi_version, slave](
+            guid=model.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=model.identifier,
+            instanceName=model.identifier,
+            libraryPath=str(model.binary_in(folder)),
+        )
+    if model.fmi_version == 3:
+        fmu.instantiate(logMessage=_ignore)
+        return fmu
+    callbacks = fmi2CallbackFunctions()
+    callbacks.logger = fmi2CallbackLoggerTYPE(_ignore)
+    callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+    callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+    fmu.instantiate(callbacks=callbacks)
+    return fmu

@@ -1,0 +1,174 @@
+/* FMI 3.0 Model Exchange behind the functions of FMI 2.0 that the engine calls: the same ideas under other names, with
+ * lengths beside the values and with C's own booleans. Signatures follow "Functional Mock-up Interface 3.0", chapters 2
+ * and 3. */
+#include <dlfcn.h>
+#include <stdbool.h>
+
+#include "engine.h"
+
+typedef void *Instance;
+typedef void (*Log)(void *, int, const char *, const char *);
+
+typedef struct {
+    Instance instance;
+    double start;
+    Instance (*instantiate)(const char *, const char *, const char *, bool, bool, void *, Log);
+    void (*free_instance)(Instance);
+    int (*enter_initialization)(Instance, bool, double, double, bool, double);
+    int (*exit_initialization)(Instance), (*enter_event)(Instance), (*enter_continuous)(Instance), (*reset)(Instance);
+    int (*terminate)(Instance);
+    int (*get_float)(Instance, const fmi_reference *, size_t, double *, size_t);
+    int (*get_int)(Instance, const fmi_reference *, size_t, int32_t *, size_t);
+    int (*get_bool)(Instance, const fmi_reference *, size_t, bool *, size_t);
+    int (*set_float)(Instance, const fmi_reference *, size_t, const double *, size_t);
+    int (*update)(Instance, bool *, bool *, bool *, bool *, bool *, double *);
+    int (*completed)(Instance, bool, bool *, bool *);
+    int (*set_time)(Instance, double);
+    int (*set_states)(Instance, const double *, size_t);
+    int (*get_derivatives)(Instance, double *, size_t), (*get_indicators)(Instance, double *, size_t);
+    int (*get_states)(Instance, double *, size_t), (*get_nominals)(Instance, double *, size_t);
+    int (*directional)(Instance, const fmi_reference *, size_t, const fmi_reference *, size_t, const double *, size_t,
+                       double *, size_t);
+} Three;
+
+static void quiet(void *e, int status, const char *category, const char *message)
+{
+    (void)e, (void)status, (void)category, (void)message;
+}
+
+static fmi_component instantiate(const char *name, int type, const char *token, const char *resources,
+                                 const fmi_callbacks *c, fmi_boolean visible, fmi_boolean logging)
+{
+    Three *t = c->environment;
+    (void)type, (void)visible, (void)logging;
+    t->instance = t->instantiate(name, token, resources, false, false, NULL, quiet);
+    return t->instance ? t : NULL;
+}
+
+static void free_instance(fmi_component c) { ((Three *)c)->free_instance(((Three *)c)->instance); }
+
+static int setup(fmi_component c, fmi_boolean defined, double tolerance, double start, fmi_boolean ends, double end)
+{
+    (void)defined, (void)tolerance, (void)ends, (void)end;
+    ((Three *)c)->start = start;
+    return FMI_OK;
+}
+
+static int enter_initialization(fmi_component c)
+{
+    const Three *t = c;
+    return t->enter_initialization(t->instance, false, 0.0, t->start, false, 0.0);
+}
+
+#define PLAIN(name) \
+    static int name(fmi_component c) { return ((Three *)c)->name(((Three *)c)->instance); }
+PLAIN(exit_initialization)
+PLAIN(enter_event)
+PLAIN(enter_continuous)
+PLAIN(reset)
+PLAIN(terminate)
+
+#define VECTOR(name, type) \
+    static int name(fmi_component c, type *v, size_t n) { return ((Three *)c)->name(((Three *)c)->instance, v, n); }
+VECTOR(set_states, const double)
+VECTOR(get_derivatives, double)
+VECTOR(get_indicators, double)
+VECTOR(get_states, double)
+VECTOR(get_nominals, double)
+
+static int get_real(fmi_component c, const fmi_reference *vr, size_t n, double *v)
+{
+    return ((Three *)c)->get_float(((Three *)c)->instance, vr, n, v, n);
+}
+
+static int set_real(fmi_component c, const fmi_reference *vr, size_t n, const double *v)
+{
+    return ((Three *)c)->set_float(((Three *)c)->instance, vr, n, v, n);
+}
+
+static int get_integer(fmi_component c, const fmi_reference *vr, size_t n, int *v)
+{
+    return ((Three *)c)->get_int(((Three *)c)->instance, vr, n, v, n);
+}
+
+static int get_boolean(fmi_component c, const fmi_reference *vr, size_t n, int *v)
+{
+    int status = FMI_OK;
+    for (size_t i = 0; i < n && !worse(status); i++) {
+        bool b = false;
+        status = ((Three *)c)->get_bool(((Three *)c)->instance, vr + i, 1, &b, 1);
+        v[i] = b;
+    }
+    return status;
+}
+
+static int new_discrete(fmi_component c, fmi_event_info *info)
+{
+    bool again = false, stop = false, nominals = false, states = false, next = false;
+    const int status =
+        ((Three *)c)->update(((Three *)c)->instance, &again, &stop, &nominals, &states, &next, &info->next_event_time);
+    info->new_discrete_states_needed = again;
+    info->terminate_simulation = stop;
+    info->nominals_changed = nominals;
+    info->states_changed = states;
+    info->next_event_time_defined = next;
+    return status;
+}
+
+static int completed(fmi_component c, fmi_boolean keep, fmi_boolean *event, fmi_boolean *stop)
+{
+    bool enter = false, end = false;
+    const int status = ((Three *)c)->completed(((Three *)c)->instance, keep != 0, &enter, &end);
+    *event = enter;
+    *stop = end;
+    return status;
+}
+
+static int set_time(fmi_component c, double time) { return ((Three *)c)->set_time(((Three *)c)->instance, time); }
+
+static int directional(fmi_component c, const fmi_reference *unknown, size_t n_unknown, const fmi_reference *known,
+                       size_t n_known, const double *seed, double *out)
+{
+    return ((Three *)c)->directional(((Three *)c)->instance, unknown, n_unknown, known, n_known, seed, n_known, out,
+                                     n_unknown);
+}
+
+/* Fills f with these; not 0 where the library lacks a function. */
+int fmi3_bind(Fmu *f)
+{
+    Three *t = calloc(1, sizeof *t);
+    if (!t) return 1;
+    int bad = 0;
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi3" name, &t->where)
+    FIND(instantiate, "InstantiateModelExchange");
+    FIND(free_instance, "FreeInstance");
+    FIND(enter_initialization, "EnterInitializationMode");
+    FIND(exit_initialization, "ExitInitializationMode");
+    FIND(enter_event, "EnterEventMode");
+    FIND(enter_continuous, "EnterContinuousTimeMode");
+    FIND(reset, "Reset");
+    FIND(terminate, "Terminate");
+    FIND(get_float, "GetFloat64");
+    FIND(get_int, "GetInt32");
+    FIND(get_bool, "GetBoolean");
+    FIND(set_float, "SetFloat64");
+    FIND(update, "UpdateDiscreteStates");
+    FIND(completed, "CompletedIntegratorStep");
+    FIND(set_time, "SetTime");
+    FIND(set_states, "SetContinuousStates");
+    FIND(get_derivatives, "GetContinuousStateDerivatives");
+    FIND(get_indicators, "GetEventIndicators");
+    FIND(get_states, "GetContinuousStates");
+    FIND(get_nominals, "GetNominalsOfContinuousStates");
+#undef FIND
+    if (!fmu_symbol(f, "fmi3GetDirectionalDerivative", &t->directional)) f->directional = directional;
+    f->environment = t;
+    f->instantiate = instantiate, f->free_instance = free_instance, f->setup = setup;
+    f->enter_initialization = enter_initialization, f->exit_initialization = exit_initialization;
+    f->enter_event = enter_event, f->enter_continuous = enter_continuous, f->reset = reset, f->terminate = terminate;
+    f->get_real = get_real, f->set_real = set_real, f->get_integer = get_integer, f->get_boolean = get_boolean;
+    f->new_discrete = new_discrete, f->completed = completed, f->set_time = set_time;
+    f->set_states = set_states, f->get_derivatives = get_derivatives, f->get_indicators = get_indicators;
+    f->get_states = get_states, f->get_nominals = get_nominals;
+    return bad;
+}

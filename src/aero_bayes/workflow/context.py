@@ -1,0 +1,43 @@
+"""What a result says of the model as such: its structure, its signals, and the settings of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from aero_bayes.diagram import model_diagrams
+from aero_bayes.export import CATALOGUE, modelica_root
+from aero_bayes.workflow.job import Job
+
+Json = dict[str, Any]
+
+
+def context_part(job: Job, result: Mapping[str, Any]) -> Json:
+    """``diagrams``, ``signals``, ``words`` and ``settings`` of result.json.
+
+    ``result`` is what was found so far: whether a loop extended the model, and the ids of effects that it names.
+    """
+    variables = (*job.model.inputs, *job.model.states, *job.model.outputs)
+    return {
+        "diagrams": [diagram.model_dump() for diagram in _diagrams(job, result.get("loop") or {})],
+        "signals": {v.name: {"unit": v.unit, "description": v.description} for v in variables},
+        "words": _words(result) | dict(result.get("words") or {}),
+        "settings": job.config.model_dump(),
+    }
+
+
+def _words(result: Mapping[str, Any]) -> Json:
+    steps = (result.get("loop") or {}).get("steps", [])
+    named = [*(result.get("design") or {}).get("effects", []), *(c["id"] for step in steps for c in step["candidates"])]
+    return {id_: CATALOGUE[id_].summary for id_ in dict.fromkeys(named) if id_ in CATALOGUE}
+
+
+def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
+    files = []
+    if job.modelica:
+        written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
+        for source in (modelica_root(), *job.config.model.sources, *dict.fromkeys(written)):
+            files += sorted(source.rglob("*.mo")) if source.is_dir() else [source]
+    ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]
+    base = str(loop.get("base") or job.name)
+    return model_diagrams(job.model, base, files, extended=str(loop.get("model", "")), ports=ports)

@@ -1,0 +1,78 @@
+"""What a user may bring along, in some ten lines each: a terrain for the search, and a prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import closed_form
+import numpy as np
+import pytest
+from scipy.stats import gamma
+
+from aero_bayes.estimate import FitSettings, fit_calibration
+from aero_bayes.estimate.search import Ground, search
+
+
+def test_a_user_brings_a_terrain_of_his_own():
+    """Maximum likelihood of a Poisson rate whose logarithm is linear in x; the score vanishes there."""
+    x = np.linspace(-1.0, 1.0, 60)
+    counts = np.random.default_rng(1).poisson(np.exp(0.8 + 1.2 * x))
+    design = np.stack([np.ones(x.size), x], axis=1)
+
+    class PoissonRegression:
+        def look(self, point):
+            rate = np.exp(design @ point)
+            cost = float(rate.sum() - counts @ (design @ point))
+            return Ground(cost, design.T @ (rate - counts), design.T @ (design * rate[:, None]))
+
+        def renew(self, here):
+            return here
+
+    found = search(PoissonRegression(), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0))
+    assert found.reason.converged
+    np.testing.assert_allclose(design.T @ np.exp(design @ found.point), design.T @ counts, rtol=1e-4)
+
+
+@dataclass(frozen=True)
+class Gamma:
+    """A gamma prior between bounds: everything that a prior must have."""
+
+    shape: float
+    rate: float
+    lower: float = 0.0
+    upper: float = np.inf
+
+    def log_pdf(self, x):
+        law = gamma(self.shape, scale=1.0 / self.rate)
+        inside = (np.asarray(x) >= self.lower) & (np.asarray(x) <= self.upper)
+        return np.where(inside, law.logpdf(x) - np.log(law.cdf(self.upper) - law.cdf(self.lower)), -np.inf)
+
+    def derivatives(self, x):
+        return (self.shape - 1.0) / x - self.rate, -(self.shape - 1.0) / x**2
+
+    def sample(self, rng, size):
+        return np.clip(rng.gamma(self.shape, 1.0 / self.rate, size), self.lower, self.upper)
+
+    def bounded(self, lower, upper):
+        return Gamma(self.shape, self.rate, max(lower, self.lower), min(upper, self.upper))
+
+    def describe(self, unit):
+        return f"gamma of shape {self.shape:g} and rate {self.rate:g} per {unit}"
+
+
+def test_a_user_brings_a_prior_of_his_own():
+    """A level k with a gamma prior under known white noise: the mode is the root of a quadratic."""
+    rng = np.random.default_rng(2)
+    time = np.arange(40.0)
+    y = 2.0 + 3.0 * rng.standard_normal((time.size, 1))
+    items = [closed_form.parameter("k", 1.0, 0.01, 20.0, Gamma(9.0, 3.0))]
+    problem = closed_form.calibration([(time, y)], ["y"], items)
+    found = fit_calibration(
+        problem, lambda p: closed_form.FormulaSimulator(p, lambda t, v: v[0] + 0.0 * t[:, None]),
+        FitSettings(method="local"),
+    )  # fmt: skip
+    precision = time.size / found.noise["y"].sd_white ** 2
+    b = precision * y.mean() - 3.0
+    assert found.value("k") == pytest.approx((b + np.sqrt(b * b + 4.0 * precision * 8.0)) / (2.0 * precision), rel=2e-3)
+    assert found.value("k") > y.mean() + 0.02
+    assert found.parameters["k"].prior == "gamma of shape 9 and rate 3 per 1"

@@ -1,0 +1,176 @@
+"""Fits of formulas: against linear regression, scipy.optimize, and parameters known by construction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_form import FormulaSimulator, calibration, parameter
+from scipy.optimize import least_squares
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import (
+    FitSettings,
+    LogUniform,
+    NoiseModel,
+    Normal,
+    Status,
+    SwarmSettings,
+    Uniform,
+    fit_calibration,
+)
+
+T = np.linspace(0.0, 4.0, 120)
+SMALL = SwarmSettings(particles=16, iterations=30)
+
+
+def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return (v[0] + v[1] * t)[:, None]
+
+
+def decay(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+    first = v[0] * np.exp(-v[1] * t)
+    return np.stack([first, first * v[2] + v[3] * np.sin(v[4] * t)], axis=1)
+
+
+def test_linear_gaussian_posterior_is_the_closed_form() -> None:
+    rng = np.random.default_rng(11)
+    y = line(T, np.array([1.0, -0.5])) + 0.2 * rng.normal(size=(T.size, 1))
+    problem = calibration(
+        [(T, y)],
+        ["y"],
+        [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 0.5)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 0.3))],
+    )
+    found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(swarm=SMALL))
+    design = np.stack([np.ones_like(T), T], axis=1)
+    sd = found.noise["y"].sd_white
+    precision = design.T @ design / sd**2 + np.diag([1 / 0.5**2, 1 / 0.3**2])
+    mean = np.linalg.solve(precision, design.T @ y[:, 0] / sd**2)
+    np.testing.assert_allclose(found.values, mean, atol=3e-4)
+    covariance = found.laplace.covariance[:2, :2] * 18.0**2
+    np.testing.assert_allclose(covariance, np.linalg.inv(precision), rtol=2e-3)
+    assert found.laplace.sd[2] == pytest.approx(1 / np.sqrt(2 * T.size), rel=0.02)
+    assert found.cost_eq6 == pytest.approx(float(np.sum((y - line(T, mean)) ** 2)), rel=1e-4)
+
+
+def test_two_outputs_agree_with_scipy_at_the_same_weights() -> None:
+    rng = np.random.default_rng(12)
+    truth = np.array([2.0, 0.8, 0.5, 0.7, 3.0])
+    y = decay(T, truth) + np.array([0.02, 0.3]) * rng.normal(size=(T.size, 2))
+    y[rng.random(y.shape) < 0.1] = np.nan
+    names = ["A", "r", "g", "B", "w"]
+    items = [
+        parameter(n, v * 1.15, 0.05, 20.0, LogUniform(0.05, 20.0), "log") for n, v in zip(names, truth, strict=True)
+    ]
+    problem = calibration([(T, y)], ["one", "two"], items)
+    found = fit_calibration(problem, lambda p: FormulaSimulator(p, decay), FitSettings(method="local"))
+    weight = np.array([found.noise["one"].sd_white, found.noise["two"].sd_white])
+    seen = np.isfinite(y)
+    reference = least_squares(lambda v: ((decay(T, v) - y) / weight)[seen], truth, xtol=1e-14, ftol=1e-14)
+    np.testing.assert_allclose(found.values, reference.x, rtol=1e-3)
+    assert [s.stage.outputs for s in found.stages] == [("one",), ("two",), ("one", "two")]
+    assert found.reason.converged
+    errors = (found.values - truth) / (found.values * found.laplace.sd[:5])
+    assert np.all(np.abs(errors) < 4.5)
+    assert all(e.status is Status.IDENTIFIED for e in found.parameters.values())
+
+
+def test_swarm_finds_the_basin_that_a_local_search_misses() -> None:
+    def wave(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.sin(v[0] * t)[:, None]
+
+    rng = np.random.default_rng(13)
+    y = wave(T, np.array([7.0])) + 0.05 * rng.normal(size=(T.size, 1))
+    problem = calibration([(T, y)], ["y"], [parameter("w", 1.0, 0.1, 30.0, LogUniform(0.1, 30.0), "log")])
+    settings = FitSettings(swarm=SwarmSettings(particles=30, iterations=40))
+    alone = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), FitSettings(method="local"))
+    chain = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), settings)
+    assert abs(alone.values[0] - 7.0) > 1.0
+    assert chain.values[0] == pytest.approx(7.0, abs=0.02)
+
+
+def test_a_parameter_without_effect_is_unidentified_and_gets_no_error_bar() -> None:
+    def blind(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (v[0] * np.exp(-t) + 0.0 * v[1])[:, None]
+
+    rng = np.random.default_rng(14)
+    y = blind(T, np.array([2.0, 1.0])) + 0.1 * rng.normal(size=(T.size, 1))
+    items = [
+        parameter("A", 1.0, 0.1, 9.0, Uniform(0.1, 9.0)),
+        parameter("L_a", 0.3, 0.1, 9.0, LogUniform(0.1, 9.0), "log"),
+    ]
+    found = fit_calibration(
+        calibration([(T, y)], ["y"], items), lambda p: FormulaSimulator(p, blind), FitSettings(swarm=SMALL)
+    )
+    estimate = found.parameters["L_a"]
+    assert estimate.status is Status.UNIDENTIFIED
+    assert estimate.sd is None
+    assert estimate.q05 is None
+    assert estimate.value == 0.3
+    assert found.parameters["A"].sd is not None
+    assert "L_a" in found.identifiability.no_effect
+
+
+def test_sums_products_and_ratios_are_named() -> None:
+    def mixed(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        j_r, j_s, k_t, d_t, j_p = v
+        return np.stack([np.exp(-t / (j_r + j_s)), k_t * d_t / j_p * t], axis=1)
+
+    rng = np.random.default_rng(15)
+    truth = np.array([0.7, 0.4, 2.0, 0.5, 3.0])
+    y = mixed(T, truth) + 0.02 * rng.normal(size=(T.size, 2))
+    items = [
+        parameter(n, v, v / 9, v * 9, LogUniform(v / 9, v * 9), "log")
+        for n, v in zip(["J_r", "J_s", "k_t", "D_t", "J_p"], truth, strict=True)
+    ]
+    found = fit_calibration(
+        calibration([(T, y)], ["a", "b"], items), lambda p: FormulaSimulator(p, mixed), FitSettings(method="local")
+    )
+    assert {c.text for c in found.identifiability.combinations} == {"J_r + J_s", "k_t D_t / J_p"}
+
+
+def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
+    def two_speeds(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (1.0 - v[0] * np.exp(-t / 0.8) - 0.5 * np.exp(-t / v[1]))[:, None]
+
+    rng = np.random.default_rng(16)
+    for times, shown in ((np.linspace(0.0, 3.0, 600), True), (np.linspace(1.0, 3.0, 100), False)):
+        y = two_speeds(times, np.array([0.5, 0.02])) + 0.01 * rng.normal(size=(times.size, 1))
+        items = [
+            parameter("A", 0.4, 0.1, 9.0, Uniform(0.1, 9.0)),
+            parameter("L_a", 0.03, 0.003, 0.3, LogUniform(0.003, 0.3), "log", auto=True),
+        ]
+        found = fit_calibration(
+            calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(swarm=SMALL)
+        )
+        assert (found.parameters["L_a"].sd is not None) == shown
+        assert found.parameters["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
+
+
+def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
+    rng = np.random.default_rng(17)
+    t = np.arange(900) * 0.01
+    x = np.zeros(t.size)
+    for k in range(1, t.size):
+        x[k] = 0.98 * x[k - 1] + 0.04 * rng.normal()
+    y = (1.0 + 0.2 * t + x + 0.02 * rng.normal(size=t.size))[:, None]
+    items = [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 3.0))]
+    results = {}
+    for kind in ("white", "auto"):
+        problem = calibration([(t, y)], ["y"], items, NoiseModel(kind))
+        results[kind] = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(method="local"))
+    assert results["auto"].noise["y"].held
+    assert results["auto"].spread is not None
+    assert results["white"].spread is None
+    np.testing.assert_allclose(results["auto"].values, results["white"].values, atol=1e-4)
+    assert results["auto"].parameters["a"].sd > 3 * results["white"].parameters["a"].sd
+    assert results["auto"].warnings
+    assert "y" in results["auto"].warnings[0]
+    assert results["white"].warnings
+
+
+def test_a_model_that_never_runs_is_said_in_one_line() -> None:
+    problem = calibration([(T, T[:, None])], ["y"], [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0))])
+    with pytest.raises(CannotFinishError, match="not a finite number"):
+        fit_calibration(
+            problem, lambda p: FormulaSimulator(p, lambda t, v: t[:, None] * np.nan), FitSettings(swarm=SMALL)
+        )

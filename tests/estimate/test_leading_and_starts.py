@@ -1,0 +1,149 @@
+"""A cheap problem leads to the valley of the full one, and starts of states that no one measured are found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings, FitSettings, Override, calibrate, fit, parameters_from_model
+from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.coarse import leading
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.simulation import open_simulator
+
+PENDULUM = """
+model Swinging "A lightly damped oscillator under a force"
+  parameter Real w(min = 0.5, max = 20) = 2 "Angular frequency";
+  input Real u;
+  output Real x = s;
+  Real s(start = 3, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(s) = v;
+  der(v) = u - w * w * s - 0.05 * v;
+end Swinging;
+"""
+TANKS = """
+model Tanks "Two tanks in series; the level of the second is read"
+  parameter Real k1(min = 0.01, max = 10) = 0.5 "Outflow of the first per level";
+  parameter Real k2(min = 0.01, max = 10) = 0.8 "Outflow of the second per level";
+  input Real q;
+  output Real level = h2;
+  Real h1(start = 0.5, fixed = true) "Level of the first tank";
+  Real h2(start = 0.2, fixed = true) "Level of the second tank";
+equation
+  der(h1) = q - k1 * h1;
+  der(h2) = k1 * h1 - k2 * h2;
+end Tanks;
+"""
+
+
+def driven(a, b, start, force, interval):
+    """Exact response of a linear system to a force (n,) that is held between samples: states (n, 2)."""
+    system = (np.array(a), np.array(b)[:, None], np.eye(2), np.zeros((2, 1)))
+    ad, bd, *_ = cont2discrete(system, interval)
+    out = [np.array(start)]
+    for u in force[:-1]:
+        out.append(ad @ out[-1] + bd[:, 0] * u)
+    return np.array(out)
+
+
+def swinging(w, force, interval):
+    return driven([[0.0, 1.0], [-w * w, -0.05]], [0.0, 1.0], [3.0, 0.0], force, interval)[:, 0]
+
+
+SAMPLES, INTERVAL = 150, 0.02
+TIME = np.arange(3000) * INTERVAL
+#: Name: frequency, a force that changes at every sample, whether its averages will do.
+FORCES = {
+    "slow": (1.5, sum(np.sin(f * TIME + f) for f in (0.3, 0.8, 1.1)), True),
+    "rough": (8.0, 60.0 * np.sign(np.sin(1e3 * TIME**2 + 0.5)) * (1.0 + 0.1 * np.cos(TIME)), False),
+}
+
+
+@pytest.mark.parametrize("kind", FORCES)
+def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
+    w, force, averaged = FORCES[kind]
+    readings = swinging(w, force, INTERVAL) + 0.02 * np.random.default_rng(3).standard_normal(TIME.size)
+    model = modelica(PENDULUM)
+    calibration = calibrate(
+        [Recording("swing", TIME, {"u": force}, {"x": readings})], model,
+        parameters_from_model(model, overrides={"w": Override()}),
+        settings=CalibrationSettings(delay="none", resting=()),
+    )  # fmt: skip
+    assert np.all(np.diff(force) != 0.0)
+
+    with open_simulator(calibration.problem(), workers=0) as simulator:
+        cheap = leading(calibration, simulator, SAMPLES)
+        (full,), (few,) = calibration.experiments, cheap.experiments
+        assert bool(few.time[-1] > 0.9 * TIME[-1]) is averaged
+        assert few.time.size <= 3 * SAMPLES
+        # What a simulation costs is the number of times at which its input jumps.
+        assert few.inputs[0].time.size <= 0.2 * full.inputs[0].time.size
+
+        grid = np.geomspace(0.55, 18.0, 400)
+        with open_simulator(cheap.problem(), workers=0) as small:
+            residuals = Objective(cheap, small).residuals(cheap.parameters.to_search(grid[:, None]))
+        costs = np.array([float(r[0] @ r[0]) for r in residuals])
+        valleys = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
+        assert valleys.size > 3
+
+        objective = Objective(calibration, simulator)
+        white = ClimbSettings(kinds={"x": "white"})
+        ends = [
+            calibration.parameters.from_search(
+                climb(objective, calibration.parameters.to_search(grid[[k]]), (0,), settings=white).coordinates
+            )[0]
+            for k in valleys[np.argsort(costs[valleys])[:3]]
+        ]
+    assert ends[0] == pytest.approx(w, rel=1e-3)
+    assert all(abs(end / w - 1.0) > 1e-2 for end in ends[1:])
+
+
+def test_few_changes_of_the_input_are_left_as_they_are(modelica):
+    model = modelica(PENDULUM)
+    force = np.repeat([1.0, -1.0, 2.0], 1000)
+    calibration = calibrate(
+        [Recording("swing", TIME, {"u": force}, {"x": np.cos(TIME)})], model,
+        parameters_from_model(model, overrides={"w": Override()}),
+        settings=CalibrationSettings(delay="none", resting=()),
+    )  # fmt: skip
+    with open_simulator(calibration.problem(), workers=0) as simulator:
+        cheap = leading(calibration, simulator, SAMPLES)
+    assert cheap.experiments[0].inputs == calibration.experiments[0].inputs
+    assert cheap.experiments[0].time.size == SAMPLES
+
+
+def test_starts_of_states_that_no_one_measured_are_found(modelica):
+    """Of two tanks in series only the second is read; both start elsewhere than the model says, each time anew."""
+    k1, k2, interval = 0.4, 1.1, 0.05
+    time = np.arange(600) * interval
+    inflow = np.repeat([0.5, 0.0, 1.0, 0.2], 150)
+    rng = np.random.default_rng(8)
+    starts = {"one": (1.5, 0.8), "two": (0.1, 0.4)}
+    recordings = [
+        Recording(
+            name, time, {"q": inflow},
+            {"level": driven([[-k1, 0.0], [k1, -k2]], [1.0, 0.0], start, inflow, interval)[:, 1]
+             + 0.01 * rng.standard_normal(time.size)},
+        )
+        for name, start in starts.items()
+    ]  # fmt: skip
+    model = modelica(TANKS)
+    parameters = parameters_from_model(model, overrides={"k1": Override(), "k2": Override()})
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", start="estimated"))
+    found = fit(recordings, model, parameters=parameters, settings=settings, workers=0)
+    assert found.warnings == ()
+    truth = {"k1": k1, "k2": k2}
+    for name, (first, second) in starts.items():
+        truth |= {f"h1_start[{name}]": first, f"level_start[{name}]": second}
+    assert set(truth) <= set(found.parameters)
+    for name, value in truth.items():
+        estimate = found.parameters[name]
+        assert abs(estimate.value - value) < 4.5 * estimate.sd, name
+        assert estimate.sd < 0.03, name
+    # Held at the model's own start instead, the first tank spoils the fit.
+    blind = FitSettings(method="local", calibration=CalibrationSettings(delay="none"))
+    assert fit(recordings, model, parameters=parameters, settings=blind, workers=0).rms["level"] > 2.0 * 0.01

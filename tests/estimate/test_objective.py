@@ -1,0 +1,112 @@
+"""Both ways to the objective agree: reduced inside the engine, and as whitened residuals with slopes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings, LogNormal, Normal, OutputNoise, Parameter, ParameterSet, calibrate
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.simulation import ParameterTarget, SolverSettings, open_simulator
+
+RINGING = """
+model Ringing "A damped oscillator"
+  parameter Real w(min = 0.1, max = 50) = 6 "Angular frequency";
+  parameter Real d(min = 0, max = 10) = 0.4 "Damping";
+  parameter Real c(min = -10, max = 10) = 0.2 "Offset of the second output";
+  output Real x = s;
+  output Real y = 3 * v + c;
+  Real s(start = 1, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(s) = v;
+  der(v) = -w * w * s - d * v;
+end Ringing;
+"""
+NOISES = {
+    "white": OutputNoise(0.1),
+    "brief": OutputNoise(0.1, 0.3, 0.05),
+    "slow": OutputNoise(0.3, 0.1, 2.0),
+    "faint": OutputNoise(0.2, 0.05, 0.004),
+}
+REL = 1e-9
+
+
+def recordings(sampling: str) -> list[Recording]:
+    rng = np.random.default_rng(7)
+    found = []
+    for name, n in (("a", 300), ("b", 200)):
+        time = np.sort(rng.uniform(0.0, 3.0, n)) if sampling == "uneven" else np.arange(n) * 0.01
+        outputs = {"x": np.cos(6.0 * time), "y": -18.0 * np.sin(6.0 * time)}
+        outputs = {o: y + 0.3 * rng.standard_normal(n) for o, y in outputs.items()}
+        if sampling == "gaps":
+            outputs["x"][40:90] = np.nan
+            outputs["x"][n - 30 :: 7] = np.nan
+            outputs["y"][rng.random(n) < 0.3] = np.nan
+        found.append(Recording(name, time, {}, outputs))
+    return found
+
+
+@pytest.fixture(scope="module")
+def objectives(modelica):
+    """An objective for each sampling."""
+    parameters = ParameterSet(
+        (
+            Parameter("w", "1", 5.7, 0.1, 50.0, LogNormal(6.0, 0.3), "log", "", ParameterTarget("w")),
+            Parameter("d", "1", 0.5, 0.0, 10.0, Normal(0.4, 1.0), "linear", "", ParameterTarget("d")),
+            Parameter("c", "1", 0.1, -10.0, 10.0, Normal(0.0, 1.0), "linear", "", ParameterTarget("c")),
+        )
+    )
+    settings = CalibrationSettings(delay="none", resting=(), solver=SolverSettings(1e-8, 1e-8))
+    opened = {}
+    for sampling in ("even", "gaps", "uneven"):
+        calibration = calibrate(recordings(sampling), modelica(RINGING), parameters, settings=settings)
+        opened[sampling] = Objective(calibration, open_simulator(calibration.problem(), workers=0))
+    yield opened
+    for objective in opened.values():
+        objective.simulator.close()
+
+
+@pytest.mark.parametrize("kind", NOISES)
+@pytest.mark.parametrize("sampling", ["even", "gaps", "uneven"])
+def test_engine_and_whitened_residuals_agree(objectives, sampling, kind):
+    objective, noise = objectives[sampling], {"x": NOISES[kind], "y": NOISES["brief" if kind == "white" else "white"]}
+    parameters = objective.parameters
+    x = parameters.to_search(parameters.start)
+    values = parameters.from_search(x)[None]
+    active = (0, 1, 2)
+
+    plain = objective.evaluate(x)
+    by_recording = objective.log_likelihood(values, objective.noise_rows(noise))[0]
+    assert objective.whiten(plain.residual, None, noise).log_likelihood == pytest.approx(by_recording.sum(), rel=REL)
+
+    found = objective.evaluate(x, active)
+    white = objective.whiten(found.residual, found.slopes, noise)
+    reduced = objective.gauss_newton(values, objective.noise_rows(noise), active)
+    scale = parameters.jacobian(values[0])
+    assert white.log_likelihood == pytest.approx(reduced.log_likelihood[0], rel=REL)
+    gradient, curvature = -white.slopes @ white.residual, white.slopes @ white.slopes.T
+    size = np.sqrt(np.diag(curvature))
+    np.testing.assert_allclose(
+        gradient / size, reduced.gradient[0] * scale / size, rtol=REL, atol=REL * np.linalg.norm(white.residual)
+    )
+    np.testing.assert_allclose(
+        curvature / np.outer(size, size), reduced.hessian[0] * np.outer(scale, scale) / np.outer(size, size), atol=REL
+    )
+
+
+def test_outputs_that_a_part_leaves_out_do_not_count(objectives):
+    """A part of one output has the slopes and the curvature of that output alone, both ways."""
+    whole = objectives["gaps"]
+    part = whole.part(["y"])
+    x = whole.parameters.to_search(whole.parameters.start)
+    noise = {"x": NOISES["slow"], "y": NOISES["brief"]}
+    assert part.readings == np.isfinite(np.concatenate(whole.calibration.measured)[:, 1]).sum()
+    found = part.evaluate(x, (0, 1, 2))
+    white = part.whiten(found.residual, found.slopes, noise)
+    values = whole.parameters.from_search(x)
+    scale = whole.parameters.jacobian(values)
+    reduced = part.gauss_newton(values[None], part.noise_rows(noise), (0, 1, 2))
+    np.testing.assert_allclose(white.slopes @ white.slopes.T, reduced.hessian[0] * np.outer(scale, scale), rtol=1e-6)
+    assert part.simulations == whole.simulations

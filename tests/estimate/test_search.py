@@ -1,0 +1,145 @@
+"""The bounded local search against SciPy's and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares, lsq_linear
+
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Stop, bounded_step, search
+
+
+def test_bounded_step_agrees_with_bvls() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        p = int(rng.integers(1, 8))
+        a = rng.normal(size=(p + 3, p))
+        b = rng.normal(size=p + 3) * 3.0
+        low, high = -rng.exponential(0.5, p), rng.exponential(0.5, p)
+        low[rng.random(p) < 0.2] = 0.0
+        high[rng.random(p) < 0.2] = 1e-9
+        step = bounded_step(a.T @ a, a.T @ b, low, high)
+        reference = lsq_linear(a, -b, bounds=(low, high), method="bvls", tol=1e-14).x
+        np.testing.assert_allclose(a @ step, a @ reference, atol=1e-7)
+        assert np.all((step >= low) & (step <= high))
+
+
+def rosenbrock(x: np.ndarray) -> np.ndarray:
+    return np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0], 0.3 * (x[2] - x[0] * x[1])])
+
+
+def rosenbrock_jacobian(x: np.ndarray) -> np.ndarray:
+    return np.array([[-20.0 * x[0], 10.0, 0.0], [-1.0, 0.0, 0.0], [-0.3 * x[1], -0.3 * x[0], 0.3]])
+
+
+def ground(point: np.ndarray) -> Ground:
+    r, j = rosenbrock(point), rosenbrock_jacobian(point)
+    return Ground(0.5 * float(r @ r), j.T @ r, j.T @ j)
+
+
+TIGHT = LocalSettings(max_iterations=200, tolerance=1e-20, relative_tolerance=0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [([-5.0] * 3, [5.0] * 3), ([-5.0, -5.0, -5.0], [0.7, 5.0, 5.0]), ([-1.5, 0.2, -0.5], [0.8, 0.5, 0.1])],
+)
+def test_agrees_with_scipy_trust_region_reflective(low: list[float], high: list[float]) -> None:
+    low, high = np.array(low), np.array(high)
+    rng = np.random.default_rng(2)
+    starts = low + rng.random((6, 3)) * (high - low)
+    found = min((search(Plain(ground), s, low, high, TIGHT) for s in starts), key=lambda f: f.cost)
+    reference = [least_squares(rosenbrock, s, rosenbrock_jacobian, (low, high), xtol=1e-15, gtol=1e-15) for s in starts]
+    best = min(reference, key=lambda r: r.cost)
+    assert found.cost <= best.cost + 1e-9
+    np.testing.assert_allclose(found.point, best.x, atol=2e-5)
+    assert found.reason.converged
+
+
+def test_a_bounded_quadratic_ends_at_its_closed_form() -> None:
+    """With a diagonal curvature the minimum in a box is the free minimum, clipped; one step is enough."""
+    target, weight = np.array([3.0, -0.4, -2.0, 0.1]), np.array([1e-4, 1.0, 30.0, 1e6])
+
+    def bowl(x: np.ndarray) -> Ground:
+        return Ground(0.5 * float(weight @ (x - target) ** 2), weight * (x - target), np.diag(weight))
+
+    low, high = np.full(4, -1.0), np.array([1.0, 1.0, 1.0, 0.05])
+    found = search(Plain(bowl), np.array([-5.0, 0.0, 0.5, 0.0]), low, high, TIGHT)
+    np.testing.assert_allclose(found.point, np.clip(target, low, high), atol=1e-7)
+    assert found.reason.converged
+    assert found.evaluations <= 8
+
+
+def test_failures_are_walls_and_a_failed_start_is_said() -> None:
+    walls = []
+
+    def walled(point: np.ndarray) -> Ground | None:
+        if point[0] > 0.5:
+            walls.append(point)
+            return None
+        return ground(point)
+
+    low, high = np.full(3, -3.0), np.full(3, 3.0)
+    found = search(Plain(walled), np.zeros(3), low, high)
+    assert walls
+    assert found.evaluations > len(walls)
+    # Next to the wall, where the valley's floor ends.
+    assert 0.45 < found.point[0] <= 0.5
+    np.testing.assert_allclose(found.point[1], found.point[0] ** 2, atol=0.02)
+    failed = search(Plain(walled), np.ones(3), low, high)
+    assert failed.reason is Stop.FAILED_START
+    assert failed.ground is None
+    assert failed.cost == np.inf
+    np.testing.assert_array_equal(failed.point, np.ones(3))
+
+
+def test_a_start_outside_is_brought_inside_and_no_look_leaves_the_box() -> None:
+    seen = []
+
+    def watched(point: np.ndarray) -> Ground:
+        seen.append(point.copy())
+        return ground(point)
+
+    low, high = np.array([-0.5, 0.1, 0.0]), np.array([0.6, 0.3, 0.0])
+    found = search(Plain(watched), np.full(3, 9.0), low, high, TIGHT)
+    assert np.all((np.array(seen) >= low) & (np.array(seen) <= high))
+    assert found.point[2] == 0.0
+    reference = least_squares(
+        lambda x: rosenbrock(np.array([*x, 0.0])), [0.5, 0.2], bounds=(low[:2], high[:2]), xtol=1e-15, gtol=1e-15
+    )
+    assert found.cost <= reference.cost + 1e-9
+    np.testing.assert_allclose(found.point[:2], reference.x, atol=2e-5)
+
+
+def test_a_column_without_effect_stays_where_it_is() -> None:
+    def blind(point: np.ndarray) -> Ground:
+        full = ground(point[:3])
+        return Ground(full.cost, np.append(full.gradient, 0.0), np.pad(full.hessian, ((0, 1), (0, 1))))
+
+    found = search(Plain(blind), np.array([-1.0, 1.0, 0.0, 0.25]), np.full(4, -3.0), np.full(4, 3.0))
+    assert found.point[3] == 0.25
+    np.testing.assert_allclose(found.point[:3], 1.0, atol=1e-4)
+
+
+def test_a_terrain_that_is_surveyed_anew_is_followed_to_where_both_rest() -> None:
+    """Mean and width of a normal sample by turns: the ground descends over the mean, each survey renews the width."""
+    sample = np.random.default_rng(3).normal(2.0, 0.7, 50)
+
+    class Sample:
+        sd = 10.0
+
+        def look(self, point: np.ndarray) -> Ground:
+            z = (sample - point[0]) / self.sd
+            cost = 0.5 * float(z @ z) + sample.size * np.log(self.sd)
+            self.at = point
+            return Ground(cost, np.array([-z.sum() / self.sd]), np.array([[sample.size / self.sd**2]]))
+
+        def renew(self, here: Ground) -> Ground:
+            self.sd = float(np.sqrt(np.mean((sample - self.at[0]) ** 2)))
+            return self.look(self.at)
+
+    terrain = Sample()
+    found = search(terrain, np.array([-4.0]), np.array([-9.0]), np.array([9.0]))
+    assert found.point[0] == pytest.approx(sample.mean(), abs=1e-3)
+    assert terrain.sd == pytest.approx(sample.std(), rel=1e-3)
+    assert found.reason.converged

@@ -1,0 +1,114 @@
+"""Climbs and the choice between effects on a linear model, whose posterior and evidence have closed forms."""
+
+from __future__ import annotations
+
+import closed_form
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.priors import Normal
+from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.loop.attribute import Candidate, select, threshold
+from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
+
+TIME = np.arange(600) * 0.05
+#: Response to each parameter: two of the base, three of effects (the last is a twin of the first effect).
+BASIS = np.stack(
+    [np.ones(600), TIME / 30.0, np.sin(TIME), np.sign(np.sin(1.7 * TIME)), np.sin(TIME) + 1e-9 * np.cos(TIME)]
+)
+NOISE = OutputNoise(0.3, 0.2, 0.5)
+EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+
+
+class LinearSimulator:
+    """Answers ``y = BASIS' p`` with exact sensitivities: a second implementation of the simulators' contract."""
+
+    def __init__(self, measured):
+        self.problem = Problem(None, (Experiment(TIME, ("y",), measured=measured[:, None]),), ((None,) * 5,))
+
+    def simulate(self, values, *, active=None):
+        outputs = (values @ BASIS)[:, :, None]
+        slopes = None
+        if active is not None:
+            slopes = (np.repeat(BASIS[list(active)].T[None, :, None, :], len(values), axis=0),)
+        return Trajectories((outputs,), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+
+    def close(self):
+        pass
+
+
+def parameter(name):
+    return Parameter(name, "1", 0.0, -50.0, 50.0, Normal(0.0, 3.0), "linear", "", ParameterTarget(name))
+
+
+def covariance():
+    apart = np.abs(TIME[:, None] - TIME[None, :])
+    return NOISE.sd_white**2 * np.eye(600) + NOISE.sd_ou**2 * np.exp(-apart / NOISE.tau)
+
+
+def study(truth, seed):
+    rng = np.random.default_rng(seed)
+    noise = np.linalg.cholesky(covariance()) @ rng.normal(size=600)
+    measured = np.asarray(truth) @ BASIS + noise
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
+    return Objective(problem, LinearSimulator(measured))
+
+
+def candidates():
+    return [
+        Candidate("sine", "one", (2,), ((1.0,), (-1.0,))),
+        Candidate("square", "two", (3,), ((1.0,), (-1.0,))),
+        Candidate("twin", "three", (4,), ((1.0,), (-1.0,))),
+    ]
+
+
+def test_climb_has_the_exact_posterior_and_evidence():
+    held = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
+    found = climb(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)
+    design, inner = BASIS[:2], np.linalg.inv(covariance())
+    precision = design @ inner @ design.T + np.eye(2) / 9.0
+    measured = held.series[0].measured
+    mean = np.linalg.solve(precision, design @ inner @ measured)
+    values = held.parameters.from_search(found.coordinates)[:2]
+    np.testing.assert_allclose(values, mean, rtol=1e-3, atol=2e-3 * np.sqrt(1 / precision[0, 0]))
+    np.testing.assert_allclose(found.covariance * 100.0**2, np.linalg.inv(precision), rtol=1e-4)
+    evidence = multivariate_normal(np.zeros(600), covariance() + 9.0 * design.T @ design).logpdf(measured)
+    assert found.reason.converged
+    assert found.log_evidence == pytest.approx(evidence, abs=0.05)
+
+
+def test_the_missing_effect_is_chosen_and_its_twin_reported():
+    held = study([1.0, 2.0, 0.6, 0.0, 0.0], 2)
+    base = climb(held, np.zeros(5), (0, 1))
+    found = select(held, base, candidates(), AttributeSettings(), ClimbSettings())
+    assert len(found.effects) == 1
+    assert set(found.equivalent[0]) == {"sine", "twin"}
+    assert found.rounds[0].scores[2].candidate.id == "square"
+
+
+def test_two_missing_effects_are_both_found():
+    held = study([1.0, 2.0, 0.0, 0.5, 0.7], 3)
+    base = climb(held, np.zeros(5), (0, 1))
+    found = select(held, base, candidates(), AttributeSettings(), ClimbSettings())
+    assert {effect.id for effect in found.effects} in ({"square", "sine"}, {"square", "twin"})
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    names = 0
+    for seed in range(8):
+        held = study([1.0, 2.0, 0.0, 0.0, 0.0], 100 + seed)
+        base = climb(held, np.zeros(5), (0, 1))
+        names += bool(select(held, base, candidates(), AttributeSettings(), ClimbSettings()).effects)
+    assert names == 0
+
+
+def test_threshold_pays_for_every_candidate():
+    settings = AttributeSettings(margin=4.0)
+    assert threshold(18, settings) == pytest.approx(4.0 + np.log(18.0))
+    assert threshold(1, settings) == 4.0

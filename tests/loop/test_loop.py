@@ -1,0 +1,100 @@
+"""The whole loop on recordings of the simulated bench: a small fixed part of the blind trial."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aero_bayes.bench import effect, random_levels, real, simulate_recording, white
+from aero_bayes.bench.truth import Parameters, Truth
+from aero_bayes.errors import InputError
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+
+SETTINGS = LoopSettings(attribute=AttributeSettings(max_effects=2))
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory):
+    return tmp_path_factory.mktemp("loop-fmus")
+
+
+def recordings(seed, sensors, delay, *effects, duration=30.0):
+    rng = np.random.default_rng(seed)
+    truth = Truth("one_dof", Parameters().scaled({"R_a": 1.08, "k_t": 0.93, "D_p": 1.1}), effects, delay)
+    return [
+        simulate_recording(truth, random_levels(rng, 20.0, duration), sensors, stream, duration=duration, name=name)
+        for name, stream in zip(("train", "test"), rng.spawn(2), strict=True)
+    ]
+
+
+def test_friction_is_found_written_and_judged(fmus, tmp_path):
+    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
+    found = close_loop([train], [test], settings=SETTINGS, workers=0, cache=fmus, out_dir=tmp_path)
+    assert found.outcome == "extended"
+    assert [e.id for e in found.effects] == ["pivot_coulomb_friction"]
+    (parameter,) = found.effects[0].parameters
+    assert parameter.value == pytest.approx(8e-4, abs=5 * parameter.sd + 8e-6)
+    source = (tmp_path / "OneDof_pivot_coulomb_friction.mo").read_text()
+    assert "extends Aero.Systems.OneDof" in source
+    assert source == found.modelica
+    assert found.after.test["test", "theta"].rms < 1.05 * 2e-3
+    assert found.before.test["test", "theta"].rms > 2.0 * found.after.test["test", "theta"].rms
+    assert found.ports[0] in ("body", "thrust")
+    told = found.to_dict()
+    assert told["effects"][0]["modelica"] == "OneDof_pivot_coulomb_friction.mo"
+    assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
+    assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
+    assert found.series({r.name: r.time for r in (train, test)})["after/test/theta"].shape == test.time.shape
+    assert abs(found.effects[0].width_influence) < 3.0
+
+
+def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
+    truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
+    train, test = recordings(15, white(1.0), 0.0, truth)
+    settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
+    found = close_loop([train], [test], settings=settings, workers=0, cache=fmus, out_dir=tmp_path)
+    assert [e.id for e in found.effects] == ["pivot_presliding_friction"]
+    torque, angle, _ = found.effects[0].parameters
+    assert torque.value == pytest.approx(9e-4, abs=5 * torque.sd + 2e-5)
+    assert angle.value == pytest.approx(9e-4 / 0.15, abs=5 * angle.sd + 2e-4)
+    assert "in place of pivot_coulomb_friction" in found.rounds[-1].why
+    assert "PivotPreslidingFriction" in found.modelica
+    assert found.after.test["test", "theta"].rms < 1.1 * 2e-3
+
+
+def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
+    train, _ = recordings(12, real(1.0), 0.006)
+    found = close_loop([train], settings=SETTINGS, workers=0, cache=fmus, out_dir=tmp_path)
+    assert found.outcome == "adequate"
+    assert found.effects == ()
+    assert set(found.before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
+    assert "adequate" in found.sentence
+    assert not list(tmp_path.glob("*.mo"))
+
+
+def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
+    rng = np.random.default_rng(13)
+    quiet = simulate_recording(
+        Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=5e-4),)),
+        random_levels(rng, 1e-3, 8.0), white(1.0), rng, duration=8.0, rate_hz=50.0, name="quiet",
+    )  # fmt: skip
+    found = close_loop([quiet], settings=SETTINGS, workers=0, cache=fmus)
+    assert found.outcome == "adequate"
+    assert found.effects == ()
+    assert "adequate for these recordings: no candidate gains" in found.sentence
+    tried = found.to_dict()["steps"][0]["candidates"]
+    assert "pivot_coulomb_friction" in {c["id"] for c in tried}
+    assert max(c["delta_evidence"] for c in tried) < 3.0
+    assert found.before.test["quiet", "theta"].rms == pytest.approx(2e-3, rel=0.3)
+
+
+def test_bad_requests_are_refused(fmus):
+    with pytest.raises(InputError, match="at least one"):
+        close_loop([], cache=fmus)
+    train, _ = recordings(14, white(1.0), 0.0, duration=6.0)
+    with pytest.raises(InputError, match="held_out is 0; expected"):
+        close_loop([train], settings=LoopSettings(held_out=0.0), cache=fmus)
+    with pytest.raises(InputError, match="unknown effect 'magic'"):
+        close_loop([train], settings=LoopSettings(effects=("magic",)), cache=fmus)

@@ -1,0 +1,80 @@
+"""Runs side by side."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from aero_bayes.cli import main
+from aero_bayes.errors import InputError
+from aero_bayes.report import write_comparison
+
+
+@pytest.fixture(scope="module")
+def page(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("c") / "c.html").read_text(
+        "utf-8"
+    )
+
+
+def rows_of(page: str, caption: str) -> dict[str, list[str]]:
+    """Cells of a table by the first of their row."""
+    table = next(t for t in re.findall(r"<table>.*?</table>", page, re.DOTALL) if f"<caption>{caption}" in t)
+    cells = [[re.sub(r"<small>.*?</small>|<[^>]*>", "", c) for c in re.findall(r"<t[dh][^>]*>.*?</t[dh]>", row)]
+             for row in re.findall(r"<tr.*?</tr>", table)]  # fmt: skip
+    return {row[0]: row[1:] for row in cells[1:]}
+
+
+def test_errors_are_those_of_the_series(runs: Path, page: str) -> None:
+    rows = [re.findall(r">([^<>]+)<", row) for row in re.findall(r"<tr.*?</tr>", page) if ">train<" in row]
+    for k, kind in enumerate(("loop", "posterior")):
+        with np.load(runs / kind / "series.npz") as series:
+            left = series["measured/train/theta"] - series["fitted/train/theta"]
+        row = next(row for row in rows if "θ" in row)
+        assert float(row[-2 + k]) == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=6e-3)
+
+
+def test_only_what_differs_is_listed_of_the_settings(runs: Path, page: str) -> None:
+    shown = rows_of(page, "Settings that differ")
+    assert shown["command"] == ["close-loop", "posterior"]
+    settings = [
+        json.loads((runs / kind / "result.json").read_text("utf-8"))["settings"] for kind in ("loop", "posterior")
+    ]
+    assert settings[0]["parameters"] != settings[1]["parameters"]
+    assert any(key.startswith("parameters.K_sp") for key in shown)
+    assert settings[0]["fit"] == settings[1]["fit"]
+    assert not any(key.startswith(("fit.", "versions.", "seed")) for key in shown)
+
+
+def test_residuals_of_both_lie_over_each_other_and_intervals_side_by_side(page: str) -> None:
+    figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
+    assert any("Values and 90 % intervals of" in figure for figure in figures)
+    over = next(figure for figure in figures if 'data-link="train"' in figure)
+    assert {"loop|measured/train/theta", "posterior|measured/train/theta"} <= set(re.findall(r"(\w+\|[\w/]+)", over))
+
+
+def test_the_command_names_what_it_wrote(runs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "page.html"
+    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert str(out) in result.output.replace("\n", "")
+
+
+def test_runs_of_one_name_are_told_apart_and_one_run_alone_is_refused(runs: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name / "run").mkdir(parents=True)
+        shutil.copy(runs / "loop" / "result.json", tmp_path / name / "run")
+    page = write_comparison([tmp_path / "a" / "run", tmp_path / "b" / "run"], tmp_path / "p.html").read_text("utf-8")
+    assert "a/run against b/run" in page
+    assert "All settings are the same." in page
+    with pytest.raises(InputError, match="expected 2 to 6"):
+        write_comparison([runs / "loop"], tmp_path / "q.html")
+    with pytest.raises(InputError, match="given twice"):
+        write_comparison([runs / "loop", runs / "loop"], tmp_path / "q.html")
+    assert not (tmp_path / "q.html").exists()

@@ -1,0 +1,41 @@
+"""result.json as the program writes it, against the classes that describe it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from aero_bayes.schema import RunResult, undeclared
+from aero_bayes.workflow.results import write_result
+
+
+@pytest.mark.parametrize("kind", ["loop", "posterior"])
+def test_every_key_that_a_run_writes_is_declared_and_read_back_unchanged(runs: Path, kind: str, tmp_path: Path) -> None:
+    written = json.loads((runs / kind / "result.json").read_text("utf-8"))
+    result = RunResult.model_validate(written)
+    assert list(undeclared(result)) == []
+    write_result(tmp_path, written)
+    assert json.loads((tmp_path / "result.json").read_text("utf-8")) == written
+
+
+def test_a_key_that_no_class_names_is_kept_and_told() -> None:
+    entry = {"value": 1.0, "guess": 2.0}
+    result = RunResult.model_validate({"parameters": {"R": entry}, "loop": {"outcome": "adequate", "new": 1}, "odd": 3})
+    assert sorted(undeclared(result)) == ["loop.new", "odd", "parameters.R.guess"]
+    assert result.model_dump(exclude_unset=True)["parameters"]["R"] == entry
+
+
+def test_the_writer_refuses_what_readers_would_trip_over(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError, match="status"):
+        write_result(tmp_path, {"parameters": {"R": {"value": 1.0, "status": "fine"}}})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_not_finite_is_written_as_null(tmp_path: Path) -> None:
+    write_result(tmp_path, {"parameters": {"R": {"value": np.float64("nan"), "sd": float("inf"), "unit": "V"}}})
+    text = (tmp_path / "result.json").read_text("utf-8")
+    assert json.loads(text)["parameters"]["R"] == {"value": None, "sd": None, "unit": "V"}

@@ -1,0 +1,123 @@
+"""Whitening against dense algebra, and the noise that a search renews between its steps against known noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_solve
+from scipy.stats import multivariate_normal
+
+from aero_bayes.sensors.noise import OutputNoise, Sampling, innovations, log_density, renew_noise, whiten
+
+NOISES = [
+    OutputNoise(0.7),
+    OutputNoise(0.3, 1.2, 0.4),
+    OutputNoise(1.0, 0.2, 2.0),
+    OutputNoise(0.01, 1.0, 0.05),
+    OutputNoise(0.2, 0.5, 1e-3),
+]
+TIMES = ["even", "block", "random", "dropped", "uneven"]
+
+
+def covariance(time, noise):
+    apart = np.abs(time[:, None] - time[None, :])
+    slow = noise.sd_ou**2 * np.exp(-apart / noise.tau) if noise.sd_ou else 0.0
+    return noise.sd_white**2 * np.eye(time.size) + slow
+
+
+def sampled(kind):
+    """Times and readings (160,), gaps NaN: two blocks, a third of all at random, every fortieth, uneven times."""
+    rng = np.random.default_rng(3)
+    time = np.arange(160) * 0.02
+    values = rng.normal(size=160)
+    if kind == "block":
+        values[40:70] = np.nan
+        values[100:103] = np.nan
+    elif kind == "random":
+        values[rng.random(160) < 0.3] = np.nan
+    elif kind == "dropped":
+        values[20::40] = np.nan
+    elif kind == "uneven":
+        time = np.sort(rng.uniform(0, 3.2, 160))
+    return time, values
+
+
+def draw(rng, n, interval, noise):
+    phi = np.exp(-interval / noise.tau)
+    x = np.empty(n)
+    x[0] = rng.normal(0, noise.sd_ou)
+    for k in range(1, n):
+        x[k] = phi * x[k - 1] + rng.normal(0, noise.sd_ou * np.sqrt(1 - phi**2))
+    return x + rng.normal(0, noise.sd_white, n)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=str)
+@pytest.mark.parametrize("kind", TIMES)
+def test_inner_products_and_determinant_are_those_of_the_dense_covariance(noise, kind):
+    time, values = sampled(kind)
+    sampling = Sampling.of(time, values)
+    seen = values[sampling.index]
+    rows = np.stack([seen, seen * 2.0 + 1.0, np.sin(3.0 * time[sampling.index]), np.ones(seen.size)])
+    white, log_det = whiten(rows, sampling, noise)
+    factor = np.linalg.cholesky(covariance(time[sampling.index], noise))
+    # A settled filter is held from a relative change of 1e-6 on.
+    np.testing.assert_allclose(white @ white.T, rows @ cho_solve((factor, True), rows.T), rtol=1e-5, atol=1e-4)
+    assert log_det == pytest.approx(2.0 * np.sum(np.log(np.diag(factor))), rel=1e-6, abs=1e-4)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=str)
+@pytest.mark.parametrize("kind", TIMES)
+def test_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
+    time, values = sampled(kind)
+    seen = np.isfinite(values)
+    dense = covariance(time[seen], noise)
+    expected = multivariate_normal(np.zeros(int(seen.sum())), dense).logpdf(values[seen])
+    assert log_density(time, values, noise) == pytest.approx(expected, rel=1e-5, abs=1e-3)
+    one_step = np.linalg.solve(np.linalg.cholesky(dense), values[seen])
+    np.testing.assert_allclose(innovations(time, values, noise)[seen], one_step, atol=2e-4)
+    assert np.isnan(innovations(time, values, noise)[~seen]).all()
+
+
+def renewed(time, residual, **more):
+    return renew_noise([residual], [Sampling.of(time, residual)], longest=10.0, **more)
+
+
+def test_estimate_recovers_the_noise():
+    rng = np.random.default_rng(11)
+    truth = OutputNoise(1.0, 0.7, 0.8)
+    time = np.arange(12000) * 0.01
+    found = renewed(time, draw(rng, time.size, 0.01, truth))
+    assert found.sd_white == pytest.approx(1.0, rel=0.04)
+    assert found.sd_ou == pytest.approx(0.7, rel=0.25)
+    assert 0.4 < found.tau < 1.6
+
+
+def test_estimate_on_white_noise_finds_hardly_any_drift():
+    rng = np.random.default_rng(12)
+    time = np.arange(6000) * 0.01
+    residual = rng.normal(0, 2.0, time.size)
+    found = renewed(time, residual)
+    gain = log_density(time, residual, found) - log_density(time, residual, OutputNoise(float(residual.std())))
+    assert found.sd == pytest.approx(2.0, rel=0.05)
+    assert -0.5 < gain < 10.0
+
+
+def test_floor_holds():
+    time = np.arange(1000) * 0.01
+    assert renewed(time, np.full(1000, 0.3), floor=0.5).sd_white >= 0.5 * (1 - 1e-9)
+
+
+def test_a_bad_start_does_not_matter():
+    rng = np.random.default_rng(14)
+    time = np.arange(6000) * 0.01
+    found = renewed(time, rng.normal(0, 2.0, time.size), start=OutputNoise(1e-6, 2.0, 0.015))
+    assert found.sd_white == pytest.approx(2.0, rel=0.05)
+
+
+def test_noise_may_last_no_longer_than_it_is_allowed():
+    """A slow sine has no correlation time below the limit; without one its own, seconds long, would be taken."""
+    time = np.arange(3000) * 0.01
+    residual = np.sin(0.8 * time) + 0.05 * np.random.default_rng(15).normal(size=3000)
+    sampling = Sampling.of(time, residual)
+    assert renew_noise([residual], [sampling]).tau <= 0.02 * 30.0 * (1 + 1e-9)
+    assert renew_noise([residual], [sampling], longest=10.0).tau > 1.0

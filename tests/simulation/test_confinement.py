@@ -1,0 +1,145 @@
+"""Hostile model code costs its own run, whatever it tries, and reaches nothing outside its worker."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_engine_isolation import FINE, TIME
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation import (
+    Experiment,
+    Model,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    WorkerPool,
+    confinement,
+)
+
+(PRINT_FOREVER, ALLOCATE, ALLOCATE_SHARED, FORK, EXECUTE, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE, CONNECT,
+ SIGNAL_PARENT, SAY_DONE) = range(14, 25)  # fmt: skip
+ENDS = {
+    PRINT_FOREVER: {Outcome.TIMED_OUT},
+    ALLOCATE: {Outcome.CRASHED},
+    SAY_DONE: {Outcome.CRASHED, Outcome.TIMED_OUT},
+}
+CALLS = (ALLOCATE_SHARED, FORK, EXECUTE, CONNECT, SIGNAL_PARENT)
+
+
+@pytest.fixture
+def problem(test_fmu) -> Problem:
+    experiment = Experiment(TIME, ("x",))
+    targets = ((ParameterTarget("mode"),),)
+    return Problem(test_fmu("Trouble"), (experiment,), targets, settings=SolverSettings(time_limit=0.3))
+
+
+def check(problem: Problem, modes: list[int], pool: WorkerPool) -> None:
+    with NativeSimulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.array(modes, dtype=float)[:, None])
+    for mode, outcome, out in zip(modes, found.outcomes[:, 0], found.outputs[0], strict=True):
+        if mode in ENDS:
+            assert Outcome(outcome) in ENDS[mode], mode
+        else:
+            assert outcome == Outcome.OK, mode
+            np.testing.assert_allclose(out[:, 0], np.exp(-TIME), atol=1e-5, err_msg=f"mode {mode} got through")
+
+
+def test_what_costs_its_own_run(problem):
+    with WorkerPool(1, memory_limit=64 << 20) as pool:
+        check(problem, [m for mode in (*ENDS, FILL_FILE) for m in (mode, FINE)] * 2, pool)
+
+
+@pytest.mark.skipif(not confinement.available().seccomp, reason="the kernel has no seccomp")
+def test_calls_that_are_refused(problem, pool):
+    check(problem, [m for mode in CALLS for m in (mode, FINE)], pool)
+
+
+@pytest.mark.skipif(confinement.available().landlock < 3, reason="the kernel has no Landlock of version 3")
+def test_files_outside_its_folder(problem, pool):
+    check(problem, [WRITE_OUTSIDE, FINE, CHANGE_MODE, FINE], pool)
+    assert not Path("/dev/shm/aero-bayes-evil").exists()
+    resource = pool.binary(problem.model).parents[2] / "resources" / "y.txt"
+    assert resource.read_text() == "42.5"
+
+
+def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
+    # or the tests above would prove nothing
+    monkeypatch.setenv(confinement.TRUST, "1")
+    assert "all rights" in confinement.available().lines()[0]
+    with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.array([*CALLS, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE], dtype=float)[:, None])
+    assert np.all(found.outcomes == Outcome.OK)
+    assert np.all(found.outputs[0][:, 0, 0] == 100.0)
+
+
+def test_a_workers_folder_goes_with_it(problem):
+    with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        simulator.simulate(np.array([[FILL_FILE], [FINE], [SAY_DONE], [FINE]], dtype=float))
+        assert len(list(pool.folder.glob("worker-*"))) == 1
+
+
+def test_the_report_names_what_is_missing():
+    nothing = confinement.Confinement(0, False, False).lines()
+    assert sum("NOT kept from" in line for line in nothing) == 3
+    assert not any("NOT" in line for line in confinement.Confinement(7, True, False).lines())
+
+
+def packed(path: Path, *members: tuple[zipfile.ZipInfo | str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members:
+            archive.writestr(name, data)
+    return path
+
+
+def of_kind(name: str, kind: int) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name)
+    info.create_system = 3
+    info.external_attr = (kind | 0o644) << 16
+    return info
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        ([(of_kind("resources/link", 0o120000), b"/etc")], "symbolic link"),
+        ([(of_kind("resources/pipe", 0o010000), b"")], "neither a file nor a folder"),
+        ([("resources", b"x"), ("resources/y.txt", b"y")], "file and a folder"),
+        ([("resources/y.txt", b"x"), ("resources\\y.txt", b"y")], "there twice"),
+        ([("/modelDescription.xml", b"x")], "outside"),
+        ([("C:/evil", b"x")], "outside"),
+        ([(f"resources/{i}", b"") for i in range(60)], "members"),
+        ([("resources/a\\..\\..\\..\\b", b"x")], "outside"),
+    ],
+)
+def test_archives_that_are_not_unpacked(tmp_path, monkeypatch, members, message):
+    monkeypatch.setattr("aero_bayes.simulation.archive.MOST_MEMBERS", 50)
+    path = packed(tmp_path / "bad.fmu", ("modelDescription.xml", b"<fmiModelDescription/>"), *members)
+    with pytest.raises(InputError, match=message):
+        Model.load(path)
+
+
+def test_an_archive_that_lies_about_a_size(test_fmu, tmp_path):
+    # the directory says one byte where the packed data hold a mebibyte: no more than said is ever written
+    good = test_fmu("Dahlquist")
+    path = tmp_path / "liar.fmu"
+    with zipfile.ZipFile(good.path) as source, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as target:
+        for name in source.namelist():
+            target.writestr(name, source.read(name))
+        target.writestr("resources/big", bytes(1 << 20))
+    data = path.read_bytes()
+    honest = (1 << 20).to_bytes(4, "little")
+    assert data.count(honest) == 2
+    path.write_bytes(data.replace(honest, (1).to_bytes(4, "little")))
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    with pytest.raises(InputError, match="zip"):
+        Model.load(path).unpack(folder)
+    assert sum(f.stat().st_size for f in folder.rglob("big")) <= 1
+    assert os.listdir(tmp_path)
