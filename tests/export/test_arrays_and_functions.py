@@ -49,6 +49,13 @@ package Shapes
       w := -w;
     end if;
   end shifted;
+  function turned
+    input Point p;
+    output Point q;
+  algorithm
+    q.a := p.b[1];
+    q.b := {p.a, 2 * p.b[2]};
+  end turned;
   model Chain
     parameter Integer n = 6;
     parameter Real k[n] = {1, 2, 3, 4, 5, 6};
@@ -57,7 +64,7 @@ package Shapes
     parameter Real m[2, 2] = [1, 2; 3, 4];
     input Real u;
     Real x[n](each start = 1, each fixed = true);
-    Point p, q;
+    Point p, q, t;
     Real slope, both[2, 3], v[3];
     output Real first, second, third, fourth;
   equation
@@ -69,9 +76,10 @@ package Shapes
     q.a = p.a + p.b[2];
     q.b = m * p.b;
     (first, slope) = horner(x[1], {1, 2, 3});
+    t = turned(p);
     both = [p.b, m];
     v = shifted({x[1], -x[2], x[3]});
-    second = slope + sum(q.b) + q.a;
+    second = slope + sum(q.b) + q.a + t.a + 5 * t.b[2];
     if heavy then
       third = sum(both[1, :]) + v * {1, 10, 100};
     else
@@ -105,7 +113,7 @@ def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, t
             w = -w
         b = x[1:3]
         assert fmu.get("first")[0] == pytest.approx(1 + 2 * x[0] + 3 * x[0] ** 2)
-        assert fmu.get("second")[0] == pytest.approx(2 + 6 * x[0] + (m @ b).sum() + x[0] + x[2])
+        assert fmu.get("second")[0] == pytest.approx(2 + 6 * x[0] + (m @ b).sum() + x[0] + x[2] + b[0] + 10 * b[1])
         assert fmu.get("third")[0] == pytest.approx(b[0] + m[0].sum() + w @ [1, 10, 100])
         assert fmu.get("fourth")[0] == pytest.approx(x.max() + 6 + (np.arange(1, 7) ** 2 * x).sum())
 
@@ -147,6 +155,8 @@ end Geared;
 
 
 REFUSED = [
+    ('  y = 1; z = 2;\n  when x < 0.1 then terminate("done"); end when;\n', r"^Bad\.mo:\d+: .*terminate"),
+    ("  x ^ 2 + y ^ 2 = 1;\n  der(y) = z;\n", "dynamic state selection|equations"),
     ("  y = foo(x);\n", r"Bad\.mo:\d+: .*'foo'"),
     ("  y = String(x) + 1;\n", r"Bad"),
     ("  0 = x ^ 2 + y ^ 2 - 1;\n  der(y) = z;\n  der(z) = -y;\n", r"Bad"),

@@ -373,3 +373,26 @@ end Kicked;
     np.testing.assert_allclose(
         found.outputs[0][0][away, 1], [height(0.5 * int(t / 0.5)) for t in time[away]], atol=1e-7
     )
+
+
+def test_the_shipped_experiment_is_the_bench_under_the_same_step(
+    modelica: Write, tmp_path: Path, aero_fmu: Callable[[str], Path]
+) -> None:
+    source = modelica(
+        "Watched",
+        "within ;\nmodel Watched\n  extends Aero.Experiments.PaperStep;\n  output Real theta, speed;\nequation\n"
+        "  theta = bench.theta;\n  speed = bench.omega_m;\nend Watched;\n",
+    )
+    path = export_fmu("Watched", tmp_path / "p.fmu", compiler="embedded", sources=[source])
+    found = simulated(path, "CoSimulation", 22.0, ["theta", "speed"], step=0.1)
+    time = found["time"]
+    steps = np.array([(0.0, 24.0), (20.0, 0.0)], dtype=[("time", float), ("V_m", float)])
+    model = Model.load(aero_fmu("OneDof"))
+    signal = InputSignal("V_m", steps["time"], steps["V_m"])
+    problem = Problem(
+        model, (Experiment(time, ("theta", "omega_m"), (signal,)),), ((),), {}, SolverSettings(1e-10, 1e-10)
+    )
+    with NativeSimulator(problem, workers=0) as simulator:
+        expected = simulator.simulate(np.empty((1, 0))).outputs[0][0]
+    np.testing.assert_allclose(found["theta"], expected[:, 0], atol=1e-6)
+    np.testing.assert_allclose(found["speed"], expected[:, 1], atol=1e-4)

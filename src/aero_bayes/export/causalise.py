@@ -7,15 +7,16 @@ states only, one of them is expressed by the others and its derivative follows b
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.discrete import Discrete, resolve
 from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.initial import initial_values
 from aero_bayes.export.linear import linear_solve
 from aero_bayes.export.loops import Loop, eliminate
+from aero_bayes.export.matching import components, match
 from aero_bayes.export.translate import System
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
@@ -112,7 +113,7 @@ def causalise(system: System) -> ExplicitModel:
         equations = residuals + extra
         if len(equations) != len(unknowns):
             raise InputError(f"model {system.name}: {len(equations)} equations for {len(unknowns)} unknowns")
-        matched, singular, reached = _match(b, equations, unknowns)
+        matched, singular, reached = match(b, equations, unknowns)
         if not singular:
             break
         constraint = _constraint(system, [equations[k] for k in singular], [unknowns[u] for u in reached])
@@ -123,7 +124,7 @@ def causalise(system: System) -> ExplicitModel:
     solved, loops = _solve(system, equations, unknowns, matched)
     states_in_order = tuple(v.name for v in system.variables if v.name in states)
     rates = tuple(solved[system.derivatives[n]] for n in states_in_order)
-    starts, initial = _starts(system, states_in_order, solved, loops)
+    starts, initial = initial_values(system, states_in_order, solved, loops)
     named = {n.name: e for n, e in solved.items()}
     named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
     named |= {v.name: b.symbol(v.name) for v in whole.steps}
@@ -229,44 +230,6 @@ def _demote(system: System, equation: Node, dynamic: Sequence[str]) -> tuple[str
     )
 
 
-def _match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tuple[list[int], list[int], list[int]]:
-    """Give each equation an unknown (index), by augmenting paths.
-
-    Where one is left without: the equations of the smallest set that is one unknown short, and its unknowns.
-    """
-    index = {u: i for i, u in enumerate(unknowns)}
-    incidence = [sorted(index[s] for s in b.symbols(e) if s in index) for e in equations]
-    owner: list[int | None] = [None] * len(unknowns)
-    for start in range(len(equations)):
-        came_from: dict[int, tuple[int, int | None]] = {}
-        queue: deque[tuple[int, int | None]] = deque([(start, None)])
-        reached = {start}
-        end = None
-        while queue and end is None:
-            equation, via = queue.popleft()
-            for u in incidence[equation]:
-                if u not in came_from:
-                    came_from[u] = (equation, via)
-                    holder = owner[u]
-                    if holder is None:
-                        end = u
-                        break
-                    queue.append((holder, u))
-                    reached.add(holder)
-        if end is None:
-            return [], sorted(reached), sorted(came_from)
-        step: int | None = end
-        while step is not None:
-            equation, via = came_from[step]
-            owner[step] = equation
-            step = via
-    matched = [0] * len(equations)
-    for u, holder in enumerate(owner):
-        if holder is not None:
-            matched[holder] = u
-    return matched, [], []
-
-
 def _solve(
     system: System, equations: Sequence[Node], unknowns: Sequence[Node], matched: Sequence[int]
 ) -> tuple[dict[Node, Node], tuple[Loop, ...]]:
@@ -277,7 +240,7 @@ def _solve(
     solved: dict[Node, Node] = {}
     memo: dict[Node, Node] = {}
     loops: list[Loop] = []
-    for block in _components(needs):
+    for block in components(needs):
         block = sorted(block)
         symbols = [unknowns[matched[e]] for e in block]
         found = _linear(system, [equations[e] for e in block], symbols, memo)
@@ -314,101 +277,3 @@ def _linear(
 
 def _ordered(b: Builder, node: Node) -> list[Node]:
     return sorted(b.symbols(node), key=lambda n: n.index)
-
-
-def _components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
-    """Strongly connected components, each after those that it needs (Tarjan 1972, without recursion)."""
-    index: dict[int, int] = {}
-    low: dict[int, int] = {}
-    on_stack: set[int] = set()
-    stack: list[int] = []
-    found: list[list[int]] = []
-    for root in range(len(needs)):
-        if root in index:
-            continue
-        work = [(root, iter(needs[root]))]
-        index[root] = low[root] = len(index)
-        stack.append(root)
-        on_stack.add(root)
-        while work:
-            node, successors = work[-1]
-            for s in successors:
-                if s not in index:
-                    index[s] = low[s] = len(index)
-                    stack.append(s)
-                    on_stack.add(s)
-                    work.append((s, iter(needs[s])))
-                    break
-                if s in on_stack:
-                    low[node] = min(low[node], index[s])
-            else:
-                work.pop()
-                if work:
-                    low[work[-1][0]] = min(low[work[-1][0]], low[node])
-                if low[node] == index[node]:
-                    component = []
-                    while True:
-                        member = stack.pop()
-                        on_stack.discard(member)
-                        component.append(member)
-                        if member == node:
-                            break
-                    found.append(component)
-    return found
-
-
-def _starts(
-    system: System, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[Loop]
-) -> tuple[tuple[Node, ...], Loop | None]:
-    """Initial value of each state: its start attribute, or what initial equations and other fixed values give.
-
-    Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned.
-    """
-    b = system.builder
-    by_name = {v.name: v for v in system.variables}
-    starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
-    memo = dict(solved)
-    stated = [r for r in (b.substitute(e, memo) for e in system.initial_residuals) if r is not b.zero]
-    fixed = [
-        b.sub(b.substitute(b.symbol(v.name), memo), v.attributes.get("start", b.zero))
-        for v in system.variables
-        if v.fixed and v.name not in states
-    ]
-    in_loops = {u for loop in loops for u in loop.unknowns}
-    behind = frozenset[Node]().union(*(b.symbols(r) for loop in loops for r in loop.residuals))
-    open_states = [b.symbol(n) for n in states if not by_name[n].fixed]
-    rows = [*stated, *fixed]
-    reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
-    owner: dict[Node, int] = {}
-
-    def place(k: int, seen: set[Node]) -> bool:
-        for state in open_states:
-            if state in reach[k] and state not in seen:
-                seen.add(state)
-                if state not in owner or place(owner[state], seen):
-                    owner[state] = k
-                    return True
-        return False
-
-    for k in range(len(rows)):
-        if not place(k, set()) and k < len(stated):
-            raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
-    used, residuals = list(owner), [rows[k] for k in owner.values()]
-    unsolved = None
-    if residuals:
-        matrix = [[b.derivative(r, s) for s in used] for r in residuals]
-        solution = None
-        if not any(b.symbols(a) & set(used) for row in matrix for a in row) and not any(
-            b.symbols(r) & in_loops for r in residuals
-        ):
-            right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
-            solution = linear_solve(system, matrix, right, used)
-        if solution is not None:
-            starts.update(zip(used, solution, strict=True))
-        else:
-            more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
-            unsolved = Loop(
-                (*used, *(u for loop in more for u in loop.unknowns)),
-                (*residuals, *(r for loop in more for r in loop.residuals)),
-            )
-    return tuple(starts[b.symbol(n)] for n in states), unsolved

@@ -54,7 +54,8 @@ def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
         Where the model has variables of that instance already.
     """
     taken = {v.name for v in flat.variables}
-    own = {v.name for v in law.variables} | set(law.records)
+    own = {v.name for v in law.variables}
+    own |= {r for r in law.records if any(n.startswith(f"{r}.") for n in own)}
     clash = next((v.name for v in law.variables if f"{instance}.{v.name}" in taken), None)
     if clash is not None:
         raise InputError(f"{flat.name}: the instance {instance!r} is there already")

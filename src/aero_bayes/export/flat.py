@@ -138,7 +138,9 @@ class Function:
 
 @dataclass(frozen=True)
 class FlatModel:
-    """What a compiler's front end makes of a model; ``records`` names the fields of record variables in order."""
+    """What a compiler's front end makes of a model; ``records`` names the fields
+    of record variables, and of record types, in order.
+    """
 
     name: str
     variables: tuple[FlatVariable, ...] = ()

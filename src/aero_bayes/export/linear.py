@@ -19,6 +19,7 @@ def linear_solve(
     b = system.builder
     n = len(right)
     parameters = {b.symbol(p.name) for p in system.parameters}
+    steps = {b.symbol(v.name) for v in system.steps}
     matrix = [list(row) for row in matrix]
     right = list(right)
     rows = list(range(n))
@@ -37,7 +38,7 @@ def linear_solve(
             raise InputError(f"model {system.name}: singular equations for {names}")
         fill = {(i, j): _fill(b, matrix, rows, columns, i, j) for _, i, j in options}
         _, i, j = min(options, key=lambda o: (o[0], fill[o[1], o[2]], o[1], o[2]))
-        if n > 1 and switches(matrix[i][j]):
+        if n > 1 and (switches(matrix[i][j]) or b.symbols(matrix[i][j]) & steps):
             return None
         rows.remove(i)
         columns.remove(j)

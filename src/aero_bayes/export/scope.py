@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
+from aero_bayes.export.array_functions import ARRAY_FUNCTIONS, array_function
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
@@ -40,10 +41,6 @@ _OPERATORS = {
     "<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne",
     "and": "and", "or": "or", "min": "min", "max": "max", "atan2": "atan2",
 }  # fmt: skip
-_ARRAY_FUNCTIONS = frozenset(
-    {"sum", "product", "min", "max", "size", "ndims", "fill", "zeros", "ones", "scalar", "vector", "matrix",
-     "transpose", "identity", "diagonal", "linspace", "cross", "[,]", "[;]", "cat"}
-)  # fmt: skip
 MAX_UNROLLED = 10_000
 
 
@@ -224,8 +221,8 @@ class Scope:
                 return found
         if function in self.functions:
             return self._user(self.functions[function], args)
-        if function in _ARRAY_FUNCTIONS:
-            found = self._array_function(function, [self.value(a) for a in args])
+        if function in ARRAY_FUNCTIONS:
+            found = array_function(self.builder, function, [self.value(a) for a in args])
             if found is not None:
                 return found
         values = [self.value(a) for a in args]
@@ -368,66 +365,6 @@ class Scope:
                 raise self.fail(f"{error} in one equation") from None
         self.place = None
         return found
-
-    def _array_function(self, function: str, args: list[Value]) -> Value | None:
-        b = self.builder
-
-        def whole(value: Value) -> int:
-            if not isinstance(value, Node) or value.op != "const" or not value.value.is_integer():
-                raise self.fail("a size that is not a constant whole number")
-            return int(value.value)
-
-        match function, args:
-            case "size", (value,):
-                return [b.const(float(n)) for n in arrays.shape(value)]
-            case "size", (value, dimension):
-                sizes = arrays.shape(value)
-                if not 1 <= whole(dimension) <= len(sizes):
-                    raise self.fail("size() of a dimension that is not there")
-                return b.const(float(sizes[whole(dimension) - 1]))
-            case "ndims", (value,):
-                return b.const(float(len(arrays.shape(value))))
-            case "fill", (item, *sizes):
-                return arrays.filled(item, [whole(s) for s in sizes])
-            case (("zeros" | "ones"), _):
-                return arrays.filled(b.const(float(function == "ones")), [whole(s) for s in args])
-            case "identity", (size,):
-                n = whole(size)
-                return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
-            case "diagonal", (value,):
-                items = numbers(value)
-                return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
-            case "linspace", (first, last, count):
-                n = whole(count)
-                width = arrays.elementwise(b.sub, last, first)
-                steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
-                return [arrays.elementwise(b.add, first, step) for step in steps]
-            case "cross", (x, y):
-                u, v = numbers(x), numbers(y)
-                return [b.sub(b.mul(u[i], v[j]), b.mul(u[j], v[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
-            case "transpose", (value,):
-                return arrays.transposed(value)
-            case "[,]", _:
-                return arrays.joined(args, 1)
-            case "[;]", _:
-                return arrays.joined(args, 0)
-            case "sum", (value,):
-                return arrays.total(b, value)
-            case "vector", (value,):
-                return list(numbers(value))
-            case "matrix", (value,):
-                return arrays.joined([value], 1)
-            case "scalar", (value,):
-                if len(numbers(value)) == 1:
-                    return numbers(value)[0]
-            case (("product" | "min" | "max"), (value,)):
-                items = numbers(value)
-                if items:
-                    result = items[0]
-                    for item in items[1:]:
-                        result = b.binary("mul" if function == "product" else function, result, item)
-                    return result
-        return None
 
     # functions
 

@@ -6,13 +6,11 @@ Every kind of node that occurs is either read or named in an :class:`InputError`
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from aero_bayes.errors import InputError
 from aero_bayes.export.flat import (
     Algorithm,
     Argument,
@@ -23,44 +21,15 @@ from aero_bayes.export.flat import (
     FlatVariable,
     Function,
     Origin,
-    Place,
     Variability,
     When,
     WhenAction,
 )
-from aero_bayes.export.syntax import (
-    All,
-    Array,
-    AssertStatement,
-    Assign,
-    Call,
-    Comprehension,
-    Expression,
-    Field,
-    ForStatement,
-    If,
-    IfStatement,
-    Index,
-    Name,
-    Number,
-    Range,
-    Refused,
-    ReinitStatement,
-    Statement,
-    Text,
-    WhenStatement,
-)
+from aero_bayes.export.syntax import Array, Expression, Name, Number
+from aero_bayes.export.trees import Json, TreeReader, message_of
 
-Json = dict[str, Any]
-
-_BINARY = {
-    "Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^", "AddElem": ".+", "SubElem": ".-", "MulElem": ".*",
-    "DivElem": "./", "ExpElem": ".^", "Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>",
-    "And": "and", "Or": "or",
-}  # fmt: skip
 _VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
 _CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
-_UNARY = {"Minus": "neg", "DotMinus": "neg", "Not": "not"}
 
 
 def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
@@ -83,31 +52,7 @@ def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -
     return _Reader(name, flat, files).model()
 
 
-class _Reader:
-    def __init__(self, name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> None:
-        self.name = name
-        self.flat = flat
-        self.files = files
-        self.lines: dict[str, list[int]] = {}
-        self.enumerations: Mapping[str, int] = flat["enum_literal_ordinals"]
-        self.binders: dict[str, int] = {}
-        self.here: Place | None = None
-
-    # places and failures
-
-    def place(self, span: Json | None) -> Place | None:
-        key = str(span["source"]) if span else ""
-        if span is None or key not in self.files:
-            return None
-        path, text = self.files[key]
-        if key not in self.lines:
-            self.lines[key] = [m.start() for m in re.finditer(b"\n", text.encode())]
-        start, end = int(span["start"]), int(span["end"])
-        return Place(path, start, end, bisect_right(self.lines[key], start - 1) + 1)
-
-    def fail(self, what: str) -> InputError:
-        return InputError(f"{self.here or self.name}: the embedded exporter cannot translate {what}")
-
+class _Reader(TreeReader):
     # the model
 
     def model(self) -> FlatModel:
@@ -122,12 +67,12 @@ class _Reader:
             if not v.constant and v.binding is not None:
                 bindings.append(FlatEquation(Name(v.name), v.binding, "binding", v.name.rpartition(".")[0], v.place))
                 variables[i] = replace(v, binding=None)
-        fields = {key: tuple(str(x["name"]) for x in r["fields"]) for key, r in f["record_types"].items()}
-        records = {
-            n: fields[str(r["type_def_id"])]
-            for n, r in f["record_instances"].items()
-            if str(r["type_def_id"]) in fields
-        }
+        types_of = {str(key): r for key, r in f["record_types"].items()}
+        fields = {key: tuple(str(x["name"]) for x in r["fields"]) for key, r in types_of.items()}
+        records = {str(r["name"]): fields[key] for key, r in types_of.items()}
+        for name, r in f["record_instances"].items():
+            if str(r["type_def_id"]) in fields:
+                records[name] = fields[str(r["type_def_id"])]
         return FlatModel(
             self.name,
             tuple(variables),
@@ -245,22 +190,12 @@ class _Reader:
                 return [WhenAction("terminate", None, Number(1.0))]
         raise self.fail(f"a {kind!r} in a when equation")
 
-    def target(self, t: Any) -> Name:
-        if isinstance(t, str):
-            return Name(t)
-        if "name" in t:
-            return Name(str(t["name"]))
-        tree = self.expression(t) if "VarRef" in t else self.reference(t)
-        if not isinstance(tree, Name):
-            raise self.fail("the target of an assignment")
-        return tree
-
     def assertion(self, a: Json) -> Assertion:
         self.here = self.place(a["span"])
         level = self.expression(a["level"]) if a.get("level") is not None else Number(2.0)
         return Assertion(
             self.expression(a["condition"]),
-            _message(a["message"]),
+            message_of(a["message"]),
             level == Number(1.0),
             self.here,
         )
@@ -295,167 +230,9 @@ class _Reader:
             str(external["function_name"] or f["name"]) if external else "",
         )
 
-    # statements
-
-    def statements(self, body: Sequence[Json]) -> tuple[Statement, ...]:
-        return tuple(s for item in body for s in self.statement(item))
-
-    def statement(self, s: Json | str) -> tuple[Statement, ...]:
-        if isinstance(s, str):
-            if s == "Empty":
-                return ()
-            return (Refused(f"the statement {s.lower()!r}"),)
-        kind, d = next(iter(s.items()))
-        match kind:
-            case "Empty":
-                return ()
-            case "Assignment":
-                return (Assign((self.reference(d["comp"]),), self.expression(d["value"])),)
-            case "FunctionCall":
-                call = Call(self.function_name(d["comp"]), tuple(map(self.expression, d["args"])))
-                targets = tuple(self.optional(o) for o in d["outputs"])
-                return (Assign(targets, call),)
-            case "If":
-                branches = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["cond_blocks"])
-                return (IfStatement(branches, self.statements(d.get("else_block") or ())),)
-            case "For":
-                inner = self.statements(d["equations"])
-                for index in reversed(d["indices"]):
-                    inner = (ForStatement(_ident(index["ident"]), self.expression(index["range"]), inner),)
-                return inner
-            case "When":
-                blocks = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["blocks"])
-                return (WhenStatement(blocks),)
-            case "Reinit":
-                return (ReinitStatement(self.target(d.get("variable") or d["state"]), self.expression(d["value"])),)
-            case "Assert":
-                return (AssertStatement(self.expression(d["condition"]), _message(d["message"])),)
-        return (Refused(f"the statement {kind.lower()!r}"),)
-
-    def optional(self, o: Any) -> Name | None:
-        if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
-            return None
-        return self.target(o)
-
-    def function_name(self, comp: Json) -> str:
-        return ".".join(_ident(p["ident"]) for p in comp["parts"])
-
-    def reference(self, comp: Json) -> Name:
-        parts = comp["parts"]
-        words = []
-        for p in parts[:-1]:
-            inner = [self.subscript(x) for x in p.get("subs") or ()]
-            if any(not isinstance(x, Number) for x in inner):
-                raise self.fail("a component that a loop variable selects in an algorithm")
-            words.append(
-                _ident(p["ident"])
-                + (f"[{','.join(f'{x.value:g}' for x in inner if isinstance(x, Number))}]" if inner else "")
-            )
-        words.append(_ident(parts[-1]["ident"]))
-        return Name(".".join(words), tuple(self.subscript(x) for x in parts[-1].get("subs") or ()))
-
-    # expressions
-
-    def subscript(self, s: Json) -> Expression:
-        kind, d = next(iter(s.items()))
-        match kind:
-            case "Index":
-                return Number(float(d["value"]))
-            case "Expr":
-                return self.expression(d["expr"])
-            case "Colon":
-                return All()
-        raise self.fail(f"a subscript of the kind {kind!r}")
-
-    def expression(self, e: Json) -> Expression:
-        kind, d = next(iter(e.items()))
-        match kind:
-            case "Literal":
-                return self.literal(d["value"])
-            case "VarRef":
-                return self.variable_reference(d)
-            case "Binary":
-                if d["op"] not in _BINARY:
-                    raise self.fail(f"the operator {d['op']!r}")
-                return Call(_BINARY[d["op"]], (self.expression(d["lhs"]), self.expression(d["rhs"])))
-            case "Unary":
-                inner = self.expression(d["rhs"])
-                if d["op"] in ("Plus", "DotPlus"):
-                    return inner
-                return Call(_UNARY[d["op"]], (inner,))
-            case "BuiltinCall":
-                name = d["function"][0].lower() + d["function"][1:]
-                return Call(name, tuple(map(self.expression, d["args"])))
-            case "FunctionCall":
-                self.here = self.place(d.get("span")) or self.here
-                return Call(str(d["name"]["name"]), tuple(map(self.expression, d["args"])))
-            case "If":
-                tree = self.expression(d["else_branch"])
-                for condition, value in reversed(d["branches"]):
-                    tree = If(self.expression(condition), self.expression(value), tree)
-                return tree
-            case "Array":
-                items = tuple(map(self.expression, d["elements"]))
-                joined = {"Horizontal": "[,]", "Vertical": "[;]"}.get(d.get("kind"))
-                return Array(items) if joined is None else Call(joined, items)
-            case "Tuple":
-                return Array(tuple(map(self.expression, d["elements"])))
-            case "Range":
-                step = self.expression(d["step"]) if d.get("step") is not None else None
-                return Range(self.expression(d["start"]), step, self.expression(d["end"]))
-            case "ArrayComprehension":
-                return self.comprehension(d)
-            case "Index":
-                return Index(self.expression(d["base"]), tuple(map(self.subscript, d["subscripts"])))
-            case "FieldAccess":
-                return Field(self.expression(d["base"]), str(d["field"]))
-        raise self.fail(f"an expression of the kind {kind!r}")
-
-    def comprehension(self, d: Json) -> Expression:
-        if d.get("filter") is not None:
-            raise self.fail("a filter in an array comprehension")
-        tree = self.expression(d["expr"])
-        for index in reversed(d["indices"]):
-            tree = Comprehension(tree, str(index["name"]), self.expression(index["range"]))
-        return tree
-
-    def literal(self, value: Json) -> Expression:
-        kind, v = next(iter(value.items()))
-        match kind:
-            case "Real" | "Integer" | "Boolean":
-                return Number(float(v))
-            case "String":
-                return Text(str(v))
-        raise self.fail(f"a literal of the kind {kind!r}")
-
-    def variable_reference(self, d: Json) -> Expression:
-        name = str(d["name"]["name"])
-        subscripts = tuple(map(self.subscript, d["subscripts"]))
-        if self.binders:
-            if name in self.binders and not subscripts:
-                return Number(float(self.binders[name]))
-            for binder, value in self.binders.items():
-                name = re.sub(rf"(?<=[\[,]){re.escape(binder)}(?=[\],])", str(value), name)
-        if name in self.enumerations and name not in self.flat["variables"]:
-            return Number(float(self.enumerations[name]))
-        return Name(name, subscripts)
-
-
-def _message(tree: Json) -> str:
-    """The literal parts of a message; what is computed in it is left out."""
-    if "Literal" in tree:
-        return str(tree["Literal"]["value"].get("String", ""))
-    if "Binary" in tree:
-        return f"{_message(tree['Binary']['lhs'])}...{_message(tree['Binary']['rhs'])}".replace("......", "...")
-    return ""
-
 
 def _word(tagged: Any) -> str:
     return str(next(iter(tagged))) if isinstance(tagged, dict) else str(tagged)
-
-
-def _ident(ident: Any) -> str:
-    return str(ident["text"]) if isinstance(ident, dict) else str(ident)
 
 
 def _common(*names: str) -> str:

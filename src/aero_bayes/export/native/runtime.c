@@ -208,16 +208,17 @@ static void reset(Model *m) {
 
 /* ---- events ---- */
 
-/* Discrete values for the present relations, until they and the loops agree; earlier values stay in PRE. */
-static void settle(Model *m) {
+/* Discrete values for the present relations; whether they and the loops come to agree. Earlier values stay in PRE. */
+static int settle(Model *m) {
     double before[INFO.nd + 1];
     for (int round = 0; round < 50; round++) {
         need_w(m);
         memcpy(before, group(m, D), sizeof(double) * INFO.nd);
         INFO.discrete(m);
-        if (!memcmp(before, group(m, D), sizeof(double) * INFO.nd)) return;
+        if (!memcmp(before, group(m, D), sizeof(double) * INFO.nd)) return 1;
         stale(m, moved);
     }
+    return 0;
 }
 /* Relations and rounded values at this instant; whether any has changed. */
 static int refresh(Model *m) {
@@ -245,7 +246,7 @@ static int refresh(Model *m) {
 static int iterate(Model *m) {
     int states = 0;
     for (int round = 0; round < 200; round++) {
-        settle(m);
+        if (!settle(m)) return -1;
         int changed = INFO.reinit(m);
         states |= changed;
         if (changed) stale(m, moved);
@@ -308,7 +309,7 @@ static int first_event(Model *m) {
     *group(m, INITIAL) = 0;
     stale(m, moved);
     for (int round = 0; round < 100; round++) {
-        settle(m);
+        if (!settle(m)) return -1;
         if (!refresh(m)) break;
     }
     for (int i = first; i < INFO.nd; i++) pre[i] = d[i];

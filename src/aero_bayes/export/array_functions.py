@@ -1,0 +1,79 @@
+"""Modelica's functions of arrays: sizes, constructors, reductions."""
+
+from __future__ import annotations
+
+from aero_bayes.export import arrays
+from aero_bayes.export.arrays import ShapeError, Value, numbers
+from aero_bayes.export.expression import Builder, Node
+
+ARRAY_FUNCTIONS = frozenset(
+    {"sum", "product", "min", "max", "size", "ndims", "fill", "zeros", "ones", "scalar", "vector", "matrix",
+     "transpose", "identity", "diagonal", "linspace", "cross", "[,]", "[;]", "cat"}
+)  # fmt: skip
+
+
+def array_function(b: Builder, function: str, args: list[Value]) -> Value | None:
+    """The value of a function of :data:`ARRAY_FUNCTIONS`, or None where it means the function of numbers.
+
+    Raises
+    ------
+    ShapeError
+        For sizes that do not fit or are not known.
+    """
+
+    def whole(value: Value) -> int:
+        if not isinstance(value, Node) or value.op != "const" or not value.value.is_integer():
+            raise ShapeError("a size that is not a constant whole number")
+        return int(value.value)
+
+    match function, args:
+        case "size", (value,):
+            return [b.const(float(n)) for n in arrays.shape(value)]
+        case "size", (value, dimension):
+            sizes = arrays.shape(value)
+            if not 1 <= whole(dimension) <= len(sizes):
+                raise ShapeError("size() of a dimension that is not there")
+            return b.const(float(sizes[whole(dimension) - 1]))
+        case "ndims", (value,):
+            return b.const(float(len(arrays.shape(value))))
+        case "fill", (item, *sizes):
+            return arrays.filled(item, [whole(s) for s in sizes])
+        case (("zeros" | "ones"), _):
+            return arrays.filled(b.const(float(function == "ones")), [whole(s) for s in args])
+        case "identity", (size,):
+            n = whole(size)
+            return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
+        case "diagonal", (value,):
+            items = numbers(value)
+            return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
+        case "linspace", (first, last, count):
+            n = whole(count)
+            width = arrays.elementwise(b.sub, last, first)
+            steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
+            return [arrays.elementwise(b.add, first, step) for step in steps]
+        case "cross", (x, y):
+            u, v = numbers(x), numbers(y)
+            return [b.sub(b.mul(u[i], v[j]), b.mul(u[j], v[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
+        case "transpose", (value,):
+            return arrays.transposed(value)
+        case "[,]", _:
+            return arrays.joined(args, 1)
+        case "[;]", _:
+            return arrays.joined(args, 0)
+        case "sum", (value,):
+            return arrays.total(b, value)
+        case "vector", (value,):
+            return list(numbers(value))
+        case "matrix", (value,):
+            return arrays.joined([value], 1)
+        case "scalar", (value,):
+            if len(numbers(value)) == 1:
+                return numbers(value)[0]
+        case (("product" | "min" | "max"), (value,)):
+            items = numbers(value)
+            if items:
+                result = items[0]
+                for item in items[1:]:
+                    result = b.binary("mul" if function == "product" else function, result, item)
+                return result
+    return None
