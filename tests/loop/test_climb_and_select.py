@@ -12,8 +12,10 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.loop.attribute import Candidate, select, threshold
+from aero_bayes.loop.attribute import Search, threshold, with_odds
 from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.loop.stand import Stand
+from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
 
@@ -60,12 +62,29 @@ def study(truth, seed):
     return Objective(problem, LinearSimulator(measured))
 
 
-def candidates():
-    return [
-        Candidate("sine", "one", (2,), ((1.0,), (-1.0,))),
-        Candidate("square", "two", (3,), ((1.0,), (-1.0,))),
-        Candidate("twin", "three", (4,), ((1.0,), (-1.0,))),
-    ]
+CANDIDATES = {
+    "sine": Candidate("sine", "one", ((1.0,), (-1.0,)), (2,)),
+    "square": Candidate("square", "two", ((1.0,), (-1.0,)), (3,)),
+    "twin": Candidate("twin", "three", ((1.0,), (-1.0,)), (4,)),
+}
+
+
+class OneStand:
+    """The stands of a model that has all its candidates at once."""
+
+    def __init__(self, truth, seed):
+        self.stand = Stand(study(truth, seed), CANDIDATES, (0, 1))
+
+    def of(self, ids):
+        assert set(ids) <= CANDIDATES.keys()
+        return self.stand
+
+
+def selected(truth, seed, structured=False):
+    stands = OneStand(truth, seed)
+    search = Search(stands, [tuple(CANDIDATES)], AttributeSettings(), ClimbSettings())
+    base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+    return search.select(base, tuple(CANDIDATES), lambda held: structured, lambda what, share: None)
 
 
 def test_climb_has_the_exact_posterior_and_evidence():
@@ -84,28 +103,34 @@ def test_climb_has_the_exact_posterior_and_evidence():
 
 
 def test_the_missing_effect_is_chosen_and_its_twin_reported():
-    held = study([1.0, 2.0, 0.6, 0.0, 0.0], 2)
-    base = climb(held, np.zeros(5), (0, 1))
-    found = select(held, base, candidates(), AttributeSettings(), ClimbSettings())
+    found = selected([1.0, 2.0, 0.6, 0.0, 0.0], 2)
     assert len(found.effects) == 1
     assert set(found.equivalent[0]) == {"sine", "twin"}
     assert found.rounds[0].scores[2].candidate.id == "square"
 
 
 def test_two_missing_effects_are_both_found():
-    held = study([1.0, 2.0, 0.0, 0.5, 0.7], 3)
-    base = climb(held, np.zeros(5), (0, 1))
-    found = select(held, base, candidates(), AttributeSettings(), ClimbSettings())
-    assert {effect.id for effect in found.effects} in ({"square", "sine"}, {"square", "twin"})
+    found = selected([1.0, 2.0, 0.0, 0.5, 0.7], 3)
+    assert set(found.effects) in ({"square", "sine"}, {"square", "twin"})
 
 
 def test_nothing_is_found_where_nothing_is_missing():
-    names = 0
     for seed in range(8):
-        held = study([1.0, 2.0, 0.0, 0.0, 0.0], 100 + seed)
-        base = climb(held, np.zeros(5), (0, 1))
-        names += bool(select(held, base, candidates(), AttributeSettings(), ClimbSettings()).effects)
-    assert names == 0
+        assert not selected([1.0, 2.0, 0.0, 0.0, 0.0], 100 + seed).effects
+
+
+def test_pairs_are_tried_only_where_structure_is_left():
+    quiet = selected([1.0, 2.0, 0.0, 0.0, 0.0], 100, structured=True)
+    assert not quiet.effects
+    assert "together" not in quiet.rounds[-1].why
+
+
+def test_odds_add_up_and_an_effect_that_is_plainly_there_has_most_of_them_with_its_twin():
+    found = selected([1.0, 2.0, 0.6, 0.0, 0.0], 2).rounds[0]
+    odds = {s.candidate.id: s.odds for s in found.scores}
+    assert sum(odds.values()) + found.nothing + found.untried == pytest.approx(1.0)
+    assert odds["sine"] + odds["twin"] > 0.9
+    assert with_odds([])[1:] == (pytest.approx(0.98), pytest.approx(0.02))
 
 
 def test_threshold_pays_for_every_candidate():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from aero_bayes.export import (
     write_extension,
 )
 from aero_bayes.physics.catalogue import candidates_of, effect_parameter
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, moved
 from aero_bayes.simulation import Model
 
 #: Knots that a learned curve may have, coarsest first.
@@ -118,8 +118,14 @@ class ModelFamily:
         )  # fmt: skip
 
     def on(self, calibration: Calibration, model: Model) -> Calibration:
-        """The calibration on a relative, which extends the base and has its states."""
-        return replace(calibration, model=model)
+        """The calibration on a relative: a state that an output names there may go by its component's name here."""
+        there = {s.name for s in model.states}
+        names: dict[str, str] = {}
+        for state in calibration.model.states:
+            if state.name not in there:
+                tails = [n for n in there if n.rpartition(".")[2] == state.name]
+                names |= {state.name: tails[0]} if len(tails) == 1 else {}
+        return moved(calibration, model, names)
 
     def summary(self, id_: str) -> str:
         """An effect in words."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator
+from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 
 OpenSimulator = Callable[[Problem], Simulator]
 
@@ -109,6 +109,20 @@ class Family(Protocol):
     def summary(self, id_: str) -> str:
         """An effect in words."""
         ...
+
+
+def moved(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
+    """A calibration held against a relative of its model, in which some states have other ``names``."""
+    experiments = tuple(
+        replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
+    )
+    parameters = tuple(
+        replace(p, target=StartTarget(names.get(p.target.state, p.target.state)))
+        if isinstance(p.target, StartTarget)
+        else p
+        for p in calibration.parameters
+    )
+    return replace(calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters))
 
 
 def magnitude(

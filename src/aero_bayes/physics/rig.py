@@ -6,21 +6,21 @@ import hashlib
 import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
+from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics import ports as found_ports
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved
 from aero_bayes.physics.laws import Law, general_laws, laws_of
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
@@ -28,7 +28,6 @@ from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import StartTarget
 
 
 @dataclass(frozen=True)
@@ -176,15 +175,7 @@ class RigFamily:
         there = {structure.of(s.name): s.name for s in model.states if s.name in structure.variables}
         known = [s.name for s in calibration.model.states if s.name in structure.variables]
         names = {s: there[structure.of(s)] for s in known if structure.of(s) in there}
-        experiments = tuple(
-            replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
-        )
-        parameters = tuple(
-            replace(p, target=StartTarget(names.get(p.target.state, p.target.state)))
-            if isinstance(p.target, StartTarget) else p
-            for p in calibration.parameters
-        )  # fmt: skip
-        return replace(calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters))
+        return moved(calibration, model, names)
 
     def summary(self, id_: str) -> str:
         """A law in words."""
