@@ -6,6 +6,8 @@ few hundredths of a second and holds nothing that a crash could spoil; except fo
 the folders where the package and FMPy are found follow.
 """
 
+from __future__ import annotations
+
 import ctypes
 import mmap
 import os
@@ -13,7 +15,10 @@ import struct
 import sys
 import threading
 import time
-from typing import Any
+
+TYPE_CHECKING = False  # importing typing would take a third of the start
+if TYPE_CHECKING:
+    from typing import Any
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
