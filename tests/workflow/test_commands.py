@@ -51,7 +51,7 @@ def assert_contract(result: dict[str, Any], command: str) -> None:
     assert {"file", "sha256", "rows", "rate_hz"} <= set(result["data"][0])
     for entry in result["parameters"].values():
         assert {"value", "sd", "q05", "q50", "q95", "unit", "status"} <= set(entry)
-        assert entry["status"] in ("identified", "weak", "unidentified", "fixed")
+        assert entry["status"] in ("identified", "weak", "unidentified", "fixed", "at_bound")
         if entry["status"] in ("unidentified", "fixed"):
             assert entry["sd"] is None
     assert all({"sd", "rho"} <= set(entry) for entry in result["noise"].values())
