@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick rig-trial coverage lock clean
+.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick rig-trial coverage docs lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -97,6 +97,10 @@ rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial
 
 coverage: setup ## calibration study -> reports/coverage.json
 	$(BIN)/python benchmarks/coverage.py --out reports
+
+docs: setup ## documentation -> build/docs/index.html
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 lock: $(VENV)/.tested ## write requirements.lock from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > requirements.lock

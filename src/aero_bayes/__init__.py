@@ -1,16 +1,34 @@
 """Modelica model -> FMU -> fit -> honest posterior -> the effect the model lacks.
 
+A model of the package ``Aero`` brings its parameters, priors and columns:
+
 >>> import aero_bayes
->>> model = aero_bayes.load_model("Aero.Systems.HalfQuad")  # a Modelica class, or the path of an FMU
->>> recording = aero_bayes.read_recording("step.csv")
->>> fit = aero_bayes.fit(recording, model)
->>> posterior = aero_bayes.sample(fit)
->>> loop = aero_bayes.close_loop([recording], model="Aero.Systems.HalfQuad")
+>>> model = aero_bayes.load_model("Aero.Systems.HalfQuad")  # doctest: +SKIP
+>>> recording = aero_bayes.read_recording("step.csv")  # doctest: +SKIP
+>>> fit = aero_bayes.fit(recording, model)  # doctest: +SKIP
+>>> posterior = aero_bayes.sample(fit)  # doctest: +SKIP
+>>> loop = aero_bayes.close_loop([recording], model="Aero.Systems.HalfQuad")  # doctest: +SKIP
+
+A model of one's own is told what was recorded and what is free (run in ``examples/cart``):
+
+>>> from pathlib import Path
+>>> from aero_bayes.data import Layout
+>>> from aero_bayes.estimate import Override, parameters_from_model
+>>> rig = aero_bayes.load_model("Rig", sources=[Path("Rig.mo")])  # doctest: +SKIP
+>>> layout = Layout.of(["F"], ["position"])
+>>> recording = aero_bayes.read_recording("train.csv", layout=layout)  # doctest: +SKIP
+>>> free = parameters_from_model(rig, overrides={"k": Override(), "d": Override()})  # doctest: +SKIP
+>>> fit = aero_bayes.fit(recording, rig, parameters=free)  # doctest: +SKIP
+>>> settings = aero_bayes.LoopSettings(free=("k", "d"))
+>>> files = [Path("Rig.mo")]
+>>> loop = aero_bayes.close_loop([recording], model="Rig", sources=files, settings=settings)  # doctest: +SKIP
 """
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -79,3 +97,14 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+class _Package(ModuleType):
+    """The function ``sample`` keeps its name although its room is called so too."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

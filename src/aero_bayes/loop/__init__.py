@@ -1,4 +1,11 @@
-"""From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge."""
+"""From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge.
+
+>>> from pathlib import Path
+>>> from aero_bayes.loop import LoopSettings, close_loop
+>>> settings = LoopSettings(free=("M",), exclude=("backlash",))
+>>> loop = close_loop([recording], model="Rig", sources=[Path("Rig.mo")], settings=settings)  # doctest: +SKIP
+>>> loop.sentence, loop.diff  # doctest: +SKIP
+"""
 
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.loop.loop import LoopSettings, close_loop

@@ -68,6 +68,11 @@ def close_loop(
         If the recordings and the model do not belong together, or a setting makes no sense.
     CannotFinishError
         If the model cannot be simulated.
+
+    Examples
+    --------
+    >>> settings = LoopSettings(free=("M",))
+    >>> loop = close_loop([recording], model="Rig", sources=[Path("Rig.mo")], settings=settings)  # doctest: +SKIP
     """
     if not train:
         raise InputError("the closed loop needs at least one training recording")

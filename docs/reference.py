@@ -1,0 +1,288 @@
+"""MkDocs hook: fills ``<!-- generate: NAME -->`` in a page with tables written from the code itself.
+
+A key of the configuration that nothing explains is a warning, which ``mkdocs build --strict`` makes an error.
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import re
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import click
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import aero_bayes
+from aero_bayes import cli, schema
+from aero_bayes.config import Config
+from aero_bayes.export import CATALOGUE
+from aero_bayes.physics import general_laws
+
+log = logging.getLogger("mkdocs.hooks.reference")
+ROOT = Path(__file__).parents[1]
+MARK = re.compile(r"<!-- generate: (\w+) -->")
+
+#: What each key of the configuration means, with its unit; a ``description`` in the schema goes before.
+KEYS: Mapping[str, str] = {
+    "model.name": "Modelica class, such as `Rig` or `Aero.Systems.HalfQuad`",
+    "model.fmu": "path of an FMU, in place of a class",
+    "model.sources": "`.mo` files or package folders that the class, and laws of your own, stand in",
+    "model.libraries": "folders that hold packages which the sources use",
+    "data.inputs": "inputs of the model that are recorded; left out: all that it declares",
+    "data.outputs": "outputs of the model that are recorded; left out: all that it declares",
+    "data.interpolation": "between samples an input holds, or runs in straight lines; `auto`: the fit decides where an "
+    "input changes at most samples. Left out: `auto`, for the AERO `hold`",
+    "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
+    "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
+    "rpm, count, count/s); left out: SI",
+    "data.columns.NAME.scale": "factor: the value is `(raw + offset) * scale`",
+    "data.columns.NAME.offset": "added to the raw value first",
+    "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
+    "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
+    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
+    "parameters.NAME.lower": "lower bound (SI)",
+    "parameters.NAME.upper": "upper bound (SI)",
+    "parameters.NAME.prior.kind": "shape of the density; truncated to the bounds",
+    "parameters.NAME.prior.mean": "of a normal prior (SI)",
+    "parameters.NAME.prior.sd": "of a normal prior (SI)",
+    "parameters.NAME.prior.median": "of a log-normal prior (SI)",
+    "parameters.NAME.prior.relative_sd": "of a log-normal prior, as a share of the median",
+    "parameters.NAME.prior.lower": "of a uniform or log-uniform prior (SI)",
+    "parameters.NAME.prior.upper": "of a uniform or log-uniform prior (SI)",
+    "fit.cost": "log-posterior, noise-weighted squares, or the paper's Eq. 6",
+    "fit.method": "which searches run",
+    "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
+    "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
+    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: none, for the AERO 0.02",
+    "fit.ripple": "what becomes of ripple locked to a rotor",
+    "fit.stages[].parameters": "parameters of this stage",
+    "fit.stages[].outputs": "outputs of this stage",
+    "fit.pso.particles": "particles of the swarm",
+    "fit.pso.iterations": "most iterations of the swarm",
+    "fit.pso.tolerance": "progress of the cost at which the swarm stops",
+    "fit.local.iterations": "most iterations of the local search",
+    "fit.local.tolerance": "predicted decrease of the cost at which it has converged (log-posterior: nats)",
+    "fit.local.starts": "points of the swarm that it starts from",
+    "posterior.ensembles": "independent ensembles of walkers",
+    "posterior.walkers": "walkers of an ensemble; left out: twice the dimension and two",
+    "posterior.max_steps": "most steps of the kept chain",
+    "posterior.max_minutes": "most time, in min",
+    "posterior.r_hat": "largest R-hat with which the chain may stop",
+    "posterior.ess": "effective samples, bulk and tail, with which the chain may stop",
+    "prediction.stretches": "stretches of time that a recording is cut into",
+    "prediction.refits": "compute posteriors anew where re-weighting is unreliable; left out: for short recordings",
+    "prediction.max_seconds": "most time, in s; 0 leaves it out",
+    "loop.max_effects": "most effects that are added",
+    "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
+    "loop.effects": "ids of the AERO's catalogue to consider; for a model of your own the laws",
+    "loop.exclude": "ids, ports or laws that are not considered",
+    "loop.ports": "the only ports that are considered",
+    "loop.laws": "the only laws that are considered",
+    "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
+    "solver.relative_tolerance": "of the integration",
+    "solver.absolute_tolerance": "of the integration, over a state's nominal value",
+    "solver.time_limit": "of one simulation, in s",
+}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """The picture of the README stands in ``reports/``; the pages use the same file."""
+    files.append(File.generated(config, "loop.svg", abs_src_path=str(ROOT / "reports" / "example" / "loop.svg")))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Put what the code says in place of the marks."""
+    return MARK.sub(lambda found: GENERATORS[found[1]](), markdown)
+
+
+def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> str:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+# The TOML file ------------------------------------------------------------------------------------------------------
+
+
+def configuration() -> str:
+    """A table a section, in the order of the schema."""
+    return "\n\n".join(_section(Config, ""))
+
+
+def _section(section: type[BaseModel], path: str) -> Iterator[str]:
+    below, rows = [], []
+    for name, field in section.model_fields.items():
+        inner, many = _inner(field.annotation)
+        if inner is not None:
+            below.append((inner, f"{path}.{name}".lstrip(".") + {"dict": ".NAME", "list": "[]", "": ""}[many]))
+        else:
+            rows.append((f"`{name}`", _type(field.annotation), _default(field), _meaning(f"{path}.{name}", field)))
+    if rows:
+        title = f"[[{path[:-2]}]]" if path.endswith("[]") else f"[{path}]"
+        yield f"## `{title}`\n\n" + _table(("key", "value", "default", "meaning"), rows)
+    for inner, place in below:
+        yield from _section(inner, place)
+
+
+def _meaning(key: str, field: FieldInfo) -> str:
+    text = field.description or KEYS.get(key, "")
+    if not text:
+        log.warning("the key %s of the configuration is explained nowhere", key)
+    return text
+
+
+def _inner(annotation: object) -> tuple[type[BaseModel] | None, str]:
+    """The section that a key holds, and whether by name, in a list, or once."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation, ""
+    origin = typing.get_origin(annotation)
+    for argument in typing.get_args(annotation):
+        found, many = _inner(argument)
+        if found is not None:
+            return found, {dict: "dict", tuple: "list", list: "list"}.get(typing.cast(type, origin), many)
+    return None, ""
+
+
+def _type(annotation: object) -> str:
+    """An annotation as a person would write it in a TOML file."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Annotated:
+        return _type(arguments[0])
+    if origin is typing.Literal:
+        return " or ".join(f'`"{value}"`' for value in arguments)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_type(a) for a in arguments if a is not type(None))
+    if origin in (tuple, list):
+        return f"list of {_type(arguments[0])}"
+    if origin is dict:
+        return f"{_type(arguments[1])} by name"
+    words = {bool: "true or false", int: "whole number", float: "number", str: "text", Path: "path"}
+    return words.get(typing.cast(type, annotation), getattr(annotation, "__name__", str(annotation)))
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return "`[]`" if not value else f"`{list(value)}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
+
+
+# result.json --------------------------------------------------------------------------------------------------------
+
+
+def result() -> str:
+    """A table a class of the schema, the whole first; types link to their tables."""
+    parts = [schema.RunResult]
+    for part in parts:
+        for field in part.model_fields.values():
+            parts += [p for p in _parts(field.annotation) if p not in parts]
+    return "\n\n".join(_part(part) for part in parts)
+
+
+def _part(part: type[BaseModel]) -> str:
+    rows = [
+        (f"`{field.alias or name}`", _linked(field.annotation), _result_default(field))
+        for name, field in part.model_fields.items()
+    ]
+    return f"## {part.__name__}\n\n{_text(part)}\n\n" + _table(("key", "holds", "default"), rows)
+
+
+def _text(thing: object) -> str:
+    """Docstring without its indent, its code marked as Markdown has it."""
+    return inspect.cleandoc(thing.__doc__ or "").replace("``", "`")
+
+
+def _parts(annotation: object) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [part for argument in typing.get_args(annotation) for part in _parts(argument)]
+
+
+def _linked(annotation: object) -> str:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"[{annotation.__name__}](#{annotation.__name__.lower()})"
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join("null" if a is type(None) else _linked(a) for a in arguments)
+    if origin in (list, tuple):
+        return "list of " + _linked(arguments[0])
+    if origin is dict:
+        return _linked(arguments[1]) + " by name"
+    return _type(annotation) if origin or annotation in (bool, int, float, str) else "any JSON"
+
+
+def _result_default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "always there"
+    value = field.get_default(call_default_factory=True)
+    if isinstance(value, BaseModel):
+        return ""
+    if isinstance(value, list | dict):
+        return "empty"
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+# Command line, laws, library ----------------------------------------------------------------------------------------
+
+
+def command_line() -> str:
+    """What ``--help`` says, command by command."""
+    top = click.Context(cli.main, info_name="aero-bayes", max_content_width=100, terminal_width=100)
+    pages = [f"```text\n{cli.main.get_help(top)}\n```"]
+    for name in cli.main.list_commands(top):
+        command = cli.main.commands[name]
+        context = click.Context(command, info_name=name, parent=top, max_content_width=100, terminal_width=100)
+        pages.append(f"## {name}\n\n```text\n{command.get_help(context)}\n```")
+    return "\n\n".join(pages)
+
+
+def laws() -> str:
+    """The shipped laws by kind of port."""
+    rows = [
+        (f"`{law.id}`", law.kind, law.description, ", ".join(f"`{p.name}`" for p in law.parameters),
+         f"`{law.refines}`" if law.refines else "")
+        for law in sorted(general_laws(), key=lambda law: law.kind)
+    ]  # fmt: skip
+    return _table(("law", "acts at", "what it is", "parameters, the switch first", "finer law of"), rows)
+
+
+def effects() -> str:
+    """The AERO's own catalogue."""
+    rows = [
+        (f"`{effect.id}`", effect.port, effect.summary, ", ".join(f"`{p.name}`" for p in effect.parameters))
+        for effect in CATALOGUE.values()
+    ]
+    return _table(("effect", "port", "what it is", "parameters"), rows)
+
+
+def library() -> str:
+    """Signature and docstring of each public name."""
+    parts = []
+    for name in aero_bayes.__all__:
+        thing = getattr(aero_bayes, name)
+        text = inspect.cleandoc(thing.__doc__ or "")
+        if not text:
+            log.warning("%s has no docstring", name)
+        kind = "class" if inspect.isclass(thing) else "def"
+        head = f"{kind} {name}{inspect.signature(thing)}" if kind == "def" else f"class {name}"
+        parts.append(f"## {name}\n\n```text\n{head}\n\n{text}\n```")
+    return "\n\n".join(parts)
+
+
+GENERATORS: Mapping[str, Callable[[], str]] = {
+    f.__name__: f for f in (configuration, result, command_line, laws, effects, library)
+}

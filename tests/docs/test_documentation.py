@@ -1,0 +1,95 @@
+"""What the documentation says to type is typed here, as it stands there."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Path:
+    """A copy of the example's folder, without what a run left there."""
+    return Path(shutil.copytree(ROOT / "examples" / "cart", tmp_path / "cart", ignore=shutil.ignore_patterns("out*")))
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Fenced blocks of a page, dedented."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.M | re.S)
+    return [re.sub(rf"^{indent}", "", body, flags=re.M) for indent, body in found]
+
+
+def typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-e", "-c", command], cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+
+
+def test_the_tutorials_commands_find_the_friction(cart: Path):
+    """Every command of the tutorial runs, and every line of text output that it promises is printed."""
+    printed = ""
+    for command in blocks("docs/tutorial.md", "bash"):
+        done = typed(command, cart)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        printed += done.stdout
+    promised = blocks("docs/tutorial.md", "text")
+    assert len(promised) >= 4
+    for line in "".join(promised).splitlines():
+        name = re.sub(r"\d[\d.,]*", "#", line.strip())  # last digits depend on the processor
+        assert name in re.sub(r"\d[\d.,]*", "#", printed), line
+
+
+@pytest.mark.parametrize("page", ["docs/howto/model.md", "docs/howto/data.md", "docs/howto/fmu.md"])
+def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
+    commands = blocks(page, "bash")
+    assert commands
+    for command in commands:
+        done = typed(command, cart)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+
+
+def test_the_laws_of_the_how_to_page_are_read(cart: Path):
+    """The file of a law as it stands on the page."""
+    from aero_bayes.physics import laws_of
+
+    (cart / "MyLaws.mo").write_text(blocks("docs/howto/law.md", 'modelica title="MyLaws.mo"')[0], encoding="utf-8")
+    assert [law.id for law in laws_of([cart / "MyLaws.mo"])] == ["wind_drag"]
+
+
+@pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law"])
+def test_tables_of_the_how_to_pages_are_valid(page: str, tmp_path: Path):
+    """Each TOML block is one that the program reads."""
+    from aero_bayes.config import load_config
+
+    tables = blocks(f"docs/howto/{page}.md", "toml")
+    assert tables
+    for number, table in enumerate(tables):
+        file = tmp_path / f"{number}.toml"
+        file.write_text(table, encoding="utf-8")
+        load_config(file)
+
+
+def test_the_readmes_example_prints_what_it_says(cart: Path):
+    (script,), (said,) = blocks("README.md", "python"), blocks("README.md", "text")
+    done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert re.sub(r"\d[\d.,]*", "#", done.stdout) == re.sub(r"\d[\d.,]*", "#", said)
+
+
+def test_public_names_are_what_they_say_after_their_rooms_are_imported():
+    """The room ``sample/`` and the function ``sample`` go by one name."""
+    import aero_bayes
+    import aero_bayes.sample.posterior
+
+    assert callable(aero_bayes.sample)
+    for name in aero_bayes.__all__:
+        assert callable(getattr(aero_bayes, name)), name
