@@ -176,6 +176,18 @@ def replay(out: Path, seed: int, quiet: bool) -> None:
 
 
 @main.command()
+@click.option("--model", help="Modelica class.  [default: Aero.Systems.OneDof]")
+@click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
+@click.option("--data", type=FILE, multiple=True, help="Recording: say which ports it can see.")
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def ports(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
+    """List where a term may be missing in a model, and the laws that fit there."""
+    from aero_bayes.workflow.ports import run_ports
+
+    run_ports(model, config, data, as_json=as_json)
+
+
+@main.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: Path) -> None:
     """Draw the page of a finished run again."""
