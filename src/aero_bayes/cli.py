@@ -176,6 +176,31 @@ def replay(out: Path, seed: int, quiet: bool) -> None:
 
 
 @main.command()
+@click.argument("source", type=FILE, metavar="RIG.MO")
+@click.argument("data", type=FILE, metavar="RUN.CSV")
+@click.option("--model", help="Modelica class.  [default: the one that no other in the file uses]")
+@click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
+@click.option("--out", type=FILE, default=Path("rig.toml"), show_default=True, help="The file to write.")
+def init(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
+    """Write the configuration for a model and a recording: columns matched by name, every parameter listed."""
+    from aero_bayes.workflow.init import run_init
+
+    run_init(source, data, out, model=model, libraries=libraries)
+
+
+@main.command()
+@click.option("--model", help="Modelica class.  [default: Aero.Systems.OneDof]")
+@click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
+@click.option("--data", type=FILE, multiple=True, help="Recording: say which ports it can see.")
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def ports(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
+    """List where a term may be missing in a model, and the laws that fit there."""
+    from aero_bayes.workflow.ports import run_ports
+
+    run_ports(model, config, data, as_json=as_json)
+
+
+@main.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: Path) -> None:
     """Draw the page of a finished run again."""

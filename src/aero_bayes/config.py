@@ -137,6 +137,7 @@ class LoopSection(Section):
     held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
     effects: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()
+    require: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
 

@@ -65,7 +65,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
         One line with file, line and column: no such file, empty, header only, another separator, a decimal comma,
         a column missing or twice, text in a number, a value that is not finite, too large for the memory.
     """
-    header_bytes, header = _header(path)
+    header_bytes, header = read_header(path)
     picked = _pick(path, header, wanted, optional)
     sha256, lines = _scan(path)
     rows = max(lines - 1, 0)
@@ -112,7 +112,7 @@ def free_memory() -> int:
     return free
 
 
-def _header(path: Path) -> tuple[int, list[str]]:
+def read_header(path: Path) -> tuple[int, list[str]]:
     """Length of the header line in bytes, and its names."""
     with path.open("rb") as file:
         raw = file.readline(1 << 20)

@@ -234,7 +234,7 @@ class Search:
         A first effect may explain only half of what is missing, so that a wrong one can win the first round.
         ``structured`` says whether a fit leaves structure, in which case pairs are tried.
         """
-        current = base
+        current = self._required(base)
         while len(current.effects) < self.settings.max_effects:
             told(f"round {len(self.rounds) + 1}", len(self.rounds) / (self.settings.max_effects + 1))
             room = self.settings.max_effects - len(current.effects) > 1
@@ -249,13 +249,33 @@ class Search:
             current, equivalent = self._swapped(base, current, ids)
         return Selection(current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1))
 
+    def _required(self, base: Held) -> Held:
+        """The fit with what the engineer requires, each a round of its own.
+
+        Raises
+        ------
+        CannotFinishError
+            If the model cannot be simulated with one of them.
+        """
+        any_start = replace(self.settings, promise=-math.inf)
+        for id_ in self.settings.require:
+            here = self.moved(base, [id_])
+            found = score(here, here.stand.candidates[id_], any_start, self.fit)
+            if found.held is None:
+                raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
+            scores, nothing, untried = with_odds([found])
+            why = f"{id_} is required, and gains {found.gain:.1f} in log-evidence"
+            self.rounds.append(Round(len(self.rounds) + 1, base, scores, 0.0, scores[0], (id_,), why, nothing, untried))
+            base = found.held
+        return base
+
     def _swapped(self, base: Held, current: Held, ids: Sequence[str]) -> tuple[Held, list[tuple[str, ...]]]:
         """Each effect in turn is dropped if it has not earned its place, or swapped for what explains more."""
         equivalent: list[tuple[str, ...]] = []
         for _ in range(2):
             changed, equivalent = False, []
             for effect in current.effects:
-                if effect not in current.effects:
+                if effect not in current.effects or effect in self.settings.require:
                     continue
                 without = self.without(base, current, effect)
                 bar = threshold(len(ids), self.settings)

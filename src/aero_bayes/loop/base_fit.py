@@ -126,7 +126,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
         bench.tally.count(study)
     if lines is not None:
         return lines
-    cleaned, ripple = without_ripple(calibration, fitted)
+    cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
     if not ripple:
         return calibration, found
     with bench.open(cleaned.problem()) as simulator:

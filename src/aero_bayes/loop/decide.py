@@ -15,8 +15,13 @@ CARRIES_OVER = 0.1
 
 
 def decide(bench: Workbench, found: Found) -> Conclusion:
-    """Name the effects, else a learned curve, else leave the model as it is; what is named must carry over."""
+    """Name the effects, else a learned curve, else leave the model as it is; what is named must carry over.
+
+    What the engineer required is added whatever the evidence.
+    """
     selection, rival = found.selection, found.rival
+    if bench.settings.attribute.require:
+        return add_effects(bench, found)
     if rival.curve is not None:
         return add_curve(bench, found, rival.curve)
     refused = ""

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE
+from aero_bayes.export import CATALOGUE, PORTS
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -24,7 +24,8 @@ from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.kin import Family
-from aero_bayes.physics.rig import Narrowed, RigFamily
+from aero_bayes.physics.narrowed import Narrowed
+from aero_bayes.physics.rig import RigFamily
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import WorkerPool
 
@@ -97,11 +98,13 @@ def close_loop(
 
 
 def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
+    """The model and its relatives; an effect of the package ``Aero`` is a law of its own."""
+    require = settings.attribute.require
+    narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     if not model.startswith("Aero."):
-        narrowed = Narrowed(settings.exclude, settings.ports, settings.laws or settings.effects)
-        return RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
-    unknown = [id_ for id_ in (*(settings.effects or ()), *settings.exclude) if id_ not in CATALOGUE]
-    if unknown:
-        raise InputError(f"unknown effect {unknown[0]!r}; expected some of {', '.join(CATALOGUE)}")
-    effects = tuple(id_ for id_ in settings.effects or CATALOGUE if id_ not in settings.exclude)
+        rig = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
+        rig.check()
+        return rig
+    narrowed.check(CATALOGUE, CATALOGUE, PORTS)
+    effects = tuple(e.id for e in CATALOGUE.values() if narrowed.keeps(e.id, e.id, e.port))
     return ModelFamily(model, folder, effects=effects)

@@ -36,7 +36,7 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
     """
     bar = threshold(count, search.settings)
     for id_, coarse in finer.items():
-        if coarse not in selection.effects:
+        if coarse not in selection.effects or coarse in search.settings.require or id_ in selection.effects:
             continue
         found = _in_place_of(search, selection.held, coarse, id_)
         if found is None:
@@ -63,7 +63,7 @@ def _with(classes: tuple[tuple[str, ...], ...], member: str, other: str) -> tupl
 
 def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Selection:
     """The selection without effects that only made up for what the finer law now tells."""
-    for other in [e for e in selection.effects if e != kept]:
+    for other in [e for e in selection.effects if e != kept and e not in search.settings.require]:
         without = search.without(selection.base, selection.held, other)
         if selection.held.log_evidence - without.log_evidence < bar:
             same = tuple(ids for ids in selection.equivalent if other not in ids)

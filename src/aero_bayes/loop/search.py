@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aero_bayes.check.structure import ResidualReport
+from aero_bayes.errors import InputError
 from aero_bayes.loop.attribute import Search, Selection
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.judge import Prediction
@@ -32,6 +33,9 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     bench.progress("trying every effect", 0.2)
     finer = bench.family.finer()
     ids = [id_ for id_ in base.ids if id_ not in finer]
+    for id_ in bench.settings.attribute.require:
+        if id_ not in base.ids:
+            raise InputError(f"[loop] require: no recorded output can show {id_}")
     effort = Search(base.stands, bench.family.groups(), bench.settings.attribute, base.settings)
     selection = effort.select(
         base.held, ids, lambda held: any(r.verdict == "structured" for r in base.report(held)),

@@ -21,6 +21,7 @@ class AttributeSettings:
     difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
     how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
     log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
+    ``require`` names effects that are added first and need not earn their place; ``max_effects`` counts them.
     """
 
     margin: float = 4.0
@@ -29,6 +30,7 @@ class AttributeSettings:
     promise: float = 2.0
     max_effects: int = 3
     pairs: int = 5
+    require: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class LoopSettings:
         Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
     libraries : tuple of Path
         Folders that hold packages which the model uses.
+    ripple : bool
+        Whether ripple locked to a rotor is taken out of the readings.
     held_out : float
         Share of each recording, at its end, that is kept from the fit where no test recording is given.
     fixed : mapping of str to float
@@ -79,6 +83,7 @@ class LoopSettings:
     exclude: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
+    ripple: bool = True
     held_out: float = 0.3
     libraries: tuple[Path, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)

@@ -92,6 +92,7 @@ class ClassText:
     class_names: list[str] = field(default_factory=list)
     annotation: tuple[Token, ...] = ()
     annotation_start: int = -1
+    partial: bool = False
 
     @property
     def full_name(self) -> str:
@@ -252,6 +253,7 @@ class _Reader:
         assert at is not None
         name = self.tokens[at]
         kind = next(t.word for t in self.tokens[self.at : at] if t.word in CLASS_WORDS)
+        partial = any(t.word == "partial" for t in self.tokens[self.at : at])
         if at + 1 < len(self.tokens) and self.tokens[at + 1].word == "=":
             self.at = self.semicolon() + 1
             return None
@@ -265,6 +267,7 @@ class _Reader:
             if self.word() == "+":
                 self.at += 1
         cls = ClassText(kind, name.word, first.start, self.tokens[self.at - 1].end, name, within, description)
+        cls.partial = partial
         self.body(cls)
         return cls
 

@@ -17,34 +17,17 @@ from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics import ports as found_ports
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved
 from aero_bayes.physics.laws import Law, general_laws, laws_of
+from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 from aero_bayes.simulation import Model
-
-
-@dataclass(frozen=True)
-class Narrowed:
-    """What the engineer decides: ids, ports or laws that count, and those that do not."""
-
-    exclude: tuple[str, ...] = ()
-    ports: tuple[str, ...] | None = None
-    laws: tuple[str, ...] | None = None
-
-    def keeps(self, c: found_ports.Candidate) -> bool:
-        refused = {c.id, c.law.id, c.port.id} & set(self.exclude)
-        return (
-            not refused
-            and (self.ports is None or c.port.id in self.ports)
-            and (self.laws is None or c.law.id in self.laws)
-        )
 
 
 @dataclass(frozen=True)
@@ -66,7 +49,7 @@ class RigFamily:
     sources: tuple[Path, ...]
     folder: Path
     libraries: tuple[Path, ...] = ()
-    narrowed: Narrowed = Narrowed()
+    narrowed: Narrowed = field(default_factory=Narrowed)
     _uses: dict[str, Use] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -103,9 +86,14 @@ class RigFamily:
         """Laws that are off are simulated all the same."""
         return False
 
+    def check(self) -> None:
+        """Raise InputError where the engineer's choice names what there is not."""
+        ids = [c.id for c in candidates(self.ports, self.laws)]
+        self.narrowed.check(ids, [law.id for law in self.laws], [p.id for p in self.ports])
+
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every law at every port that it fits."""
-        every = [c for c in candidates(self.ports, self.laws) if self.narrowed.keeps(c)]
+        every = [c for c in candidates(self.ports, self.laws) if self.narrowed.keeps(c.id, c.law.id, c.port.id)]
         if not every:
             raise InputError(f"{self.base}: no law is left to try; [loop] exclude, ports and laws leave none")
         sizes = port_sizes(self.flat, self.ports, calibration, fit, open_simulator)

@@ -124,3 +124,15 @@ def _read(path: Path, name: str) -> SourceFile:
         return SourceFile(name, text, read_classes(text))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def read_classes_of(source: Path) -> tuple[ClassText, ...]:
+    """All classes with a body in a Modelica file or in the folder of a package.
+
+    Raises
+    ------
+    InputError
+        For a file that is no Modelica; names it.
+    """
+    files = sorted(source.rglob("*.mo")) if source.is_dir() else [source]
+    return tuple(c for path in files for top in _read(path, path.name).classes for c in top.walk())

@@ -29,7 +29,7 @@ from aero_bayes.workflow.curves import (
 )
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
 from aero_bayes.workflow.job import Job, RunOptions, columns_of, layout_of, open_job
-from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, run_loop
+from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
@@ -84,6 +84,8 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     if not files:
         files, tests = write_simulated(options.out / "simulated", options.seed)
     job = open_job(files, options, tests=tests)
+    if job.modelica:
+        loop_settings(job)
     with ProgressBar(options.quiet) as progress:
         base = fit_job(job, progress)
         loop = run_loop(job, progress) if job.modelica else None

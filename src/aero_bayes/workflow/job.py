@@ -85,7 +85,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         For anything the user gave that is wrong.
     """
     config = load_config(options.config)
-    name, fmu = _which_model(config, options)
+    name, fmu = which_model(config, options)
     own = fmu is None and not name.startswith(f"{PACKAGE}.")
     # The columns of a model of the user's own are those that it declares.
     sources, libraries = config.model.sources, config.model.libraries
@@ -113,7 +113,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
 
 
-def _which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
+def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
     """Name of the Modelica class, or path of the FMU; the command line wins over the file."""
     if options.model is not None:
         if options.model.endswith(".fmu"):

@@ -28,35 +28,9 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
     Raises
     ------
     InputError
-        If the model was given as an FMU: effects can only be written into Modelica source.
+        See :func:`loop_settings`.
     """
-    if not job.modelica:
-        raise InputError(
-            f"{job.model.path}: the loop writes the missing effect into Modelica source; "
-            "expected --model to name a Modelica class, not an FMU"
-        )
-    section, aero = job.config.loop, bool(aero_overrides(job.model))
-    fitting = fit_settings(job)
-    defaults = LoopSettings()
-    calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
-    if aero:
-        calibration = replace(calibration, solver=defaults.calibration.solver)
-    swarm = None if aero or fitting.method == "local" else fitting.swarm
-    settings = LoopSettings(
-        attribute=replace(defaults.attribute, max_effects=section.max_effects),
-        ascent=replace(defaults.ascent, swarm=swarm, staged=aero),
-        calibration=calibration,
-        seed=job.options.seed,
-        effects=section.effects,
-        exclude=section.exclude,
-        ports=section.ports,
-        laws=section.laws,
-        held_out=section.held_out,
-        libraries=job.config.model.libraries,
-        fixed=job.fixed,
-        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in job.parameters if not p.auto},
-        free=tuple(p.name for p in job.parameters if not p.auto),
-    )
+    settings = loop_settings(job)
     return close_loop(
         job.recordings,
         job.tests,
@@ -67,6 +41,67 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
     )
+
+
+def loop_settings(job: Job) -> LoopSettings:
+    """How the job wants its loop done.
+
+    Raises
+    ------
+    InputError
+        If the job asks for what a loop cannot do: an FMU, whose source cannot be extended, another engine than the
+        native one, or a fit that leaves no evidence to compare.
+    """
+    _check(job)
+    section, asked, aero = job.config.loop, job.config.fit, bool(aero_overrides(job.model))
+    given = asked.model_fields_set
+    fitting, defaults = fit_settings(job), LoopSettings()
+    calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
+    # For a rig that is known, looser tolerances and one valley are enough unless the user says otherwise.
+    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(aero or {"staged", "stages"} & given)
+    if aero:
+        wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
+        calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
+        swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
+    ascent = replace(
+        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local, starts=fitting.starts
+    )
+    searched = [p for p in job.parameters if not p.auto]
+    return LoopSettings(
+        attribute=replace(defaults.attribute, max_effects=section.max_effects, require=section.require),
+        ascent=ascent,
+        calibration=calibration,
+        seed=job.options.seed,
+        effects=section.effects,
+        exclude=section.exclude,
+        ports=section.ports,
+        laws=section.laws,
+        ripple=fitting.ripple == "subtract",
+        held_out=section.held_out,
+        libraries=job.config.model.libraries,
+        fixed={**{p.name: p.start for p in job.parameters if p.auto}, **job.fixed},
+        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in searched},
+        free=tuple(p.name for p in searched),
+    )
+
+
+def _check(job: Job) -> None:
+    asked = job.config.fit
+    if not job.modelica:
+        raise InputError(
+            f"{job.model.path}: the loop writes the missing effect into Modelica source; "
+            "expected --model to name a Modelica class, not an FMU"
+        )
+    if job.engine != "native":
+        raise InputError(f"the loop runs on the native engine only, not on {job.engine}")
+    if asked.cost != "posterior":
+        raise InputError(f'the loop compares log-evidences: [fit] cost is "{asked.cost}", expected "posterior"')
+    if asked.method == "pso":
+        raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
+    if asked.ripple == "describe":
+        raise InputError(
+            'the loop does not describe ripple: [fit] ripple is "describe", expected "subtract" or "ignore"'
+        )
 
 
 def extended_job(job: Job, loop: LoopResult) -> Job:

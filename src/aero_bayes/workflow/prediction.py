@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
+from aero_bayes.config import PredictionSection
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation import open_simulator
@@ -24,14 +25,22 @@ DRAWS, STRETCH_DRAWS, KNOWN = 10, 100, 0.5
 SHORT = 10_000
 
 
-def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
-    """The ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
+def prediction_settings(job: Job) -> PredictionSection | None:
+    """What is asked for, with ``refits`` decided; None for a single recording, or where it is switched off."""
     section = job.config.prediction
     if len(job.recordings) < 2 or section.max_seconds == 0.0:
+        return None
+    short = sum(r.rows for r in job.recordings) <= SHORT
+    return section if section.refits is not None else section.model_copy(update={"refits": short})
+
+
+def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """The ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
+    section = prediction_settings(job)
+    if section is None:
         return {}
     opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
     rng = np.random.default_rng([job.options.seed, 7])
-    refits = section.refits if section.refits is not None else sum(r.rows for r in job.recordings) <= SHORT
     entry: Json = {}
     try:
         with threadpool_limits(limits=1, user_api="blas"):
@@ -41,7 +50,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
             entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
             ordered = time_ordered(
                 found, opener, rng, blocks=section.stretches, first=max(1, round(KNOWN * section.stretches)),
-                draws=STRETCH_DRAWS, refits=refits, progress=progress,
+                draws=STRETCH_DRAWS, refits=bool(section.refits), progress=progress,
             )  # fmt: skip
             entry["stretches"] = ordered.to_dict()
     except CannotFinishError as error:

@@ -1,0 +1,246 @@
+"""``aero-bayes init``: the configuration that a newcomer needs, written from a model and a recording of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.config import Config
+from aero_bayes.data import read_recording
+from aero_bayes.data.csv_text import read_header
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
+from aero_bayes.files import whole_file
+from aero_bayes.library import load_model
+from aero_bayes.physics.sources import read_classes_of
+from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation.model import Variable
+from aero_bayes.workflow.job import columns_of, layout_of
+
+FloatArray = NDArray[np.float64]
+
+#: Sample times on which the outputs' reaction is looked at.
+SAMPLES = 2000
+#: Change of an output, as a share of its range, by a change of a parameter by its own size, below which it is not felt.
+FELT = 1e-4
+#: Share of a parameter's effect that others do not imitate, below which it cannot be told from them.
+APART = 1e-3
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Columns of a file by the model's signal, and what is left on both sides."""
+
+    columns: dict[str, str]
+    signals_left: tuple[str, ...]
+    columns_left: tuple[str, ...]
+
+
+def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, libraries: Sequence[Path] = ()) -> None:
+    """Write a configuration for a model and a recording.
+
+    Parameters
+    ----------
+    source : Path
+        A Modelica file, or the folder of a package.
+    data : Path
+        A CSV file with a header.
+    out : Path
+        The TOML file; it must not exist.
+    model : str, optional
+        Full name of the class, where the source holds several.
+    libraries : sequence of Path
+        Folders of packages that the model uses.
+
+    Raises
+    ------
+    InputError
+        If ``out`` exists, or the model or the recording cannot be read; nothing is written then.
+    """
+    if out.exists():
+        raise InputError(f"{out}: exists already, and is not overwritten: remove it or give another --out")
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out}: its folder does not exist")
+    for path in (source, data):
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+    name = model or main_class(source)
+    built = load_model(name, sources=[source], libraries=libraries)
+    signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
+    matched = match_columns(signals, read_header(data)[1])
+    head = _head(name, [source, *libraries], out, built, data, matched)
+    text = head + _parameter_lines(built, _reasons(built, head, data))
+    Config.model_validate(tomllib.loads(text))
+    with whole_file(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    click.echo(f"wrote {out}")
+    for signal in matched.signals_left:
+        click.echo(f"no column of {data.name} was matched to {signal}: see the comment in {out}")
+
+
+def main_class(source: Path) -> str:
+    """Full name of the one model of a source that no other class there uses.
+
+    Raises
+    ------
+    InputError
+        If there is none, or several; names them.
+    """
+    found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
+    words = {
+        c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}
+        for c in read_classes_of(source)
+    }
+    roots = [c for c in found if not any(c.name in own for name, own in words.items() if name != c.full_name)]
+    if len(roots) == 1:
+        return roots[0].full_name
+    if not found:
+        raise InputError(f"{source}: holds no model")
+    raise InputError(f"{source}: say which model with --model: {', '.join(c.full_name for c in roots or found)}")
+
+
+def match_columns(signals: Sequence[str], columns: Sequence[str]) -> Matched:
+    """Match a file's columns: by exact name, without case and a unit in brackets, and the last one to the last one."""
+    found = {s: s for s in signals if s in columns}
+    plain = {c: _plain(c) for c in columns}
+    for signal in signals:
+        near = [c for c in columns if plain[c] == signal.casefold() and c not in found.values()]
+        if signal not in found and len(near) == 1:
+            found[signal] = near[0]
+    signals_left = [s for s in signals if s not in found]
+    columns_left = [c for c in columns if c not in found.values()]
+    if len(signals_left) == len(columns_left) == 1:
+        found[signals_left.pop()] = columns_left.pop()
+    return Matched(found, tuple(signals_left), tuple(columns_left))
+
+
+def _plain(column: str) -> str:
+    """A column's name without case and a unit in brackets."""
+    return re.sub(r"\s*[\[(].*[\])]\s*$", "", column).casefold()
+
+
+def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: Matched) -> str:
+    """Everything before the parameters."""
+    source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
+    lines = [
+        f"# How {name} is fitted to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
+        "",
+        "[model]",
+        f"sources = [{_text(source)}]",
+        f"name = {_text(name)}",
+        *([f"libraries = [{', '.join(map(_text, libraries))}]"] if libraries else []),
+        "",
+        "# Values are in the units that the model declares.",
+        "[data]",
+        *_signal_lines("inputs", model.inputs, matched),
+        *_signal_lines("outputs", model.outputs, matched),
+    ]
+    renamed = [(signal, column) for signal, column in matched.columns.items() if signal != column]
+    lines += ["", "# Where a signal has another name in the file; unit, scale and offset can be given too.",
+              "[data.columns]"]  # fmt: skip
+    for signal, column in renamed:
+        doubt = "" if _plain(column) == signal.casefold() else "  # the only one left: is it this?"
+        lines.append(f"{_key(signal)} = {{source = {_text(column)}}}{doubt}")
+    left = f"columns left: {', '.join(matched.columns_left)}" if matched.columns_left else "no column is left"
+    lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
+    lines += ["", "[fit]", "# reading, estimated, or auto: whether states start at the first reading or anywhere",
+              'initial_states = "estimated"', "", ""]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) -> list[str]:
+    known = [v for v in variables if v.name in matched.columns]
+    lines = [f"# {v.name}: {_about(v)}" for v in known]
+    lines += [
+        f"# {v.name}: {_about(v)}; no column was matched: see [data.columns], and add it here"
+        for v in variables
+        if v.name not in matched.columns
+    ]
+    given = f"{role} = [{', '.join(_text(v.name) for v in known)}]"
+    return [*lines, given if known or not variables else f"# {role} = [...]"]
+
+
+def _reasons(model: Model, head: str, data: Path) -> dict[str, str]:
+    """Why a parameter is not free, by name; empty for those that are."""
+    tunable, reasons = [], {}
+    for v in model.parameters:
+        try:
+            tunable += list(parameters_from_model(model, free=[v.name]))
+        except InputError:
+            reasons[v.name] = "has no value to start from within its bounds"
+    slopes = _slopes(model, head, data, ParameterSet(tuple(tunable))) if tunable else None
+    if slopes is None:
+        return reasons | {p.name: "not tried: see [data]" for p in tunable}
+    kept = np.empty((0, slopes.shape[1]))
+    for p, row in zip(tunable, slopes, strict=True):
+        size = float(np.linalg.norm(row))
+        left = row - (row @ kept.T) @ kept
+        rest = float(np.linalg.norm(left))
+        if size < FELT * np.sqrt(row.size):
+            reasons[p.name] = "the outputs do not react to it"
+        elif rest < APART * size:
+            reasons[p.name] = "the outputs cannot tell it from those above"
+        else:
+            kept = np.vstack([kept, left / rest])
+            reasons[p.name] = ""
+    return reasons
+
+
+def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> FloatArray | None:
+    """Change of all outputs, over their ranges, by a change of each parameter by its own size: shape (p, N).
+
+    None if the recording does not have what the model needs, or the model cannot be simulated as it stands.
+    """
+    config = Config.model_validate(tomllib.loads(head))
+    if config.data.outputs is None or (model.inputs and config.data.inputs is None):
+        return None
+    recording = read_recording(data, layout=layout_of(config, model), columns=columns_of(config))
+    settings = CalibrationSettings(delay="none", start="estimated")
+    calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLES)
+    with open_simulator(calibration.problem()) as simulator:
+        objective = Objective(calibration, simulator)
+        at = calibration.parameters.to_search(calibration.parameters.start)
+        run = objective.evaluate(at, range(len(parameters)))
+    if run is None or run.slopes is None:
+        return None
+    own = [abs(p.start) or 1.0 for p in parameters] / parameters.jacobian(parameters.start)
+    ranges = [float(np.ptp(s.measured)) or 1.0 for s in objective.series]
+    return np.concatenate([by * own[:, None] / size for by, size in zip(run.slopes, ranges, strict=True)], axis=1)
+
+
+def _parameter_lines(model: Model, reasons: dict[str, str]) -> str:
+    lines = [
+        "# All parameters of the model. Free are those that the outputs react to; free = false holds one.",
+        "[parameters]",
+    ]
+    for v in model.parameters:
+        value = [] if v.start is None else [f"value = {float(v.start)!r}"]
+        line = f"{_key(v.name)} = {{{', '.join(['free = true', *value])}}}"
+        why = reasons[v.name]
+        lines += [f"# {line}  # {_about(v)}; {why}" if why else f"{line}  # {_about(v)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _about(variable: Variable) -> str:
+    """Unit and description in a comment."""
+    unit = f"in {variable.unit}" if variable.unit else "no unit declared"
+    return ", ".join(filter(None, (" ".join(variable.description.split()), unit)))
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)

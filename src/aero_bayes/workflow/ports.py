@@ -1,0 +1,179 @@
+"""``aero-bayes ports``: where a term may be missing in a model, which laws fit, and whether a recording sees it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.config import load_config
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.result import Fit
+from aero_bayes.export import CATALOGUE
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.syntax import Number
+from aero_bayes.physics.compose import probe
+from aero_bayes.physics.ports import Port, PortKind, port_table
+from aero_bayes.physics.rig import RigFamily
+from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.scratch import ScratchFolder
+from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.workflow.commands import fit_job
+from aero_bayes.workflow.job import PACKAGE, RunOptions, open_job, which_model
+from aero_bayes.workflow.progress import ProgressBar
+
+FloatArray = NDArray[np.float64]
+Row = dict[str, Any]
+
+#: What a probe has the size of, by the name that laws know it by.
+ACTS: Mapping[PortKind, str] = {"input": "u_n", "output": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n"}
+#: Response to a probe, as a share of the strongest port's, from which a port counts as seen, and as hardly seen.
+SEEN, HARDLY = 1e-2, 1e-4
+
+
+def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
+    """Print the ports of a model; with recordings, whether these can see them.
+
+    Raises
+    ------
+    InputError
+        For an FMU, whose equations are not known, and for recordings beside a model of the package ``Aero``.
+    """
+    with ScratchFolder() as scratch:
+        rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
+    click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
+
+
+def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
+    name, fmu = which_model(load_config(options.config), options)
+    if fmu is not None:
+        raise InputError(f"{fmu}: ports are found in Modelica source; expected --model to name a class, not an FMU")
+    if name.startswith(f"{PACKAGE}."):
+        if data:
+            raise InputError(f"{name}: --data is for models of your own; the ports of package {PACKAGE} are a list")
+        return [{"id": e.id, "port": e.port, "summary": e.summary} for e in CATALOGUE.values()]
+    return model_ports(name, options, data)
+
+
+def model_ports(name: str, options: RunOptions, data: Sequence[Path]) -> list[Row]:
+    """Rows of :func:`~aero_bayes.physics.ports.port_table`; with recordings, ``response`` and ``seen`` beside them.
+
+    ``options.out`` is where FMUs are built for the recordings' sake.
+    """
+    section = load_config(options.config).model
+    family = RigFamily(name, section.sources, options.out, section.libraries)
+    rows: list[Row] = port_table(family.ports)
+    if data:
+        job = open_job(data, options)
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, again=True)
+        responses = port_responses(family, found, options.out)
+        for row in rows:
+            row["response"] = responses.get(row["id"])
+            row["seen"] = visibility(row["response"], max(responses.values(), default=0.0))
+    return rows
+
+
+def visibility(response: float | None, strongest: float) -> str:
+    """``seen``, ``hardly``, ``not seen`` by the share of the strongest port's response; ``unknown`` without one."""
+    if response is None:
+        return "unknown"
+    share = response / strongest if strongest > 0.0 else 0.0
+    return "seen" if share >= SEEN else "hardly" if share >= HARDLY else "not seen"
+
+
+def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
+    """How many standard deviations of noise a constant probe of each port's own size moves the outputs by.
+
+    What a change of the fitted parameters imitates does not count.
+
+    Parameters
+    ----------
+    family : RigFamily
+    found : Fit
+        Of the model as it stands.
+    folder : Path
+        Where the FMU with the probes is built.
+    """
+    ports = [p for p in family.ports if p.via in ("input", "output") or p.entrance is not None]
+    sizes = port_sizes(family.flat, ports, found.calibration, found.optimum, open_simulator)
+    flat, names = _constant_probes(family.flat, ports)
+    model = Model.load(export_flat(flat, folder / "probed.fmu"))
+    own = len(found.calibration.parameters)
+    probes = [_probe(names[p.id], p, sizes[p.id][ACTS[p.kind]]) for p in ports]
+    calibration = family.on(found.calibration, model)
+    calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
+    free = found.free
+    at = calibration.parameters.to_search(np.concatenate([found.values, np.zeros(len(probes))]))
+    with open_simulator(calibration.problem()) as simulator:
+        objective = Objective(calibration, simulator)
+        run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
+        if run is None:
+            raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
+        rows = objective.whiten(run.residual, run.slopes, found.optimum.noise).slopes
+    left = _apart(rows[len(free) :], rows[: len(free)])
+    return {p.id: float(np.linalg.norm(row)) for p, row in zip(ports, left, strict=True)}
+
+
+def _constant_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
+    """The model with a parameter at every port: its exact sensitivity is the response to a constant probe."""
+    probed, names = probe(flat, ports)
+    variables = tuple(
+        replace(v, causality="local", variability="parameter", attributes={}, binding=Number(0.0))
+        if v.name in names.values()
+        else v
+        for v in probed.variables
+    )
+    return replace(probed, variables=variables), names
+
+
+def _probe(name: str, port: Port, size: float) -> Parameter:
+    """A probe whose search coordinate runs in units of the port's size."""
+    half = 0.5 * size
+    about, target = f"probe at {port.id}", ParameterTarget(name)
+    return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
+
+
+def _apart(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
+    """Rows (q, N) without what rows (k, N) can imitate."""
+    if not nuisance.size:
+        return rows
+    _, values, basis = np.linalg.svd(nuisance, full_matrices=False)
+    basis = basis[values > 1e-9 * values.max(initial=0.0)]
+    left: FloatArray = rows - (rows @ basis.T) @ basis
+    return left
+
+
+def as_table(rows: Sequence[Row]) -> str:
+    """Rows as aligned columns with a header; file and line in one, lists with spaces."""
+    shown = [_cells(row) for row in rows]
+    if not shown:
+        return "no ports"
+    table = [list(shown[0]), *(list(cells.values()) for cells in shown)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in table)
+
+
+def _cells(row: Row) -> dict[str, str]:
+    cells: dict[str, str] = {}
+    for key, value in row.items():
+        if key == "line":
+            continue
+        text = f"{value}:{row['line']}" if key == "file" and value else value
+        if key == "response":
+            text = "" if value is None else f"{value:.3g}"
+        cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"
+    if "laws" in cells:
+        cells["laws"] = cells.pop("laws")
+    return cells

@@ -1,0 +1,132 @@
+"""``aero-bayes init``: what it writes is what ``fit`` needs."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from aero_bayes.cli import main
+from aero_bayes.workflow.init import main_class, match_columns
+
+RIG = """within ;
+partial model Base
+  parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.3 "Rate of \\"loss\\"";
+end Base;
+model Vessel "Fed and leaking"
+  extends Base;
+  parameter Real gain(unit = "kg/s", min = 0.1, max = 10) = 2 "Per volt";
+  parameter Real twin = 1 "Multiplies the gain, so that no data tells the two apart";
+  parameter Real unused(unit = "m") = 3 "Not in any equation that is read";
+  input Real u(unit = "V");
+  output Real level(unit = "kg") = a;
+  Real a(unit = "kg", start = 0, fixed = true);
+  Real b(start = 0, fixed = true);
+equation
+  der(a) = gain * twin * u - k * a;
+  der(b) = unused - b;
+end Vessel;
+"""
+RIGS = Path(__file__).parents[2] / "benchmarks" / "rigs"
+GAIN, K, SD = 1.5, 0.5, 0.01
+
+
+def record(path: Path, header: str) -> None:
+    """The vessel in closed form from step to step."""
+    rng = np.random.default_rng(4)
+    u, level = np.repeat(rng.uniform(0.0, 2.0, 20), 20), np.zeros(400)
+    for n in range(399):
+        rest = GAIN * u[n] / K
+        level[n + 1] = rest + (level[n] - rest) * np.exp(-0.1 * K)
+    rows = np.column_stack([np.arange(400) * 0.1, u, level + SD * rng.normal(size=400)])
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(main, list(map(str, arguments)))
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "Rig.mo").write_text(RIG)
+    record(tmp_path / "run.csv", "Time,U [V],height")
+    return tmp_path
+
+
+def test_the_written_file_fits(rig):
+    written = run("init", rig / "models" / "Rig.mo", rig / "run.csv", "--out", rig / "rig.toml")
+    assert written.exit_code == 0, written.output
+    document = tomllib.loads((rig / "rig.toml").read_text())
+    assert document["model"] == {"sources": ["models/Rig.mo"], "name": "Vessel"}
+    assert document["data"]["columns"] == {
+        "time": {"source": "Time"}, "u": {"source": "U [V]"}, "level": {"source": "height"},
+    }  # fmt: skip
+    done = run("fit", "--config", rig / "rig.toml", "--data", rig / "run.csv", "--out", rig / "out", "--quiet")
+    assert done.exit_code == 0, done.output
+    found = json.loads((rig / "out" / "result.json").read_text())["parameters"]
+    for name, truth in (("k", K), ("gain", GAIN)):
+        assert abs(found[name]["value"] - truth) < 5.0 * found[name]["sd"]
+        assert found[name]["sd"] < 0.02 * truth
+
+
+def test_every_parameter_is_listed_and_only_what_the_outputs_tell_is_free(rig):
+    assert run("init", rig / "models" / "Rig.mo", rig / "run.csv", "--out", rig / "rig.toml").exit_code == 0
+    lines = (rig / "rig.toml").read_text().splitlines()
+    assert set(tomllib.loads("\n".join(lines))["parameters"]) == {"k", "gain"}
+    assert "# twin = {free = true, value = 1.0}" in "\n".join(lines)
+    for name, words in (
+        ("k", ("value = 0.3", 'Rate of "loss"', "1/s")),
+        ("twin", ("no unit", "cannot tell it from those above")),
+        ("unused", ("in m", "do not react")),
+    ):
+        (line,) = (x for x in lines if x.removeprefix("# ").startswith(f"{name} ="))
+        assert all(word in line for word in words), line
+
+
+def test_a_file_is_not_overwritten(rig):
+    (rig / "rig.toml").write_text("mine")
+    refused = run("init", rig / "models" / "Rig.mo", rig / "run.csv", "--out", rig / "rig.toml")
+    assert refused.exit_code == 2
+    assert len(refused.stderr.splitlines()) == 1
+    assert (rig / "rig.toml").read_text() == "mine"
+
+
+def test_what_cannot_be_matched_is_a_comment(rig):
+    record(rig / "odd.csv", "time,first,second")
+    done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml")
+    assert done.exit_code == 0, done.output
+    text = (rig / "rig.toml").read_text()
+    assert "parameters" in tomllib.loads(text)
+    assert '# u = {source = "?"}  # not matched, columns left: first, second' in text.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        (("time", "u", "y"), {"time": "time", "u": "u", "y": "y"}),
+        (("time", "Y [mm]", "U"), {"time": "time", "u": "U", "y": "Y [mm]"}),
+        (("time", "u", "U", "z"), {"time": "time", "u": "u"}),
+        (("time", "u", "reading"), {"time": "time", "u": "u", "y": "reading"}),
+        (("time", "a", "b"), {"time": "time"}),
+    ],
+)
+def test_columns_are_matched_by_name_and_never_guessed(columns, expected):
+    assert match_columns(("time", "u", "y"), columns).columns == expected
+
+
+def test_several_models_are_a_question(tmp_path):
+    (tmp_path / "two.mo").write_text("model A\nend A;\nmodel B\nend B;\n")
+    refused = run("init", tmp_path / "two.mo", tmp_path / "two.mo", "--out", tmp_path / "rig.toml")
+    assert refused.exit_code == 2
+    assert refused.stderr.strip().endswith("--model: A, B")
+
+
+@pytest.mark.parametrize("rig", sorted(RIGS.iterdir()), ids=lambda rig: rig.name)
+def test_the_model_is_the_one_that_nothing_uses(rig):
+    known = tomllib.loads((rig / "rig.toml").read_text())["model"]["name"]
+    assert main_class(rig / "Rig.mo") == known

@@ -1,0 +1,101 @@
+"""``aero-bayes ports`` on a small model: what is listed, and which ports a recording can see."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from aero_bayes.cli import main
+from aero_bayes.export import CATALOGUE
+
+RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
+  parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";
+  input Real u(unit = "kg/s");
+  output Real level(unit = "kg") = a;
+  Real a(unit = "kg", start = 0, fixed = true);
+  Real b(unit = "kg", start = 0, fixed = true);
+equation
+  der(a) = u - k * a;
+  der(b) = k * a - 0.3 * b;
+end Pair;
+"""
+SD = 0.01
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    """The folder of a model, its configuration and a recording of it, solved by hand from step to step."""
+    (tmp_path / "Pair.mo").write_text(RIG)
+    (tmp_path / "rig.toml").write_text(
+        '[model]\nsources = ["Pair.mo"]\nname = "Pair"\n[parameters]\nk = {free = true}\n'
+    )
+    rng = np.random.default_rng(4)
+    time = np.arange(400) * 0.1
+    u = np.repeat(rng.uniform(0.0, 2.0, 20), 20)
+    a = np.zeros(400)
+    for k in range(399):
+        a[k + 1] = u[k] / 0.5 + (a[k] - u[k] / 0.5) * np.exp(-0.05)
+    rows = np.column_stack([time, u, a + SD * rng.normal(size=400)])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="time,u,level", comments="")
+    return tmp_path
+
+
+def ports(*arguments: str | Path) -> str:
+    result = CliRunner().invoke(main, ["ports", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_every_port_is_listed_with_its_place_states_and_laws(rig):
+    rows = {row["id"]: row for row in json.loads(ports("--config", rig / "rig.toml", "--json"))}
+    assert {name: row["kind"] for name, row in rows.items()} == {
+        "u": "input", "level": "output", "a": "storage", "b": "storage",
+    }  # fmt: skip
+    assert (rows["a"]["line"], rows["b"]["line"], rows["u"]["unit"]) == (8, 9, "kg/s")
+    assert rows["a"]["states"] == ["a"]
+    assert "square_law" in rows["u"]["laws"]
+    assert "linear_loss" in rows["a"]["laws"]
+    assert "seen" not in rows["a"]
+
+
+def test_a_recording_sees_what_its_outputs_answer_to(rig):
+    rows = json.loads(ports("--config", rig / "rig.toml", "--data", rig / "run.csv", "--json"))
+    assert {row["id"]: row["seen"] for row in rows} == {"u": "seen", "level": "seen", "a": "seen", "b": "not seen"}
+
+
+def test_the_response_to_an_offset_of_the_reading_is_known_in_closed_form(rig):
+    """Size / sd of a constant, less what the outflow's slope and the unknown first level imitate of it."""
+    found = {r["id"]: r for r in json.loads(ports("--config", rig / "rig.toml", "--data", rig / "run.csv", "--json"))}
+    time, u, _ = np.loadtxt(rig / "run.csv", delimiter=",", skiprows=1).T
+    decay, level, slope = np.exp(-0.05), np.zeros(400), np.zeros(400)
+    for n in range(399):
+        # a(h) = u / k + (a - u / k) exp(-k h), and its derivative by k
+        level[n + 1] = 2.0 * u[n] + (level[n] - 2.0 * u[n]) * decay
+        slope[n + 1] = -4.0 * u[n] * (1.0 - decay) + decay * (slope[n] - 0.1 * (level[n] - 2.0 * u[n]))
+    imitated = np.column_stack([slope, np.exp(-0.5 * time)])
+    left = np.ones(400) - imitated @ np.linalg.lstsq(imitated, np.ones(400), rcond=None)[0]
+    expected = np.quantile(np.abs(level), 0.995) / SD * np.linalg.norm(left)
+    assert found["level"]["response"] == pytest.approx(expected, rel=0.15)
+
+
+def test_the_table_is_aligned_and_names_file_and_line(rig):
+    header, *lines = ports("--config", rig / "rig.toml").splitlines()
+    assert header.split() == ["id", "kind", "unit", "file", "states", "laws"]
+    at = header.index("file")
+    assert [line[at:].split()[0] for line in lines] == ["Pair.mo:3", "Pair.mo:4", "Pair.mo:8", "Pair.mo:9"]
+
+
+def test_the_aero_has_the_ports_of_its_catalogue():
+    rows = json.loads(ports("--json"))
+    assert {row["id"]: row["port"] for row in rows} == {e.id: e.port for e in CATALOGUE.values()}
+
+
+def test_an_fmu_is_refused_in_one_line():
+    result = CliRunner().invoke(main, ["ports", "--model", "some.fmu"])
+    assert result.exit_code == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "Modelica source" in result.stderr
