@@ -84,6 +84,7 @@ KEYS: Mapping[str, str] = {
     "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
     "loop.effects": "ids of the AERO's catalogue to consider; for a model of your own the laws",
     "loop.exclude": "ids, ports or laws that are not considered",
+    "loop.require": "ids of effects that are added without having to earn their place",
     "loop.ports": "the only ports that are considered",
     "loop.laws": "the only laws that are considered",
     "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
