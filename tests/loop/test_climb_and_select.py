@@ -80,9 +80,9 @@ class OneStand:
         return self.stand
 
 
-def selected(truth, seed, structured=False):
+def selected(truth, seed, structured=False, require=()):
     stands = OneStand(truth, seed)
-    search = Search(stands, [tuple(CANDIDATES)], AttributeSettings(), ClimbSettings())
+    search = Search(stands, [tuple(CANDIDATES)], AttributeSettings(require=require), ClimbSettings())
     base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
     return search.select(base, tuple(CANDIDATES), lambda held: structured, lambda what, share: None)
 
@@ -117,6 +117,19 @@ def test_two_missing_effects_are_both_found():
 def test_nothing_is_found_where_nothing_is_missing():
     for seed in range(8):
         assert not selected([1.0, 2.0, 0.0, 0.0, 0.0], 100 + seed).effects
+
+
+def test_what_is_required_comes_first_and_stays_whatever_it_gains():
+    found = selected([1.0, 2.0, 0.0, 0.0, 0.0], 100, require=("square",))
+    assert found.effects == ("square",)
+    assert found.held.log_evidence - found.base.log_evidence < threshold(len(CANDIDATES), AttributeSettings())
+    assert "square is required" in found.rounds[0].why
+
+
+def test_beside_what_is_required_the_missing_effect_is_still_found():
+    found = selected([1.0, 2.0, 0.6, 0.0, 0.0], 2, require=("square",))
+    assert found.effects[0] == "square"
+    assert set(found.effects[1:]) in ({"sine"}, {"twin"})
 
 
 def test_pairs_are_tried_only_where_structure_is_left():

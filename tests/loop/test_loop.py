@@ -11,6 +11,11 @@ from aero_bayes.bench import effect, random_levels, real, simulate_recording, wh
 from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.errors import InputError
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop.base_fit import fit_as_it_stands
+from aero_bayes.loop.recordings import Recordings
+from aero_bayes.loop.workbench import Tally, Workbench
+from aero_bayes.physics.family import ModelFamily
+from aero_bayes.simulation import WorkerPool
 
 SETTINGS = LoopSettings(attribute=AttributeSettings(max_effects=2))
 
@@ -98,3 +103,19 @@ def test_bad_requests_are_refused(fmus):
         close_loop([train], settings=LoopSettings(held_out=0.0), cache=fmus)
     with pytest.raises(InputError, match="unknown effect 'magic'"):
         close_loop([train], settings=LoopSettings(effects=("magic",)), cache=fmus)
+    with pytest.raises(InputError, match="no effect is left to try"):
+        close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",)), cache=fmus)
+
+
+@pytest.mark.parametrize("taken_out", [True, False])
+def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
+    train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
+    bench = Workbench(
+        ModelFamily("Aero.Systems.OneDof", fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
+        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, Tally(),
+    )  # fmt: skip
+    plain = fit_as_it_stands(bench).plain
+    (raw,) = bench.recordings.fitted
+    current = plain.measured[0][:, plain.outputs.index("i_m")]
+    same = np.array_equal(current, raw.outputs["i_m"], equal_nan=True)
+    assert same is not taken_out

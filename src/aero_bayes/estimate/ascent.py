@@ -112,8 +112,9 @@ class Climber:
     @property
     def climbing(self) -> ClimbSettings:
         eq6 = self.settings.cost == "eq6"
+        local = replace(self.settings.local, renewal=0.02, rejections=15, worthwhile=0.005)
         return ClimbSettings(
-            replace(self.settings.local, renewal=0.02), self.kinds, self.objective.calibration.floors,
+            local, self.kinds, self.objective.calibration.floors,
             self.settings.longest, hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 

@@ -65,7 +65,11 @@ class ClimbSettings:
     smooth : SmoothPrior, optional
     """
 
-    local: LocalSettings = field(default_factory=lambda: LocalSettings(max_iterations=40, tolerance=0.02, renewal=0.1))
+    local: LocalSettings = field(
+        default_factory=lambda: LocalSettings(
+            max_iterations=30, tolerance=0.02, renewal=0.1, rejections=6, worthwhile=0.1
+        )
+    )
     kinds: Mapping[str, NoiseKind] = field(default_factory=dict)
     floors: Mapping[str, float] = field(default_factory=dict)
     longest: float | None = None

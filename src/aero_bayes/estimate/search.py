@@ -75,7 +75,8 @@ class LocalSettings:
 
     ``tolerance`` is the predicted decrease of the cost (in its own unit; for a log-posterior: nats) below which the
     search has converged; ``step_tolerance`` the relative size of a step; ``renewal`` the decrease by a new survey that
-    keeps it going.
+    keeps it going; ``rejections`` how many steps in a row may fail to lower the cost, and
+    ``worthwhile`` the decrease that one of two steps in a row must bring (along a kink a search creeps for ever).
     """
 
     max_iterations: int = 60
@@ -84,6 +85,8 @@ class LocalSettings:
     step_tolerance: float = 1e-11
     damping: float = 1e-3
     renewal: float = 0.02
+    rejections: int = 60
+    worthwhile: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +165,7 @@ def search(
     if here is None:
         return Found(point, None, 0, Stop.FAILED_START, 1)
     damping, growth, evaluations = settings.damping, 2.0, 1
-    ceiling = np.zeros(point.size)
+    ceiling, rejected, idle = np.zeros(point.size), 0, 0
     for iteration in range(1, settings.max_iterations + 1):
         np.maximum(ceiling, np.diag(here.hessian), out=ceiling)
         scale = np.where(ceiling > 0.0, ceiling, 1.0)
@@ -175,17 +178,23 @@ def search(
             there = terrain.look(point + step)
             evaluations += 1
             if there is None or not there.cost < here.cost:
-                damping, growth = damping * growth, 2.0 * growth
-                if damping > 1e15:
+                damping, growth, rejected = damping * growth, 2.0 * growth, rejected + 1
+                if damping > 1e15 or rejected >= settings.rejections:
                     return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
                 continue
-            ratio = (here.cost - there.cost) / promised
+            before = here.cost
+            ratio = (before - there.cost) / promised
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
-            growth, point, here = 2.0, point + step, there
+            growth, point, here, rejected = 2.0, point + step, there, 0
             if progress is not None:
                 progress(iteration, here.cost)
+        else:
+            before = here.cost
         renewed = terrain.renew(here)
         gained, here = here.cost - renewed.cost, renewed
+        idle = idle + 1 if before - here.cost < settings.worthwhile else 0
+        if end is None and idle >= 2:
+            return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
         if end is not None and gained < settings.renewal:
             return Found(point, here, iteration, end, evaluations)
     return Found(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)

@@ -19,6 +19,7 @@ from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stand, Stands
 from aero_bayes.physics.kin import Candidate
+from aero_bayes.sensors.noise import OutputNoise
 
 FloatArray = NDArray[np.float64]
 
@@ -73,6 +74,9 @@ class Selection:
 #: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
 #: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
 UNTRIED, TEMPER = 0.02, 0.5
+#: How many times its noise a residual must be to be looked at by least squares too, and how many independent pieces it
+#: then counts for.
+FAR, PIECES = 1.5, 50.0
 
 
 def threshold(candidates: int, settings: AttributeSettings) -> float:
@@ -91,32 +95,70 @@ def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, floa
     return tuple(replace(s, odds=float(p)) for s, p in zip(scores, shares[1:], strict=True)), float(shares[0]), UNTRIED
 
 
-def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[tuple[float, FloatArray]]:
-    """Starting coordinates of a candidate, best first, each with the gain in log-likelihood that it promises.
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a refit may start: coordinates, the gain in log-likelihood that they promise, and if by least squares."""
+
+    promise: float
+    point: FloatArray
+    squares: bool = False
+
+
+def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[Start]:
+    """Starting coordinates of a candidate, best first.
 
     One plain simulation a start. What it changes in the outputs, after the other parameters have readjusted along
-    their own sensitivities, is a direction in the space of residuals; how far to go along it and what that gains under
-    the present noise follow in closed form.
+    their own sensitivities, is a direction in the space of residuals; how far to go along it and what that gains
+    follow in closed form: under the present noise, and, where a misfit is far larger than that noise, by least squares,
+    which sees the misfit as a whole.
     """
     study = stand.study
     parameters = study.parameters
     columns = list(candidate.columns)
-    low, high = parameters.box
     values = parameters.from_search(base.coordinates)
     rows = np.repeat(base.coordinates[np.newaxis, :], len(candidate.starts), axis=0)
     for k, start in enumerate(candidate.starts):
         at = values.copy()
         at[columns] = start
         rows[k, columns] = parameters.to_search(at)[columns]
+    tried = [(row, residual) for row, residual in zip(rows, study.residuals(rows), strict=True) if residual is not None]
+    points = _along(stand, base, candidate, tried)
+    noise = _misfit(stand, base)
+    if noise is not None:
+        assert base.evaluation.slopes is not None
+        plain = study.whiten(base.evaluation.residual, base.evaluation.slopes, noise)
+        squares = _along(stand, replace(base, noise=noise, whitened=plain), candidate, tried)
+        total = float(plain.residual @ plain.residual)
+        points += [
+            Start(-0.5 * PIECES * math.log(max(1.0 - 2.0 * s.promise / total, 1e-12)), s.point, True) for s in squares
+        ]
+    return sorted(points, key=lambda s: -s.promise)
+
+
+def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
+    """Each output's residual as white noise of its size, where one is far larger than the noise allows."""
+    squares: dict[str, list[FloatArray]] = {}
+    for series, residual in zip(stand.study.series, base.evaluation.residual, strict=True):
+        squares.setdefault(series.output, []).append(residual**2)
+    rms = {output: math.sqrt(float(np.mean(np.concatenate(parts)))) for output, parts in squares.items()}
+    if all(size < FAR * base.noise[output].sd for output, size in rms.items()):
+        return None
+    return {output: OutputNoise(max(size, 1e-300)) for output, size in rms.items()}
+
+
+def _along(
+    stand: Stand, base: Optimum, candidate: Candidate, tried: Sequence[tuple[FloatArray, Sequence[FloatArray]]]
+) -> list[Start]:
+    """How far to go from the base towards each tried point, and what that promises."""
+    parameters = stand.study.parameters
+    columns, free = list(candidate.columns), list(base.free)
+    low, high = parameters.box
     slopes = base.whitened.slopes
-    free = list(base.free)
     _, second = parameters.prior_derivatives(base.coordinates)
     curvature = slopes @ slopes.T + np.diag(np.maximum(-second[free], 1e-9))
     points = []
-    for row, residual in zip(rows, study.residuals(rows), strict=True):
-        if residual is None:
-            continue
-        change = base.whitened.residual - study.whiten(residual, None, base.noise).residual
+    for row, residual in tried:
+        change = base.whitened.residual - stand.study.whiten(residual, None, base.noise).residual
         back = np.linalg.solve(curvature, slopes @ change)
         direction = change - back @ slopes
         power = float(direction @ direction)
@@ -128,8 +170,8 @@ def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[t
         reach = float(np.clip(along, 0.05, 3.0))
         start[columns[0]] = np.clip(reach * row[columns[0]], low[columns[0]], high[columns[0]])
         start[free] = np.clip(base.coordinates[free] - reach * back, low[free], high[free])
-        points.append((0.5 * max(along, 0.0) ** 2 * power, start))
-    return sorted(points, key=lambda point: -point[0])
+        points.append(Start(0.5 * max(along, 0.0) ** 2 * power, start))
+    return points
 
 
 def score(base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings) -> Scored:
@@ -138,21 +180,35 @@ def score(base: Held, candidate: Candidate, settings: AttributeSettings, fit: Cl
     A candidate that promises almost nothing at any start is not refitted.
     """
     points = starting_points(base.stand, base.optimum, candidate)
-    if not points or points[0][0] < settings.promise:
-        return Scored(candidate, None, min(points[0][0], 0.0) if points else -math.inf, points[0][0] if points else 0.0)
+    first = points[0].promise if points else -math.inf
+    if first < settings.promise:
+        return Scored(candidate, None, min(first, 0.0), max(first, 0.0))
     effects = (*base.effects, candidate.id)
     best: Held | None = None
-    for promise, start in points[: settings.starts]:
-        if best is not None and promise < 0.3 * points[0][0]:
-            break
-        try:
-            found = climb(base.stand.study, start, base.stand.free(effects), noise=base.optimum.noise, settings=fit)
-        except CannotFinishError:
-            continue
-        if best is None or found.log_evidence > best.log_evidence:
-            best = Held(base.stand, effects, found)
+    for by_squares in (False, True):
+        own = [p for p in points if p.squares == by_squares]
+        for start in own[: 1 if by_squares else settings.starts]:
+            if start.promise < settings.promise or (best is not None and start.promise < 0.3 * own[0].promise):
+                break
+            found = _refit(base, effects, start, fit)
+            if found is not None and (best is None or found.log_evidence > best.log_evidence):
+                best = found
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
-    return Scored(candidate, best, float(gain), points[0][0])
+    return Scored(candidate, best, float(gain), first)
+
+
+def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
+    """A climb from a start; one by least squares goes a while that way first."""
+    study, free = base.stand.study, base.stand.free(effects)
+    point, noise = start.point, base.optimum.noise
+    try:
+        if start.squares:
+            plain = replace(fit.rough(12, 0.5), kinds=dict.fromkeys(study.outputs, "white"))
+            point = climb(study, point, free, settings=plain).coordinates
+            return Held(base.stand, effects, climb(study, point, free, settings=fit))
+        return Held(base.stand, effects, climb(study, point, free, noise=noise, settings=fit))
+    except CannotFinishError:
+        return None
 
 
 class Search:
@@ -270,8 +326,12 @@ class Search:
         return base
 
     def _swapped(self, base: Held, current: Held, ids: Sequence[str]) -> tuple[Held, list[tuple[str, ...]]]:
-        """Each effect in turn is dropped if it has not earned its place, or swapped for what explains more."""
+        """Each effect in turn is dropped if it has not earned its place, or swapped for what explains more.
+
+        What would be missed most stands first in the end.
+        """
         equivalent: list[tuple[str, ...]] = []
+        missed: dict[str, float] = {}
         for _ in range(2):
             changed, equivalent = False, []
             for effect in current.effects:
@@ -282,12 +342,14 @@ class Search:
                 if current.log_evidence - without.log_evidence < bar:
                     current, changed = without, True
                     continue
+                missed[effect] = current.log_evidence - without.log_evidence
                 near = self._worth(without, current, ids)
                 found = self.round(without, near, pairs=False)
                 best = found.scores[0] if found.scores else None
                 if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + 0.1:
                     changed = changed or best.candidate.id != effect
                     current = best.held
+                    missed[best.candidate.id] = best.gain
                     self.rounds.append(found)
                 equivalent.append(
                     tuple(
@@ -298,7 +360,8 @@ class Search:
                 )  # fmt: skip
             if not changed:
                 break
-        return current, equivalent
+        order = sorted(current.effects, key=lambda e: -missed.get(e, 0.0))
+        return replace(current, effects=tuple(order)), equivalent
 
     def _worth(self, without: Held, current: Held, ids: Sequence[str]) -> list[str]:
         """Candidates that any round gave some chance; what never promised anything does not come back."""

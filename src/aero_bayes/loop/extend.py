@@ -44,7 +44,11 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     effects = tuple(_found_effect(bench, c, selection, written, calibration.parameters, fit) for c in selection.effects)
     effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
     structured = [r for r in reports if r.verdict == "structured"]
-    sentence = f"The model lacks {' and '.join(e.id for e in effects)}: " + gain_text(found.before, after, bench.units)
+    required = bench.settings.attribute.require
+    given, lacking = ([e.id for e in effects if (e.id in required) is asked] for asked in (True, False))
+    said = [f"was given {' and '.join(given)}, as required"] if given else []
+    said += [f"lacks {' and '.join(lacking)}"] if lacking else []
+    sentence = f"The model {' and '.join(said)}: " + gain_text(found.before, after, bench.units)
     if structured:
         sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
     bench.tally.lap("judgement")

@@ -107,4 +107,6 @@ def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSet
         return rig
     narrowed.check(CATALOGUE, CATALOGUE, PORTS)
     effects = tuple(e.id for e in CATALOGUE.values() if narrowed.keeps(e.id, e.id, e.port))
+    if not effects:
+        raise InputError(f"{model}: no effect is left to try; [loop] effects, exclude, ports and laws leave none")
     return ModelFamily(model, folder, effects=effects)

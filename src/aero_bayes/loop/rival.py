@@ -64,7 +64,7 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
     named = selection.held.log_evidence - len(selection.effects) * math.log(len(base.ids))
     start = base.held.values
     search = CurveSearch(family, base.plain, base.shared, start, fit, visited, bench.open_objective, base.settings)
-    curves = fit_curves(search, outputs)
+    curves = tuple(c for c in fit_curves(search, outputs) if bench.settings.allows(c.port))
     moment = fit_moment(calibration, fit, probing, visited, bench.open_objective, base.settings)
     best_curve = curves[0].refit.log_evidence - math.log(len(curves)) if curves else -math.inf
     best_moment = moment.log_evidence if moment is not None else -math.inf

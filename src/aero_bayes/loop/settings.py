@@ -93,3 +93,7 @@ class LoopSettings:
     search_samples: int = 5000
     left_over: float = 0.3
     astray: float = 3.0
+
+    def allows(self, port: str) -> bool:
+        """Whether the engineer lets anything be found at a port."""
+        return port not in self.exclude and (self.ports is None or port in self.ports)

@@ -15,6 +15,7 @@ from aero_bayes.loop.judge import Prediction, shifts
 from aero_bayes.loop.result import LoopResult, NewParameter
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.separate import propose
+from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import Probing
 from aero_bayes.physics.locate import rank_ports
@@ -58,7 +59,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
         separate=_separating_experiments(bench, found) if named else (),
-        story=_story(bench.family.title, found, conclusion, ports, tied),
+        story=(*_choices(bench.settings), *_story(bench.family.title, found, conclusion, ports, tied)),
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
@@ -93,7 +94,19 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
     worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
     unit = units.get(worst, "")
     where = "data that was not fitted" if role == "test" else "the fitted data"
-    return f"on {where} the error of {worst} falls from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
+    verb = "falls" if second[worst] < first[worst] else "goes"
+    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
+
+
+def _choices(settings: LoopSettings) -> tuple[str, ...]:
+    """What the engineer decided before the search."""
+    only = [*(settings.effects or ()), *(settings.laws or ())]
+    lines = [f"Only {', '.join(only)} may be named, by the engineer's choice."] if only else []
+    lines += (
+        [f"Only the port {' or '.join(settings.ports)} counts, by the engineer's choice."] if settings.ports else []
+    )
+    lines += [f"Refused by the engineer: {', '.join(settings.exclude)}."] if settings.exclude else []
+    return tuple(lines)
 
 
 def _story(
