@@ -85,7 +85,10 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Se
     exact = silent.measured(experiment.outputs)[np.searchsorted(silent.time, experiment.time)]
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
     base = read.parameters
-    extra, _ = candidates_of([id_ for id_ in known if id_ in CATALOGUE], len(base), OUTPUTS, [silent])
+    highest = float(np.abs(silent.inputs["V_m"]).max())
+    extra = [
+        p for _, own in candidates_of([k for k in known if k in CATALOGUE], OUTPUTS, highest).values() for p in own
+    ]
     parameters = base.extended(extra)
     calibration = replace(read, experiments=(experiment,), parameters=parameters)
     with _here(calibration.problem()) as simulator:
