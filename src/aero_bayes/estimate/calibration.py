@@ -21,6 +21,9 @@ from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 
+#: Steps of a simulation that are allowed for each change of an input.
+STEPS_A_CHANGE = 60
+
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -140,7 +143,10 @@ class Calibration:
             tuple(p.target if p.recording in (None, e) else None for p in self.parameters)
             for e in range(len(self.experiments))
         )
-        return Problem(self.model, self.experiments, targets, dict(self.fixed), self.solver)
+        changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
+        # An engine starts anew wherever an input changes.
+        steps = max(self.solver.max_steps, STEPS_A_CHANGE * changes)
+        return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
 
     def thinned(self, samples: int) -> Calibration:
         """The same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""

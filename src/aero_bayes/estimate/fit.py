@@ -36,9 +36,6 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
-#: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
-ON_BOUND = 1e-6
-
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -325,7 +322,5 @@ def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: fl
 
 def _with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
     """The verdict with parameters that ended on a bound marked as such."""
-    low, high = part.box
-    near = np.minimum(point - low, high - point) <= ON_BOUND * (high - low)
-    on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, near, strict=True) if at}
+    on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, part.on_bound(point), strict=True) if at}
     return replace(verdict, status=verdict.status | on_bound)

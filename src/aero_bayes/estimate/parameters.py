@@ -18,6 +18,8 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 #: How far a parameter that nobody bounded may lie from its start, as a factor.
 WIDE = 1e3
+#: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
+ON_BOUND = 1e-6
 Scale = Literal["log", "linear"]
 
 
@@ -132,6 +134,11 @@ class ParameterSet:
             self.to_search(np.array([item.lower for item in self.items])),
             self.to_search(np.array([item.upper for item in self.items])),
         )
+
+    def on_bound(self, coordinates: FloatArray) -> NDArray[np.bool_]:
+        """Which search coordinates (p,) lie on a bound."""
+        low, high = self.box
+        return np.asarray(np.minimum(coordinates - low, high - coordinates) <= ON_BOUND * (high - low))
 
     def to_search(self, values: FloatArray) -> FloatArray:
         """Search coordinates of SI values, shape (..., p)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.aero import FIXED, aero_overrides
-from aero_bayes.estimate.identifiability import status_of
+from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.export import export_fmu
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
@@ -154,7 +154,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         entry: Json = estimate.to_dict() | {"status": "identified"}
         if item is not None:
             entry |= _judged(item, estimate.value, estimate.sd)
-            if entry["status"] == "unidentified":
+            if entry["status"] in ("unidentified", "at_bound"):
                 entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
         table[name] = entry
     for variable in job.model.parameters:
@@ -177,8 +177,9 @@ def _judged(item: Parameter, value: float, sd: float) -> Json:
     alone = ParameterSet((item,))
     inside = np.array([min(max(value, item.lower), item.upper)])
     ratio = sd / float(alone.jacobian(inside)[0]) / float(alone.prior_sd()[0])
+    on_bound = bool(alone.on_bound(alone.to_search(inside))[0])
     return {
-        "status": str(status_of(ratio)),
+        "status": str(Status.AT_BOUND if on_bound else status_of(ratio)),
         "description": item.description,
         "prior": item.prior.describe(item.unit),
         "start": item.start,
