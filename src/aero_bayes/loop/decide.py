@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
@@ -12,6 +13,8 @@ from aero_bayes.loop.workbench import Workbench
 
 #: A model that leaves less than this share of the error on data that was not fitted carries over to it.
 CARRIES_OVER = 0.1
+#: What a part of the effects may leave of it, to be named where all of them together do not carry over.
+PLAINLY = 0.5
 
 
 def decide(bench: Workbench, found: Found) -> Conclusion:
@@ -35,7 +38,30 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             learned = add_curve(bench, found, best)
             if not _astray(found, learned, bench.settings.astray):
                 return learned
+        fewer = _fewer(bench, found)
+        if fewer is not None:
+            return fewer
     return nothing_added(bench, found, refused)
+
+
+def _fewer(bench: Workbench, found: Found) -> Conclusion | None:
+    """What stood after an earlier round, where all effects together do not carry over but those plainly do."""
+    selection = found.selection
+    chosen = [r.chosen.held for r in selection.rounds if r.chosen is not None and r.chosen.held is not None]
+    tried = {frozenset(selection.effects)}
+    for held in sorted(chosen, key=lambda h: -h.log_evidence):
+        if frozenset(held.effects) in tried or len(held.effects) > len(selection.effects):
+            continue
+        tried.add(frozenset(held.effects))
+        left = found.base.report(held)
+        part = replace(found, selection=replace(selection, held=held, equivalent=()), left=left)
+        if _incomplete(part, bench.settings.left_over):
+            continue
+        named = add_effects(bench, part)
+        better = all(error.rms < PLAINLY * found.before.test[key].rms for key, error in named.after.test.items())
+        if better and not _astray(part, named, bench.settings.astray):
+            return named
+    return None
 
 
 def _incomplete(found: Found, left_over: float) -> bool:
