@@ -130,7 +130,8 @@ def _story(
 
 def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
     """For the first class of equivalent effects: the experiments that would separate them."""
-    if not found.selection.equivalent:
+    # The experiments to choose from are those of a rig that is known: its input, and how long it takes to answer.
+    if not found.selection.equivalent or not bench.family.roomy:
         return ()
     same = found.selection.equivalent[0]
     stand = found.base.held.stand
