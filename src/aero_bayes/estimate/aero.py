@@ -24,8 +24,6 @@ _LINEAR_ABOVE = 2.0e-5
 #: The body may start at any pitch, at rest.
 RESTING = ("theta",)
 
-FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", "L_a")
-
 FIXED: Mapping[str, str] = MappingProxyType(
     {
         "J_p": "a recording sees only ratios to it",

@@ -20,16 +20,6 @@ def eq6(residual: Sequence[FloatArray]) -> float:
     return float(sum(np.nansum(r**2) for r in residual))
 
 
-def eq6_by_output(residual: Sequence[FloatArray], outputs: Sequence[str]) -> dict[str, float]:
-    """Eq. 6 of each output alone, in its squared unit."""
-    return {name: float(sum(np.nansum(r[:, k] ** 2) for r in residual)) for k, name in enumerate(outputs)}
-
-
-def weighted(residual: Sequence[FloatArray], sd: FloatArray) -> float:
-    """Half the sum of squares in units of each output's noise, shape (m,)."""
-    return 0.5 * float(sum(np.nansum((r / sd) ** 2) for r in residual))
-
-
 def rms(residual: FloatArray) -> FloatArray:
     """Root mean square of each output, shape (m,); NaN for an output without readings."""
     count = np.isfinite(residual).sum(axis=0)

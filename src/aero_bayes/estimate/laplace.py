@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.target import NoiseLayout, Spread
-from aero_bayes.sensors.noise import OutputNoise, log_density
+from aero_bayes.sensors.noise import OutputNoise, doubled, log_density
 
 FloatArray = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def spread_of(series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray) 
     bread, meat = np.zeros((count, count)), np.zeros((count, count))
     position = 0
     for s in series:
-        width = s.sampling.size * (2 if _doubled(optimum, s) else 1)
+        width = s.sampling.size * (2 if doubled(s.sampling, optimum.noise[s.output]) else 1)
         slopes = optimum.whitened.slopes[:, position : position + width] * prior_sd[:, None]
         residual = optimum.whitened.residual[position : position + width]
         position += width
@@ -82,11 +82,6 @@ def spread_of(series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray) 
     full = np.where(seen, root, 1.0)
     scaled = ((vectors / full) @ vectors.T) @ shrink @ ((vectors * full) @ vectors.T)
     return Spread(optimum.coordinates[list(optimum.free)], scaled * prior_sd[:, None] / prior_sd[None, :])
-
-
-def _doubled(optimum: Optimum, s: Series) -> bool:
-    """Whether the series was whitened into two values a reading."""
-    return optimum.noise[s.output].kind == "ou" and s.sampling.starts.size * 12 > s.sampling.size
 
 
 def _correlated(slopes: FloatArray, residual: FloatArray) -> FloatArray:

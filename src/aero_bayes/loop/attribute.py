@@ -381,6 +381,6 @@ class Search:
         first = {name: value for name, value in start.items() if name not in off}
         tries = [held.stand.fit(first, rest, held.optimum.noise, self.fit)]
         before = next((r.base for r in self.rounds if r.chosen is not None and r.chosen.candidate.id == effect), base)
-        again = {**{k: v for k, v in first.items()}, **before.values}
+        again = {**first, **before.values}
         tries.append(held.stand.fit(again, rest, before.optimum.noise, self.fit))
         return max(tries, key=lambda h: h.log_evidence)

@@ -96,24 +96,20 @@ class Law:
     base_text: str = field(repr=False, compare=False)
 
     @property
+    def derived(self) -> frozenset[str]:
+        """Names whose derivative its equations take."""
+        triples = (t for s in self.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
+        return frozenset(c.word for a, b, c in triples if a.word == "der" and b.word == "(")
+
+    @property
     def moves(self) -> bool:
         """Whether it has states of its own."""
-        words = [
-            (a.word, b.word, c.word)
-            for s in self.cls.equations
-            for a, b, c in zip(*(s.tokens[k:] for k in range(3)), strict=False)
-        ]
-        return any(a == "der" and b == "(" and c not in self.shape.given for a, b, c in words)
+        return bool(self.derived - set(self.shape.given))
 
     @property
     def takes_rate(self) -> bool:
         """Whether it needs the derivative of a signal that it is given."""
-        words = [
-            (a.word, b.word, c.word)
-            for s in self.cls.equations
-            for a, b, c in zip(*(s.tokens[k:] for k in range(3)), strict=False)
-        ]
-        return any(a == "der" and b == "(" and c in self.shape.given for a, b, c in words)
+        return bool(self.derived & set(self.shape.given))
 
     @property
     def switch(self) -> LawParameter:

@@ -107,16 +107,12 @@ class RigFamily:
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Laws without states together; those with states, which slow a simulation down, by port."""
-        still = tuple(id_ for id_, use in self._uses.items() if not self._moves(use))
+        still = tuple(id_ for id_, use in self._uses.items() if not use.law.moves)
         by_port: dict[str, list[str]] = {}
         for id_, use in self._uses.items():
             if id_ not in still:
                 by_port.setdefault(use.port.id, []).append(id_)
         return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values())) if g)
-
-    def _moves(self, use: Use) -> bool:
-        """Whether a law has states of its own."""
-        return use.law.moves
 
     def finer(self) -> Mapping[str, str]:
         """Laws that refine one at the same port."""

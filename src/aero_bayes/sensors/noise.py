@@ -117,6 +117,11 @@ class Sampling:
         return float(self.time[-1] - self.time[0]) if self.size else 0.0
 
 
+def doubled(sampling: Sampling, noise: OutputNoise) -> bool:
+    """Whether :func:`whiten` gives two values a reading: correlated noise on times that are uneven throughout."""
+    return noise.kind == "ou" and sampling.starts.size * _SHORT > sampling.size
+
+
 def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
     """Rows in units of the noise, and the log-determinant of its covariance.
 
@@ -140,7 +145,7 @@ def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[Fl
         return rows, 0.0
     if noise.kind == "white":
         return rows / noise.sd_white, 2.0 * n * math.log(noise.sd_white)
-    if sampling.starts.size * _SHORT > n:
+    if doubled(sampling, noise):
         return _whiten_uneven(rows, sampling.time, noise)
     return _filter(rows, sampling, noise)
 
