@@ -10,11 +10,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-def residuals(measured: Sequence[FloatArray], fitted: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-    """Measured minus fitted of each recording, shape (n, m); NaN where there is no reading."""
-    return tuple(y - f for y, f in zip(measured, fitted, strict=True))
-
-
 def eq6(residual: Sequence[FloatArray]) -> float:
     """Sum of squared errors over samples and outputs, unweighted (Podlaski et al., Eq. 6)."""
     return float(sum(np.nansum(r**2) for r in residual))
