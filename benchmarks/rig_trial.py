@@ -90,7 +90,7 @@ def answer_of(result: Mapping[str, Any]) -> Answer:
         loop["outcome"],
         tuple({key: effect.get(key) for key in ("id", "port", "kind", "odds")} for effect in loop["effects"]),
         tuple(tuple(ids) for ids in loop.get("equivalent", [])),
-        first.get("odds") or {},
+        {**{c["id"]: c["odds"] for c in first.get("candidates", [])}, **(first.get("odds") or {})},
         loop.get("after", {}).get("test", {}),
     )
 

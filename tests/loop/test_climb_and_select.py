@@ -82,7 +82,7 @@ class OneStand:
 
 def selected(truth, seed, structured=False, require=()):
     stands = OneStand(truth, seed)
-    search = Search(stands, [tuple(CANDIDATES)], AttributeSettings(require=require), ClimbSettings())
+    search = Search(stands, [tuple(CANDIDATES)], {}, AttributeSettings(require=require), ClimbSettings())
     base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
     return search.select(base, tuple(CANDIDATES), lambda held: structured, lambda what, share: None)
 

@@ -152,9 +152,9 @@ def test_lag_and_delay_have_their_frequency_response(
 ) -> None:
     """By the linear state space of the law alone: 1 / (1 + T s), exp(-T s)."""
     law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
-    T, w = 0.05, 8.0
+    T, w = 0.1, 4.0
     s = 1j * w
-    T_min = (1e-3 if law_id == "lag" else 2e-3) * SIZES["t_n"]
+    T_min = (5e-3 if law_id == "lag" else 1e-2) * SIZES["t_n"]
     t = np.hypot(T, T_min)
     text = {line.strip() for line in law.text.splitlines()}
     if kind == "input":

@@ -4,7 +4,7 @@ model Lag "Actuator that follows its input late"
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   Real z(start = 0, fixed = true, nominal = u_n) "Input after the lag";
 protected
-  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 5e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = sqrt(T_l ^ 2 + T_min ^ 2) "Time constant in use";
 equation
   T * der(z) = u - z;

@@ -5,7 +5,7 @@ model Delay "Reading that comes late"
   Real q(start = 0, fixed = true, nominal = u_n / t_n) "Filtered rate of change";
   Real p(start = 0, fixed = true, nominal = u_n / t_n) "Its rate of change in units of the delay";
 protected
-  final parameter Real T_min = 2e-3 * t_n "Delay below which the shape of the approximation is kept";
+  final parameter Real T_min = 1e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = sqrt(T_d ^ 2 + T_min ^ 2) "Delay in use";
 equation
   T * der(q) = p;

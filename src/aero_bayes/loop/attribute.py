@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,9 @@ UNTRIED, TEMPER = 0.02, 0.5
 #: How many times its noise a residual must be to be looked at by least squares too, and how many independent pieces it
 #: then counts for.
 FAR, PIECES = 1.5, 50.0
+#: Magnitudes that make a grid, how often it is halved about its best, and of how many of its lines both ends are looked
+#: at.
+GRID, CLOSER, LIKELIEST = 6, 2, 3
 
 
 def threshold(candidates: int, settings: AttributeSettings) -> float:
@@ -97,42 +101,86 @@ def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, floa
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a refit may start: coordinates, the gain in log-likelihood that they promise, and if by least squares."""
+    """Where a refit may start.
+
+    ``promise`` is the gain in log-likelihood that the line through the tried value foretells, ``gain`` what a
+    simulation at ``point`` finds; ``squares`` is whether both are by least squares.
+    """
 
     promise: float
     point: FloatArray
     squares: bool = False
+    gain: float = -math.inf
 
 
 def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[Start]:
     """Starting coordinates of a candidate, best first.
 
-    One plain simulation a start. What it changes in the outputs, after the other parameters have readjusted along
-    their own sensitivities, is a direction in the space of residuals; how far to go along it and what that gains
-    follow in closed form: under the present noise, and, where a misfit is far larger than that noise, by least squares,
-    which sees the misfit as a whole.
+    What a start changes in the outputs, after the other parameters have readjusted along their own sensitivities, is a
+    direction in the space of residuals; how far to go along it and what that gains follow in closed form: under the
+    present noise, and, where a misfit is far larger than that noise, by least squares, which sees the misfit as a
+    whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated.
     """
     study = stand.study
-    parameters = study.parameters
-    columns = list(candidate.columns)
-    values = parameters.from_search(base.coordinates)
-    rows = np.repeat(base.coordinates[np.newaxis, :], len(candidate.starts), axis=0)
-    for k, start in enumerate(candidate.starts):
-        at = values.copy()
-        at[columns] = start
-        rows[k, columns] = parameters.to_search(at)[columns]
-    tried = [(row, residual) for row, residual in zip(rows, study.residuals(rows), strict=True) if residual is not None]
-    points = _along(stand, base, candidate, tried)
+    tried = _tried(stand, base, candidate.columns, candidate.starts)
+    if len(candidate.columns) == 1 and len(candidate.starts) >= GRID:
+        for _ in range(CLOSER):
+            tried += _tried(stand, base, candidate.columns, _between(stand, base, candidate, tried))
+    points = _checked(stand, base, _along(stand, base, candidate, tried))
     noise = _misfit(stand, base)
     if noise is not None:
         assert base.evaluation.slopes is not None
         plain = study.whiten(base.evaluation.residual, base.evaluation.slopes, noise)
-        squares = _along(stand, replace(base, noise=noise, whitened=plain), candidate, tried)
+        wide = replace(base, noise=noise, whitened=plain)
         total = float(plain.residual @ plain.residual)
-        points += [
-            Start(-0.5 * PIECES * math.log(max(1.0 - 2.0 * s.promise / total, 1e-12)), s.point, True) for s in squares
-        ]
-    return sorted(points, key=lambda s: -s.promise)
+        for s in _checked(stand, wide, _along(stand, wide, candidate, tried)):
+            promise, gain = (-0.5 * PIECES * math.log(max(1.0 - 2.0 * g / total, 1e-12)) for g in (s.promise, s.gain))
+            points.append(Start(promise, s.point, True, gain))
+    return sorted(points, key=lambda s: -s.gain)
+
+
+def _tried(
+    stand: Stand, base: Optimum, columns: Sequence[int], starts: Sequence[tuple[float, ...]]
+) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
+    """Coordinates with a candidate at each start, all else as in the base, and the residuals there."""
+    parameters = stand.study.parameters
+    values = np.repeat(parameters.from_search(base.coordinates)[np.newaxis, :], len(starts), axis=0)
+    rows = np.repeat(base.coordinates[np.newaxis, :], len(starts), axis=0)
+    for row, at, start in zip(rows, values, starts, strict=True):
+        at[list(columns)] = start
+        row[list(columns)] = parameters.to_search(at)[list(columns)]
+    found = stand.study.residuals(rows) if len(rows) else []
+    return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
+
+
+def _between(
+    stand: Stand,
+    base: Optimum,
+    candidate: Candidate,
+    tried: Sequence[tuple[FloatArray, tuple[FloatArray, ...]]],
+) -> list[tuple[float, ...]]:
+    """Magnitudes on either side of the best of those tried, half way to the next."""
+    parameters, (column,) = stand.study.parameters, candidate.columns
+    gains = {
+        float(parameters.from_search(row)[column]): _Line.of(stand, base, row, residual).gain(1.0)
+        for row, residual in tried
+    }
+    sizes = sorted(gains)
+    best = max(range(len(sizes)), key=lambda k: gains[sizes[k]], default=0)
+    return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
+
+
+def _checked(stand: Stand, base: Optimum, points: Sequence[Start]) -> list[Start]:
+    """The points with what a simulation of each gains under the base's noise."""
+    if not points:
+        return []
+    found = stand.study.residuals(np.array([s.point for s in points]))
+    present = base.whitened.log_likelihood
+    return [
+        replace(s, gain=stand.study.whiten(residual, None, base.noise).log_likelihood - present)
+        for s, residual in zip(points, found, strict=True)
+        if residual is not None
+    ]
 
 
 def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
@@ -146,53 +194,80 @@ def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
     return {output: OutputNoise(max(size, 1e-300)) for output, size in rms.items()}
 
 
-def _along(
-    stand: Stand, base: Optimum, candidate: Candidate, tried: Sequence[tuple[FloatArray, Sequence[FloatArray]]]
-) -> list[Start]:
-    """How far to go from the base towards each tried point, and what that promises."""
-    parameters = stand.study.parameters
-    columns, free = list(candidate.columns), list(base.free)
-    low, high = parameters.box
-    slopes = base.whitened.slopes
-    _, second = parameters.prior_derivatives(base.coordinates)
-    curvature = slopes @ slopes.T + np.diag(np.maximum(-second[free], 1e-9))
-    points = []
-    for row, residual in tried:
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """From the base towards a tried point: what the tried point changes, the base's parameters readjusted (``back``).
+
+    ``power`` is the squared change in units of the noise; ``along`` how far to go to gain most, were it a line;
+    ``own`` the step of the base's parameters where the base is no optimum.
+    """
+
+    own: FloatArray
+    back: FloatArray
+    power: float
+    along: float
+
+    @classmethod
+    def of(cls, stand: Stand, base: Optimum, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
+        slopes = base.whitened.slopes
+        first, second = (d[list(base.free)] for d in stand.study.parameters.prior_derivatives(base.coordinates))
+        curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
         change = base.whitened.residual - stand.study.whiten(residual, None, base.noise).residual
-        back = np.linalg.solve(curvature, slopes @ change)
+        own, back = (np.linalg.solve(curvature, g) for g in (slopes @ base.whitened.residual + first, slopes @ change))
         direction = change - back @ slopes
         power = float(direction @ direction)
-        if power <= 0.0:
-            continue
-        along = float(direction @ base.whitened.residual) / power
-        start = row.copy()
-        # The first column of an effect is its magnitude, zero where the effect is off.
-        reach = float(np.clip(along, 0.05, 3.0))
-        start[columns[0]] = np.clip(reach * row[columns[0]], low[columns[0]], high[columns[0]])
-        start[free] = np.clip(base.coordinates[free] - reach * back, low[free], high[free])
-        points.append(Start(0.5 * max(along, 0.0) ** 2 * power, start))
+        along = float(direction @ (base.whitened.residual - own @ slopes)) / power if power > 0.0 else 0.0
+        return cls(own, back, power, along)
+
+    @property
+    def within(self) -> float:
+        """How far to go, within reason."""
+        return float(np.clip(self.along, 0.05, 3.0))
+
+    def gain(self, reach: float) -> float:
+        """Gain in log-likelihood that going so far foretells."""
+        return (self.along - 0.5 * reach) * reach * self.power
+
+
+def _along(
+    stand: Stand, base: Optimum, candidate: Candidate, tried: Sequence[tuple[FloatArray, tuple[FloatArray, ...]]]
+) -> list[Start]:
+    """Each tried point with the other parameters readjusted, and how far to go towards it."""
+    low, high = stand.study.parameters.box
+    # The first column of an effect is its magnitude, zero where the effect is off.
+    size, free = candidate.columns[0], list(base.free)
+    lines = [(row, line) for row, residual in tried if (line := _Line.of(stand, base, row, residual)).power > 0.0]
+    ends = [(line.gain(reach), row, line, reach) for row, line in lines for reach in (1.0, line.within)]
+    points = []
+    for kind in (ends[::2], ends[1::2]):
+        for _, row, line, reach in sorted(kind, key=lambda end: -end[0])[:LIKELIEST]:
+            start = row.copy()
+            start[size] = np.clip(reach * row[size], low[size], high[size])
+            start[free] = np.clip(base.coordinates[free] + line.own - reach * line.back, low[free], high[free])
+            points.append(Start(line.gain(max(line.along, 0.0)), start))
     return points
 
 
-def score(base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings) -> Scored:
+def score(
+    base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings, beside: Optimum | None = None
+) -> Scored:
     """Refit the model with one more effect, from the most promising of its starts.
 
-    A candidate that promises almost nothing at any start is not refitted.
+    A candidate that promises almost nothing at any start is not refitted. ``beside`` is a place on the same stand, no
+    optimum, that a start is looked for from as well.
     """
     points = starting_points(base.stand, base.optimum, candidate)
-    first = points[0].promise if points else -math.inf
-    if first < settings.promise:
+    first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
+    likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
+    own = [s for s in likely if not s.squares][: settings.starts]
+    starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
+    starts += [s for s in likely if s.squares][:1]
+    if beside is not None:
+        starts += starting_points(base.stand, beside, candidate)[:1]
+    if not starts:
         return Scored(candidate, None, min(first, 0.0), max(first, 0.0))
-    effects = (*base.effects, candidate.id)
-    best: Held | None = None
-    for by_squares in (False, True):
-        own = [p for p in points if p.squares == by_squares]
-        for start in own[: 1 if by_squares else settings.starts]:
-            if start.promise < settings.promise or (best is not None and start.promise < 0.3 * own[0].promise):
-                break
-            found = _refit(base, effects, start, fit)
-            if found is not None and (best is None or found.log_evidence > best.log_evidence):
-                best = found
+    refits = [_refit(base, (*base.effects, candidate.id), start, fit) for start in starts]
+    best = max((held for held in refits if held is not None), key=lambda held: held.log_evidence, default=None)
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), first)
 
@@ -211,13 +286,29 @@ def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSetting
         return None
 
 
+def _place(here: Held, instead: Held) -> Optimum | None:
+    """Where another fit stands, with only the effects of this one, on this one's stand."""
+    stand, noise = here.stand, instead.optimum.noise
+    at = stand.at(instead.values, here.effects)
+    evaluation = stand.study.evaluate(at, here.optimum.free)
+    if evaluation is None:
+        return None
+    whitened = stand.study.whiten(evaluation.residual, evaluation.slopes, noise)
+    return replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
+
+
 class Search:
     """Forward selection, pairs where nothing alone pays, then drop and swap."""
 
     def __init__(
-        self, stands: Stands, groups: Sequence[Sequence[str]], settings: AttributeSettings, fit: ClimbSettings
+        self,
+        stands: Stands,
+        groups: Sequence[Sequence[str]],
+        finer: Mapping[str, str],
+        settings: AttributeSettings,
+        fit: ClimbSettings,
     ) -> None:
-        self.stands, self.groups, self.settings, self.fit = stands, groups, settings, fit
+        self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
         self.rounds: list[Round] = []
 
     def moved(self, held: Held, extra: Collection[str]) -> Held:
@@ -227,8 +318,11 @@ class Search:
             return held
         return stand.fit(held.values, held.effects, held.optimum.noise, self.fit)
 
-    def scored(self, base: Held, ids: Collection[str]) -> list[Scored]:
-        """Candidates beside what the model has, each group on its own stand; best first."""
+    def scored(self, base: Held, ids: Collection[str], instead: Held | None = None) -> list[Scored]:
+        """Candidates beside what the model has, each group on its own stand; best first.
+
+        ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too.
+        """
         scores: list[Scored] = []
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
@@ -238,12 +332,28 @@ class Search:
                 except CannotFinishError:
                     # A law that is off can still be too stiff for this recording: it is not tried.
                     continue
-                scores += [score(here, here.stand.candidates[id_], self.settings, self.fit) for id_ in own]
+                beside = _place(here, instead) if instead is not None else None
+                scores += [score(here, here.stand.candidates[id_], self.settings, self.fit, beside) for id_ in own]
         return sorted(scores, key=lambda s: -s.gain)
 
-    def round(self, base: Held, ids: Collection[str], *, pairs: bool) -> Round:
-        """Score candidates; the best is chosen if it has earned its place."""
-        scores, nothing, untried = with_odds(self.scored(base, ids))
+    def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
+        """Finer laws that explain far more than what they refine, which may show nothing by itself."""
+        coarse = {s.candidate.id: s.gain for s in scores}
+        found = self.scored(base, [id_ for id_, of in self.finer.items() if of in coarse])
+        bar = threshold(len(scores) + len(found), self.settings)
+        return [s for s in found if s.gain > max(coarse[self.finer[s.candidate.id]], 0.0) + bar]
+
+    def round(
+        self, base: Held, ids: Collection[str], *, wide: bool = False, instead: Held | None = None, pairs: bool = False
+    ) -> Round:
+        """Score candidates; the best is chosen if it has earned its place.
+
+        ``wide`` is to try finer laws as well, ``pairs`` to try pairs where nothing alone pays.
+        """
+        tried = self.scored(base, ids, instead)
+        if wide:
+            tried = sorted([*tried, *self._finer(base, tried)], key=lambda s: -s.gain)
+        scores, nothing, untried = with_odds(tried)
         bar = threshold(len(scores), self.settings)
         number = len(self.rounds) + 1
         best = scores[0] if scores else None
@@ -294,7 +404,8 @@ class Search:
         while len(current.effects) < self.settings.max_effects:
             told(f"round {len(self.rounds) + 1}", len(self.rounds) / (self.settings.max_effects + 1))
             room = self.settings.max_effects - len(current.effects) > 1
-            found = self.round(current, ids, pairs=room and structured(current))
+            unexplained = structured(current)
+            found = self.round(current, ids, wide=unexplained, pairs=room and unexplained)
             self.rounds.append(found)
             if found.chosen is None or found.chosen.held is None:
                 break
@@ -344,7 +455,7 @@ class Search:
                     continue
                 missed[effect] = current.log_evidence - without.log_evidence
                 near = self._worth(without, current, ids)
-                found = self.round(without, near, pairs=False)
+                found = self.round(without, near, instead=current)
                 best = found.scores[0] if found.scores else None
                 if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + 0.1:
                     changed = changed or best.candidate.id != effect
@@ -364,11 +475,10 @@ class Search:
         return replace(current, effects=tuple(order)), equivalent
 
     def _worth(self, without: Held, current: Held, ids: Sequence[str]) -> list[str]:
-        """Candidates that any round gave some chance; what never promised anything does not come back."""
-        seen: Mapping[str, float] = {
-            s.candidate.id: max(s.gain, s.promise) for r in self.rounds for s in r.scores if s.held is not None
-        }
-        return [id_ for id_ in ids if id_ not in without.effects and (id_ in seen or id_ in current.effects)]
+        """The best of every round; what no round had among its best does not come back."""
+        seen = {s.candidate.id for r in self.rounds for s in r.scores[: self.settings.near] if s.held is not None}
+        every = dict.fromkeys((*ids, *current.effects))
+        return [id_ for id_ in every if id_ not in without.effects and (id_ in seen or id_ in current.effects)]
 
     def without(self, base: Held, held: Held, effect: str) -> Held:
         """The model with one effect switched off, refitted: from where it is, and from the round before it came in.

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
+from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.search import Found
+from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
 
 #: A model that leaves less than this share of the error on data that was not fitted carries over to it.
 CARRIES_OVER = 0.1
-#: What a part of the effects may leave of it, to be named where all of them together do not carry over.
-PLAINLY = 0.5
+#: What other effects may leave of it, to be named where those found first do not carry over; and how many are tried.
+PLAINLY, MOST = 0.5, 6
+#: How many times the error of fewer effects on data that was not fitted is plainly worse.
+WORSE = 1.05
 
 
 def decide(bench: Workbench, found: Found) -> Conclusion:
@@ -32,36 +37,74 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
         named = add_effects(bench, found)
         refused = _astray(found, named, bench.settings.astray)
         if not refused:
-            return named
+            return _no_more_than_carries_over(bench, found, named)
         best = rival.best_curve
         if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
             learned = add_curve(bench, found, best)
             if not _astray(found, learned, bench.settings.astray):
                 return learned
-        fewer = _fewer(bench, found)
-        if fewer is not None:
-            return fewer
-    return nothing_added(bench, found, refused)
+        other = _other(bench, found)
+        if other is not None:
+            return other
+    plain = nothing_added(bench, found, refused)
+    if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
+        unseen = f"What was fitted asks for no more, but on data that was not, the model is far off: {off}."
+        return replace(plain, outcome="unexplained", sentence=unseen)
+    return plain
 
 
-def _fewer(bench: Workbench, found: Found) -> Conclusion | None:
-    """What stood after an earlier round, where all effects together do not carry over but those plainly do."""
-    selection = found.selection
-    chosen = [r.chosen.held for r in selection.rounds if r.chosen is not None and r.chosen.held is not None]
-    tried = {frozenset(selection.effects)}
-    for held in sorted(chosen, key=lambda h: -h.log_evidence):
-        if frozenset(held.effects) in tried or len(held.effects) > len(selection.effects):
+def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
+    """What is named, or fewer effects where some structure is left and they predict what was not fitted better.
+
+    While structure is left the noise is not known, and evidence is surer of itself than it should be.
+    """
+    count = len(found.selection.effects)
+    if count < 2 or not named.after.test or all(r.verdict != "structured" for r in named.reports):
+        return named
+    fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
+    errors = [_unseen(bench.predict(held.stand.study.calibration, held.optimum)) for held in fewer]
+    least = min(range(len(fewer)), key=errors.__getitem__, default=None)
+    if least is None or errors[least] > _unseen(named.after) - math.log(WORSE):
+        return named
+    return _with(bench, found, fewer[least]) or named
+
+
+def _other(bench: Workbench, found: Found) -> Conclusion | None:
+    """What explains what was fitted as well, or stood after an earlier round, and plainly carries over."""
+    for held in _fits(found)[:MOST]:
+        named = _with(bench, found, held)
+        if named is None or _astray(found, named, bench.settings.astray):
             continue
-        tried.add(frozenset(held.effects))
-        left = found.base.report(held)
-        part = replace(found, selection=replace(selection, held=held, equivalent=()), left=left)
-        if _incomplete(part, bench.settings.left_over):
-            continue
-        named = add_effects(bench, part)
-        better = all(error.rms < PLAINLY * found.before.test[key].rms for key, error in named.after.test.items())
-        if better and not _astray(part, named, bench.settings.astray):
+        if all(error.rms < PLAINLY * found.before.test[key].rms for key, error in named.after.test.items()):
             return named
     return None
+
+
+def _fits(found: Found) -> list[Held]:
+    """What the rounds chose, and what was as good, likeliest first; not what was selected in the end."""
+    selection = found.selection
+    fits = {frozenset(selection.effects): selection.held}
+    for r in selection.rounds:
+        for s in r.scores if r.chosen is not None else ():
+            if s.held is not None and (s is r.chosen or s.candidate.id in r.equivalent):
+                fits.setdefault(frozenset(s.held.effects), s.held)
+    others = [held for held in list(fits.values())[1:] if len(held.effects) <= len(selection.effects)]
+    return sorted(others, key=lambda held: -held.log_evidence)
+
+
+def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
+    """Other effects named in place of those selected, where they explain what was fitted."""
+    selection = found.selection
+    part = replace(found, selection=replace(selection, held=held, equivalent=()), left=found.base.report(held))
+    if _incomplete(part, bench.settings.left_over):
+        return None
+    named, first = add_effects(bench, part), " and ".join(selection.effects)
+    return replace(named, sentence=f"{named.sentence} {first}, found first, carries over less to that data.")
+
+
+def _unseen(prediction: Prediction) -> float:
+    """Logarithm of the errors on data that was not fitted, summed over outputs."""
+    return sum(math.log(max(rms, 1e-300)) for rms in prediction.pooled("test").values())
 
 
 def _incomplete(found: Found, left_over: float) -> bool:

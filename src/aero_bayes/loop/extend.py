@@ -115,13 +115,16 @@ def _found_effect(
     fit: Optimum,
 ) -> FoundEffect:
     named = fitted_parameters(parameters, fit)
-    found = next((r for r in selection.rounds if r.chosen is not None and r.chosen.candidate.id == id_), None)
-    gain = found.chosen.gain if found is not None and found.chosen is not None else math.nan
+    scored = [(r, s) for r in selection.rounds for s in r.scores if s.candidate.id == id_ and s.held is not None]
+    chosen = [(r, s) for r, s in scored if r.chosen is not None and r.chosen.candidate.id == id_] or scored
+    found, gain = (chosen[0][0], chosen[0][1].gain) if chosen else (None, math.nan)
+    same = {id_, *(found.equivalent if found is not None else ())}
     return FoundEffect(
         id_, selection.held.stand.candidates[id_].port, "catalogue",
         tuple(named[new] for _, new in written.names[id_]), gain,
         found.threshold if found is not None else math.nan, bench.family.summary(id_),
         dict(written.widths[id_]),
+        odds=sum(s.odds for s in found.scores if s.candidate.id in same) if found is not None else None,
     )  # fmt: skip
 
 

@@ -49,7 +49,8 @@ class FoundEffect:
 
     ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
     ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
-    they are doubled.
+    they are doubled. ``odds`` are those of the effect or one that the data do not tell from it, in the round that found
+    it.
     """
 
     id: str
@@ -62,6 +63,7 @@ class FoundEffect:
     widths: Mapping[str, float] = field(default_factory=dict)
     width_influence: float | None = None
     over: str = ""
+    odds: float | None = None
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         found: dict[str, object] = {
@@ -74,6 +76,7 @@ class FoundEffect:
             "summary": self.summary,
             "widths": dict(self.widths),
             "width_influence_sd": self.width_influence,
+            "odds": self.odds,
         }
         if self.over:
             found["over"] = self.over

@@ -36,7 +36,7 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:
             raise InputError(f"[loop] require: no recorded output can show {id_}")
-    effort = Search(base.stands, bench.family.groups(), bench.settings.attribute, base.settings)
+    effort = Search(base.stands, bench.family.groups(), finer, bench.settings.attribute, base.settings)
     selection = effort.select(
         base.held, ids, lambda held: any(r.verdict == "structured" for r in base.report(held)),
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),

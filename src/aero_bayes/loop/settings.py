@@ -21,7 +21,8 @@ class AttributeSettings:
     difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
     how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
     log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
-    ``require`` names effects that are added first and need not earn their place; ``max_effects`` counts them.
+    ``near`` is how many of the best of each round are tried again in an effect's place. ``require`` names effects that
+    are added first and need not earn their place; ``max_effects`` counts them.
     """
 
     margin: float = 4.0
@@ -30,6 +31,7 @@ class AttributeSettings:
     promise: float = 2.0
     max_effects: int = 3
     pairs: int = 5
+    near: int = 5
     require: tuple[str, ...] = ()
 
 

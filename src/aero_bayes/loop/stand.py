@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
@@ -13,6 +14,8 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,16 @@ class Stand:
         """Columns of the model itself and of some candidates."""
         return (*self.own, *(j for id_ in effects for j in self.candidates[id_].columns))
 
+    def at(self, values: Mapping[str, float], effects: Collection[str]) -> FloatArray:
+        """Search coordinates of values by name with some effects on; what has no value stands where it is off."""
+        parameters = self.study.parameters
+        on = set(self.free(effects))
+        start = [
+            values.get(p.name, p.start) if j in on or p.recording is not None else p.start
+            for j, p in enumerate(parameters)
+        ]
+        return parameters.to_search(np.array(start))
+
     def fit(
         self,
         values: Mapping[str, float],
@@ -53,15 +66,9 @@ class Stand:
         noise: Mapping[str, OutputNoise],
         settings: ClimbSettings,
     ) -> Held:
-        """Climb from values by name with some effects on; whatever has no value starts where it is off."""
-        parameters = self.study.parameters
-        on = set(self.free(effects))
-        start = [
-            values.get(p.name, p.start) if j in on or p.recording is not None else p.start
-            for j, p in enumerate(parameters)
-        ]
-        at = parameters.to_search(np.array(start))
-        return Held(self, tuple(effects), climb(self.study, at, self.free(effects), noise=noise, settings=settings))
+        """Climb from values by name with some effects on."""
+        start = self.at(values, effects)
+        return Held(self, tuple(effects), climb(self.study, start, self.free(effects), noise=noise, settings=settings))
 
 
 class Stands:

@@ -92,10 +92,10 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
     worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    unit = units.get(worst, "")
+    unit = f" {units.get(worst, '')}".rstrip()
     where = "data that was not fitted" if role == "test" else "the fitted data"
     verb = "falls" if second[worst] < first[worst] else "goes"
-    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
+    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {second[worst]:.3g}{unit}."
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:

@@ -29,6 +29,12 @@ from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 from aero_bayes.simulation import Model
 
+#: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
+#: not, which may act only beyond a threshold that a coarse grid steps over.
+SIZES, SIZES_ALONE = (1.0, 0.2, 5.0), (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0)
+#: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
+LEVELS, NARROW = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
+
 
 @dataclass(frozen=True)
 class RigFamily:
@@ -191,13 +197,17 @@ def _parameters(use: Use) -> list[Parameter]:
 def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
     """Values worth starting from: magnitudes, of both signs where they mean something, and shapes."""
     choices: list[Collection[float]] = []
-    for k, p in enumerate(use.parameters()):
+    parameters = list(use.parameters())
+    for k, p in enumerate(parameters):
         limits = use.limits(p)
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
+        alone = len(parameters) == 1 and low >= 0.0 and not use.law.moves
         scale = limits["nominal"]
         if k == 0:
-            sizes = [scale, 0.2 * scale, 5.0 * scale]
+            sizes = [m * scale for m in (SIZES_ALONE if alone else SIZES)]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
+        elif low > 0.0 and high < NARROW * low:
+            values = [m * scale for m in LEVELS if low < m * scale < high]
         elif low > 0.0:
             values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
         else:
