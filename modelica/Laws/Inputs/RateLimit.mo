@@ -5,7 +5,7 @@ model RateLimit "Actuator that changes only so fast"
   Real z_0(start = 0, fixed = true, nominal = u_n) "Input as a fast tracker follows it";
   Real z(start = 0, fixed = true, nominal = u_n) "Input as a tracker of limited rate follows it";
 protected
-  final parameter Real T = 5e-3 * t_n "Time constant of the trackers";
+  final parameter Real T = 1e-3 * t_n "Time constant of the trackers";
   final parameter Real u_smooth = 1e-6 * u_n "Width of the rounding of the absolute value";
 equation
   T * der(z_0) = u - z_0;

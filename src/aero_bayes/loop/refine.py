@@ -15,7 +15,7 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import climb
-from aero_bayes.loop.attribute import Round, Scored, Search, Selection, threshold
+from aero_bayes.loop.attribute import Round, Scored, Search, Selection, threshold, with_odds
 from aero_bayes.loop.stand import Held
 
 #: Refits of a finer law, from the likeliest of its starts.
@@ -50,9 +50,10 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
             if gain > 0.0:
                 selection = replace(selection, equivalent=_with(selection.equivalent, coarse, id_))
             continue
-        scored = Scored(found.stand.candidates[id_], found, gain, gain)
+        scores, nothing, untried = with_odds([Scored(found.stand.candidates[id_], found, gain, gain)])
         why = f"{id_} in place of {coarse} gains {gain:.1f} in log-evidence (needed {bar:.1f})"
-        last = Round(len(selection.rounds) + 1, selection.held, (scored,), bar, scored, (id_,), why)
+        number = len(selection.rounds) + 1
+        last = Round(number, selection.held, scores, bar, scores[0], (id_,), why, nothing, untried)
         selection = replace(selection, held=found, rounds=(*selection.rounds, last))
         selection = _dropped(search, selection, id_, bar)
     return selection
