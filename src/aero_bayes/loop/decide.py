@@ -48,7 +48,10 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             return other
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
-        unseen = f"What was fitted asks for no more, but on data that was not, the model is far off: {off}."
+        unseen = (
+            f"What was fitted asks for no more, but on data that was not, the model is far off: {off}. What was fitted "
+            "does not show what is missing, or does not fix the parameters well enough."
+        )
         return replace(plain, outcome="unexplained", sentence=unseen)
     return plain
 
