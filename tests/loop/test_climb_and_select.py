@@ -12,7 +12,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.loop.attribute import Search, threshold, with_odds
+from aero_bayes.loop.attribute import Search, score, threshold, with_odds
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Stand
 from aero_bayes.physics.kin import Candidate
@@ -80,11 +80,12 @@ class OneStand:
         return self.stand
 
 
-def selected(truth, seed, structured=False, require=()):
-    stands = OneStand(truth, seed)
-    search = Search(stands, [tuple(CANDIDATES)], {}, AttributeSettings(require=require), ClimbSettings())
+def selected(truth, seed, structured=False, require=(), finer=None):
+    stands, finer = OneStand(truth, seed), finer or {}
+    search = Search(stands, [tuple(CANDIDATES)], finer, AttributeSettings(require=require), ClimbSettings())
     base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
-    return search.select(base, tuple(CANDIDATES), lambda held: structured, lambda what, share: None)
+    ids = tuple(id_ for id_ in CANDIDATES if id_ not in finer)
+    return search.select(base, ids, lambda held: structured, lambda what, share: None)
 
 
 def test_climb_has_the_exact_posterior_and_evidence():
@@ -150,3 +151,42 @@ def test_threshold_pays_for_every_candidate():
     settings = AttributeSettings(margin=4.0)
     assert threshold(18, settings) == pytest.approx(4.0 + np.log(18.0))
     assert threshold(1, settings) == 4.0
+
+
+def test_a_finer_law_is_found_where_what_it_refines_shows_nothing():
+    truth, finer = [1.0, 2.0, 0.0, 0.7, 0.0], {"square": "sine"}
+    assert selected(truth, 5, structured=True, finer=finer).effects == ("square",)
+    assert not selected(truth, 5, structured=False, finer=finer).effects
+    assert set(selected([1.0, 2.0, 0.6, 0.0, 0.0], 2, structured=True, finer=finer).effects) & {"sine", "twin"}
+
+
+class ClippedSimulator(LinearSimulator):
+    """The third parameter acts only beyond one: then it clips the line that the second one makes."""
+
+    def simulate(self, values, *, active=None):
+        def outputs(p):
+            line = p[:, [0]] + p[:, [1]] * TIME / 30.0
+            limit = 1.0 / np.maximum(p[:, [2]], 1e-12)
+            return np.minimum(line, limit)[:, :, None]
+
+        slopes = None
+        if active is not None:
+            steps = 1e-6 * np.eye(5)[list(active)]
+            change = [(outputs(values + step) - outputs(values - step)) / 2e-6 for step in steps]
+            slopes = (np.stack(change, axis=-1),)
+        return Trajectories((outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+
+
+def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
+    rng = np.random.default_rng(8)
+    limit, noise = 2.85, OutputNoise(0.02, 0.0, 1.0)
+    measured = np.minimum(1.0 + 2.0 * TIME / 30.0, limit) + noise.sd_white * rng.normal(size=600)
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
+    starts = tuple((share / 2.4,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.9, 1.2, 2.5))
+    stand = Stand(
+        Objective(problem, ClippedSimulator(measured)), {"clip": Candidate("clip", "in", starts, (2,))}, (0, 1)
+    )
+    base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
+    found = score(base, stand.candidates["clip"], AttributeSettings(), ClimbSettings())
+    assert found.gain > 20.0
+    assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)

@@ -122,6 +122,8 @@ def _story(
     if len(tied) > 1:
         lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
     lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
+    if found.selection.skipped:
+        lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(found.selection.skipped)}.")
     for effect in conclusion.effects:
         values = ", ".join(f"{p.name} = {p.value:.3g} {p.unit}".rstrip() for p in effect.parameters)
         lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
