@@ -140,7 +140,11 @@ class _Line:
         first, second = (d[list(base.free)] for d in stand.study.parameters.prior_derivatives(base.coordinates))
         curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
         change = base.whitened.residual - stand.study.whiten(residual, None, base.noise).residual
-        own, back = (np.linalg.solve(curvature, g) for g in (slopes @ base.whitened.residual + first, slopes @ change))
+        # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
+        unit = 1.0 / np.sqrt(np.diag(curvature))
+        towards = np.column_stack((slopes @ base.whitened.residual + first, slopes @ change)) * unit[:, np.newaxis]
+        steps = np.linalg.lstsq(curvature * np.outer(unit, unit), towards, rcond=None)[0]
+        own, back = (steps * unit[:, np.newaxis]).T
         direction = change - back @ slopes
         power = float(direction @ direction)
         along = float(direction @ (base.whitened.residual - own @ slopes)) / power if power > 0.0 else 0.0
