@@ -47,19 +47,23 @@ def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[S
     present noise, and, where a misfit is far larger than that noise, by least squares, which sees the misfit as a
     whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated.
     """
-    study = stand.study
-    tried = _tried(stand, base, candidate.columns, candidate.starts)
-    if len(candidate.columns) == 1 and len(candidate.starts) >= GRID:
+    study, columns = stand.study, candidate.columns
+    around = _Around(stand, base)
+    tried = _tried(stand, base, columns, candidate.starts)
+    lines = [around.line(row, residual) for row, residual in tried]
+    if len(columns) == 1 and len(candidate.starts) >= GRID:
         for _ in range(CLOSER):
-            tried += _tried(stand, base, candidate.columns, _between(stand, base, candidate, tried))
-    points = _checked(stand, base, _along(stand, base, candidate, tried))
+            closer = _tried(stand, base, columns, _between(stand, candidate, lines))
+            lines += [around.line(row, residual) for row, residual in closer]
+            tried += closer
+    points = around.points(candidate, lines)
     noise = _misfit(stand, base)
     if noise is not None:
         assert base.evaluation.slopes is not None
         plain = study.whiten(base.evaluation.residual, base.evaluation.slopes, noise)
-        wide = replace(base, noise=noise, whitened=plain)
+        wide = _Around(stand, replace(base, noise=noise, whitened=plain))
         total = float(plain.residual @ plain.residual)
-        for s in _checked(stand, wide, _along(stand, wide, candidate, tried)):
+        for s in wide.points(candidate, [wide.line(row, residual) for row, residual in tried]):
             promise, gain = (-0.5 * PIECES * math.log(max(1.0 - 2.0 * g / total, 1e-12)) for g in (s.promise, s.gain))
             points.append(Start(promise, s.point, True, gain))
     return sorted(points, key=lambda s: -s.gain)
@@ -79,37 +83,6 @@ def _tried(
     return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
 
 
-def _between(
-    stand: Stand,
-    base: Optimum,
-    candidate: Candidate,
-    tried: Sequence[tuple[FloatArray, tuple[FloatArray, ...]]],
-) -> list[tuple[float, ...]]:
-    """Magnitudes on either side of the best of those tried, half way to the next."""
-    parameters, (column,) = stand.study.parameters, candidate.columns
-    gains = {
-        float(parameters.from_search(row)[column]): _Line.of(stand, base, row, residual).gain(1.0)
-        for row, residual in tried
-    }
-    sizes = sorted(gains)
-    # Of those that do not act at all, the last before the threshold.
-    best = max(range(len(sizes)), key=lambda k: (gains[sizes[k]], sizes[k]), default=0)
-    return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
-
-
-def _checked(stand: Stand, base: Optimum, points: Sequence[Start]) -> list[Start]:
-    """The points with what a simulation of each gains under the base's noise."""
-    if not points:
-        return []
-    found = stand.study.residuals(np.array([s.point for s in points]))
-    present = base.whitened.log_likelihood
-    return [
-        replace(s, gain=stand.study.whiten(residual, None, base.noise).log_likelihood - present)
-        for s, residual in zip(points, found, strict=True)
-        if residual is not None
-    ]
-
-
 def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
     """Each output's residual as white noise of its size, where one is far larger than the noise allows."""
     squares: dict[str, list[FloatArray]] = {}
@@ -123,32 +96,17 @@ def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """From the base towards a tried point: what the tried point changes, the base's parameters readjusted (``back``).
+    """From the base towards a tried point ``row``: what it changes, the base's parameters readjusted (``back``).
 
     ``power`` is the squared change in units of the noise; ``along`` how far to go to gain most, were it a line;
     ``own`` the step of the base's parameters where the base is no optimum.
     """
 
+    row: FloatArray
     own: FloatArray
     back: FloatArray
     power: float
     along: float
-
-    @classmethod
-    def of(cls, stand: Stand, base: Optimum, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
-        slopes = base.whitened.slopes
-        first, second = (d[list(base.free)] for d in stand.study.parameters.prior_derivatives(base.coordinates))
-        curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
-        change = base.whitened.residual - stand.study.whiten(residual, None, base.noise).residual
-        # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
-        unit = 1.0 / np.sqrt(np.diag(curvature))
-        towards = np.column_stack((slopes @ base.whitened.residual + first, slopes @ change)) * unit[:, np.newaxis]
-        steps = np.linalg.lstsq(curvature * np.outer(unit, unit), towards, rcond=None)[0]
-        own, back = (steps * unit[:, np.newaxis]).T
-        direction = change - back @ slopes
-        power = float(direction @ direction)
-        along = float(direction @ (base.whitened.residual - own @ slopes)) / power if power > 0.0 else 0.0
-        return cls(own, back, power, along)
 
     @property
     def within(self) -> float:
@@ -160,20 +118,60 @@ class _Line:
         return (self.along - 0.5 * reach) * reach * self.power
 
 
-def _along(
-    stand: Stand, base: Optimum, candidate: Candidate, tried: Sequence[tuple[FloatArray, tuple[FloatArray, ...]]]
-) -> list[Start]:
-    """Each tried point with the other parameters readjusted, and how far to go towards it."""
-    low, high = stand.study.parameters.box
-    # The first column of an effect is its magnitude, zero where the effect is off.
-    size, free = candidate.columns[0], list(base.free)
-    lines = [(row, line) for row, residual in tried if (line := _Line.of(stand, base, row, residual)).power > 0.0]
-    ends = [(line.gain(reach), row, line, reach) for row, line in lines for reach in (1.0, line.within)]
-    points = []
-    for kind in (ends[::2], ends[1::2]):
-        for _, row, line, reach in sorted(kind, key=lambda end: -end[0])[:LIKELIEST]:
-            start = row.copy()
-            start[size] = np.clip(reach * row[size], low[size], high[size])
-            start[free] = np.clip(base.coordinates[free] + line.own - reach * line.back, low[free], high[free])
-            points.append(Start(line.gain(max(line.along, 0.0)), start))
-    return points
+def _between(stand: Stand, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[float, ...]]:
+    """Magnitudes on either side of the best of those tried, half way to the next."""
+    parameters, (column,) = stand.study.parameters, candidate.columns
+    gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
+    sizes = sorted(gains)
+    # Of those that do not act at all, the last before the threshold.
+    best = max(range(len(sizes)), key=lambda k: (gains[sizes[k]], sizes[k]), default=0)
+    return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
+
+
+class _Around:
+    """The surroundings of a base: how its parameters readjust to a change of the outputs, to first order."""
+
+    def __init__(self, stand: Stand, base: Optimum) -> None:
+        self.stand, self.base = stand, base
+        slopes, residual = base.whitened.slopes, base.whitened.residual
+        first, second = (d[list(base.free)] for d in stand.study.parameters.prior_derivatives(base.coordinates))
+        curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
+        # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
+        unit = 1.0 / np.sqrt(np.diag(curvature))
+        self._step = np.linalg.pinv(curvature * np.outer(unit, unit), hermitian=True) * np.outer(unit, unit)
+        self._own: FloatArray = self._step @ (slopes @ residual + first)
+        self._left: FloatArray = residual - self._own @ slopes
+
+    def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
+        """From here to a point with these residuals."""
+        whitened = self.base.whitened
+        change = whitened.residual - self.stand.study.whiten(residual, None, self.base.noise).residual
+        back = self._step @ (whitened.slopes @ change)
+        direction = change - back @ whitened.slopes
+        power = float(direction @ direction)
+        return _Line(row, self._own, back, power, float(direction @ self._left) / power if power > 0.0 else 0.0)
+
+    def points(self, candidate: Candidate, lines: Sequence[_Line]) -> list[Start]:
+        """Both ends of the likeliest lines, with what a simulation of each gains."""
+        low, high = self.stand.study.parameters.box
+        at, present = self.base.coordinates, self.base.whitened.log_likelihood
+        # The first column of an effect is its magnitude, zero where the effect is off.
+        size, free = candidate.columns[0], list(self.base.free)
+        acting = [line for line in lines if line.power > 0.0]
+        ends: list[tuple[_Line, float]] = []
+        for reaches in ([1.0] * len(acting), [line.within for line in acting]):
+            kind = sorted(zip(acting, reaches, strict=True), key=lambda end: -end[0].gain(end[1]))
+            ends += kind[:LIKELIEST]
+        points = []
+        for line, reach in ends:
+            point = line.row.copy()
+            point[size] = np.clip(reach * line.row[size], low[size], high[size])
+            point[free] = np.clip(at[free] + line.own - reach * line.back, low[free], high[free])
+            points.append(Start(line.gain(max(line.along, 0.0)), point))
+        study = self.stand.study
+        found = study.residuals(np.array([s.point for s in points])) if points else []
+        return [
+            replace(s, gain=study.whiten(residual, None, self.base.noise).log_likelihood - present)
+            for s, residual in zip(points, found, strict=True)
+            if residual is not None
+        ]
