@@ -3,7 +3,7 @@
 from aero_bayes.data.align import hold_signal, input_before, to_experiment
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.layout import AERO, ColumnMap, Layout, Quantity
-from aero_bayes.data.noise import NoiseFloor, noise_floor, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, floors_of, noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.ripple import input_jumps, ripple, rotor_angle
@@ -20,6 +20,7 @@ __all__ = [
     "Recording",
     "Summary",
     "check_recording",
+    "floors_of",
     "hold_signal",
     "input_before",
     "input_jumps",

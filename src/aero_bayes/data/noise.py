@@ -15,11 +15,14 @@ where it does not. A quantised reading that stands still says nothing: the floor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+
+from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
@@ -103,6 +106,19 @@ def noise_floor(values: FloatArray, time: FloatArray, jumps: FloatArray | None =
         white, slow, slow_time, total = float(least), 0.0, 0.0, least
     shared = slow**2 * np.exp(-interval / slow_time) / total**2 if slow_time > 0.0 and total > 0.0 else 0.0
     return NoiseFloor(float(total), white, slow, slow_time, float(shared), quantum, readings)
+
+
+def floors_of(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
+    """Noise floor of every output of every recording, from its readings alone."""
+    floors = {}
+    for recording in recordings:
+        jumps = np.concatenate(
+            [recording.time[1:][np.diff(values) != 0.0] for values in recording.inputs.values()] or [np.empty(0)]
+        )
+        for output in outputs:
+            if output in recording.outputs:
+                floors[recording.name, output] = noise_floor(recording.outputs[output], recording.time, jumps).sd
+    return floors
 
 
 def difference_variances(values: FloatArray, time: FloatArray, jumps: FloatArray | None = None) -> dict[int, float]:

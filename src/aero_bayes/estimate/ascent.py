@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.data import floors_of
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
@@ -61,6 +62,9 @@ class AscentSettings:
         Greatest correlation time of noise in s.
     settle : bool
         Whether the noise is estimated exactly and checked against least squares in the end.
+    enough : float
+        How many times the noise floor the residuals of a climb from the starting values may be for the swarm to be left
+        out: no valley is deeper than the noise. By default it is never left out.
     """
 
     cost: Cost = "posterior"
@@ -72,6 +76,7 @@ class AscentSettings:
     starts: int = 3
     longest: float | None = None
     settle: bool = True
+    enough: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,9 +199,10 @@ class Climber:
         mine, least = (self._rms(o) for o in (here, squares))
         return {o for o in correlated if mine[o] > SWALLOWED * least[o]}
 
-    def _rms(self, found: Optimum) -> dict[str, float]:
+    def _rms(self, found: Optimum, objective: Objective | None = None) -> dict[str, float]:
         white = replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"), floors={})
-        return {o: n.sd_white for o, n in noise_of(self.objective, found.evaluation.residual, white).items()}
+        residual = found.evaluation.residual
+        return {o: n.sd_white for o, n in noise_of(objective or self.objective, residual, white).items()}
 
     def _estimated(self, here: Optimum) -> dict[str, OutputNoise]:
         """The noise by its exact likelihood; that of outputs which are held by their residual's size."""
@@ -230,7 +236,7 @@ class Climber:
 
     def _valley(
         self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator
-    ) -> tuple[FloatArray, pso.SwarmResult]:
+    ) -> tuple[FloatArray, pso.SwarmResult | None]:
         """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
         assert self.settings.swarm is not None
         cheap = hurried(leading(self.objective.calibration, self.objective.simulator, self.settings.samples))
@@ -240,6 +246,8 @@ class Climber:
             target = Target(cheap, simulator, values, free, prior=self.settings.cost == "posterior")
             few = Objective(cheap, simulator, outcomes=self.objective.outcomes)
             first = self.first_noise()
+            if (near := self._near(few, start, free)) is not None:
+                return near, None
             rows = few.noise_rows(first)
             low, high = target.box
             swarm = pso.minimise(
@@ -255,6 +263,20 @@ class Climber:
                     starts.append(at)
             best = self._best(few, starts, free, first)
         return best.coordinates, swarm
+
+    def _near(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> FloatArray | None:
+        """Where the starting values lead, if no other valley can be deeper."""
+        if self.settings.enough <= 0.0:
+            return None
+        plain = replace(self.climbing.rough(25, 0.1), kinds=dict.fromkeys(self.kinds, "white"))
+        try:
+            found = self._climb(start, free, None, plain, objective)
+        except CannotFinishError:
+            return None
+        left = self._rms(found, objective)
+        floors = floors_of(self.objective.calibration.recordings, objective.outputs)
+        low = all(left[output] <= self.settings.enough * floor for (_, output), floor in floors.items())
+        return found.coordinates if low else None
 
     def _best(
         self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise]

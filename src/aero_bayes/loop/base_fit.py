@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.data import floors_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
@@ -19,7 +20,6 @@ from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
-from aero_bayes.loop.judge import floors_of
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.simulation import Model

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import autocorrelation
-from aero_bayes.data import Recording, noise_floor
+from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
@@ -204,19 +204,6 @@ def _settled(
         except CannotFinishError:
             return row
     return whole.parameters.from_search(found.coordinates)
-
-
-def floors_of(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
-    """Noise floor of every output of every recording, from its readings alone."""
-    floors = {}
-    for recording in recordings:
-        jumps = np.concatenate(
-            [recording.time[1:][np.diff(values) != 0.0] for values in recording.inputs.values()] or [np.empty(0)]
-        )
-        for output in outputs:
-            if output in recording.outputs:
-                floors[recording.name, output] = noise_floor(recording.outputs[output], recording.time, jumps).sd
-    return floors
 
 
 def shifts(

@@ -21,6 +21,9 @@ from aero_bayes.workflow.settings import fit_settings
 
 Json = dict[str, Any]
 
+#: How many times the noise floor a climb from the starting values may leave for the loop to do without a swarm.
+ENOUGH = 1.2
+
 
 def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
     """Close the loop on a job.
@@ -64,8 +67,9 @@ def loop_settings(job: Job) -> LoopSettings:
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
     ascent = replace(
-        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local, starts=fitting.starts
-    )
+        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
+        starts=fitting.starts, enough=0.0 if "pso" in given else ENOUGH,
+    )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
     return LoopSettings(
         attribute=replace(defaults.attribute, max_effects=section.max_effects, require=section.require),
