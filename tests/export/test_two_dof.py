@@ -57,13 +57,13 @@ def test_hand_written_equations_are_those_of_the_kinetic_energy() -> None:
     p, u, x = draw(rng), voltages(rng), somewhere(rng)
     rates = two_dof(x, u["V_m"], u["V_t"], p)
     inertia = p["J_r"] + p["J_s"]
-    drag = {n: p["k_d"] * x[n] * abs(x[n]) for n in ("omega_m", "omega_t")}
-    thrust = {n: p["k_t"] * x[n] * abs(x[n]) for n in ("omega_m", "omega_t")}
+    drag = {n: p[k] * x[n] * abs(x[n]) for n, k in (("omega_m", "k_d"), ("omega_t", "k_dt"))}
+    thrust = {n: p[k] * x[n] * abs(x[n]) for n, k in (("omega_m", "k_t"), ("omega_t", "k_tt"))}
     q, dq, ddq = casadi.SX.sym("q", 2), casadi.SX.sym("dq", 2), casadi.SX.sym("ddq", 2)
     spin, dspin = casadi.SX.sym("spin", 2), casadi.SX.sym("dspin", 2)
     # the main rotor turns about an axis that is tilted by the pitch, the tail rotor against the pitch axis
     about_axis = casadi.vertcat(dq[1] * casadi.cos(q[0]), -dq[0])
-    energy = 0.5 * p["J_p"] * dq[0] ** 2 + 0.5 * (p["J_y"] + p["J_p"] * casadi.cos(q[0]) ** 2) * dq[1] ** 2
+    energy = 0.5 * p["J_p"] * dq[0] ** 2 + 0.5 * (p["J_y"] - p["J_p"] * casadi.sin(q[0]) ** 2) * dq[1] ** 2
     lagrangian = energy + inertia * casadi.dot(spin, about_axis) + p["K_sp"] * casadi.cos(q[0])
     momentum = casadi.gradient(lagrangian, dq)
     forces = casadi.vertcat(

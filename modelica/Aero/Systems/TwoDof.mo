@@ -5,12 +5,14 @@ model TwoDof "Two-degree-of-freedom set-up: the body free in pitch and yaw, each
   parameter Real c_m(unit = "N.m/A", min = 1e-3, max = 1, nominal = 0.042) = 0.042 "Mechanical torque constant of a motor, also its back-EMF constant in V.s/rad";
   parameter Real J_r(unit = "kg.m2", min = 1e-8, max = 1e-3, nominal = 1e-5) = 1e-5 "Moment of inertia of a motor's rotor with its propeller";
   parameter Real J_s(unit = "kg.m2", min = 0, max = 1e-3, nominal = 4e-6) = 4e-6 "Moment of inertia of a motor's stator part that turns along";
-  parameter Real k_d(unit = "N.m.s2/rad2", min = 0, max = 1e-5, nominal = 1e-7) = 1e-7 "Aerodynamic drag coefficient of a propeller";
-  parameter Real k_t(unit = "N.s2/rad2", min = 0, max = 1e-3, nominal = 1.2e-6) = 1.2e-6 "Aerodynamic thrust coefficient of a propeller";
+  parameter Real k_d(unit = "N.m.s2/rad2", min = 0, max = 1e-5, nominal = 1e-7) = 1e-7 "Aerodynamic drag coefficient of the main propeller";
+  parameter Real k_dt(unit = "N.m.s2/rad2", min = 0, max = 1e-5, nominal = 1e-7) = 1e-7 "Aerodynamic drag coefficient of the tail propeller";
+  parameter Real k_t(unit = "N.s2/rad2", min = 0, max = 1e-3, nominal = 1.2e-6) = 1.2e-6 "Aerodynamic thrust coefficient of the main propeller";
+  parameter Real k_tt(unit = "N.s2/rad2", min = 0, max = 1e-3, nominal = 1.2e-6) = 1.2e-6 "Aerodynamic thrust coefficient of the tail propeller";
   parameter Real J_p(unit = "kg.m2", min = 1e-4, max = 1, nominal = 0.0219) = 0.0219 "Moment of inertia of the body about the pitch axis";
-  parameter Real J_y(unit = "kg.m2", min = 0, max = 1, nominal = 1e-3) = 1e-3 "Moment of inertia of the yoke about the yaw axis";
+  parameter Real J_y(unit = "kg.m2", min = 1e-3, max = 1, nominal = 0.022) = 0.022 "Moment of inertia of body and yoke about the yaw axis, the body level";
   parameter Real D_p(unit = "N.m.s/rad", min = 0, max = 1, nominal = 0.0071) = 0.0071 "Viscous damping of the body about the pitch axis";
-  parameter Real D_y(unit = "N.m.s/rad", min = 0, max = 1, nominal = 0.0071) = 0.0071 "Viscous damping of the body about the yaw axis";
+  parameter Real D_y(unit = "N.m.s/rad", min = 0, max = 1, nominal = 0.022) = 0.022 "Viscous damping of the body about the yaw axis";
   parameter Real K_sp(unit = "N.m/rad", min = 1e-4, max = 10, nominal = 0.0375) = 0.0375 "Stiffness of the body about the pitch axis";
   parameter Real D_t(unit = "m", min = 0.01, max = 1, nominal = 0.158) = 0.158 "Distance of a thruster from the pitch axis and from the yaw axis";
   replaceable model ThrustLaw = Aerodynamics.QuadraticThrust constrainedby Interfaces.ThrustLaw "Law of the thrust" annotation (choicesAllMatching = true);
@@ -24,7 +26,7 @@ model TwoDof "Two-degree-of-freedom set-up: the body free in pitch and yaw, each
   Aerodynamics.FreeThruster thruster_m(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final hand = 1, u = V_m,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, 50}, {-60, 70}})));
-  Aerodynamics.FreeThruster thruster_t(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final hand = -1, u = V_t,
+  Aerodynamics.FreeThruster thruster_t(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_tt, k_d = k_dt, final hand = -1, u = V_t,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, -70}, {-60, -50}})));
   Mechanical.Lever arm_m(r = D_t) annotation (Placement(transformation(extent = {{-30, 60}, {-10, 80}})));
