@@ -8,12 +8,13 @@ from dataclasses import replace
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
+from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.workbench import Workbench
 
 #: A model that leaves less than this share of the error on data that was not fitted carries over to it.
 CARRIES_OVER = 0.1
-#: What a part of the effects may leave of it, to be named where all of them together do not carry over.
+#: What a part of the effects may leave of it in some output, to be named where all of them together do not carry over.
 PLAINLY = 0.5
 
 
@@ -58,10 +59,19 @@ def _fewer(bench: Workbench, found: Found) -> Conclusion | None:
         if _incomplete(part, bench.settings.left_over):
             continue
         named = add_effects(bench, part)
-        better = all(error.rms < PLAINLY * found.before.test[key].rms for key, error in named.after.test.items())
-        if better and not _astray(part, named, bench.settings.astray):
+        if _plainly_better(found.before, named.after) and not _astray(part, named, bench.settings.astray):
             return named
     return None
+
+
+def _plainly_better(before: Prediction, after: Prediction) -> bool:
+    """Whether the error on data that was not fitted is far smaller in some output, and in none larger.
+
+    An output that the missing effect does not reach, such as another motor's speed, has nothing to gain.
+    """
+    pairs = [(before.test[key], error) for key, error in after.test.items()]
+    gained = any(error.rms < PLAINLY * old.rms for old, error in pairs)
+    return gained and all(error.rms <= old.rms + error.sd for old, error in pairs)
 
 
 def _incomplete(found: Found, left_over: float) -> bool:
