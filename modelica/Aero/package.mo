@@ -11,7 +11,7 @@ RaPIId</i> (Eqs. 1 to 5) and needs no other library.</p>
 <li><b>Electrical</b>, <b>Mechanical</b>, <b>Aerodynamics</b>: the components.</li>
 <li><b>Functions</b>: tables.</li>
 <li><b>Effects</b>: physics that the base model lacks, one component each; every one vanishes where its parameter is zero.</li>
-<li><b>Systems</b>: assembled benches with input <code>V_m</code> and outputs <code>i_m</code>, <code>omega_m</code>, <code>theta</code>.</li>
+<li><b>Systems</b>: assembled benches with input <code>V_m</code> and outputs <code>i_m</code>, <code>omega_m</code>, <code>theta</code>, and one free in pitch and yaw.</li>
 <li><b>Experiments</b>: ready-to-run set-ups.</li>
 </ul>
 <p>Rotational flanges carry speed and torque (<code>w</code>, flow <code>tau</code>). An angle would add states that nothing measures.

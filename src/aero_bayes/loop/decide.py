@@ -16,7 +16,8 @@ from aero_bayes.loop.workbench import Workbench
 
 #: A model that leaves less than this share of the error on data that was not fitted carries over to it.
 CARRIES_OVER = 0.1
-#: What other effects may leave of it, to be named where those found first do not carry over; and how many are tried.
+#: What other effects may leave of it in some output, to be named where those found first do not carry over; and how
+#: many are tried.
 PLAINLY, MOST = 0.5, 6
 #: How many times the error of fewer effects on data that was not fitted is plainly worse.
 WORSE = 1.05
@@ -78,7 +79,7 @@ def _other(bench: Workbench, found: Found) -> Conclusion | None:
         named = _with(bench, found, held)
         if named is None or _astray(found, named, bench.settings.astray):
             continue
-        if all(error.rms < PLAINLY * found.before.test[key].rms for key, error in named.after.test.items()):
+        if _plainly_better(found.before, named.after):
             return named
     return None
 
@@ -108,6 +109,16 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
 def _unseen(prediction: Prediction) -> float:
     """Logarithm of the errors on data that was not fitted, summed over outputs."""
     return sum(math.log(max(rms, 1e-300)) for rms in prediction.pooled("test").values())
+
+
+def _plainly_better(before: Prediction, after: Prediction) -> bool:
+    """Whether the error on data that was not fitted is far smaller in some output, and in none larger.
+
+    An output that the missing effect does not reach, such as another motor's speed, has nothing to gain.
+    """
+    pairs = [(before.test[key], error) for key, error in after.test.items()]
+    gained = any(error.rms < PLAINLY * old.rms for old, error in pairs)
+    return gained and all(error.rms <= old.rms + error.sd for old, error in pairs)
 
 
 def _incomplete(found: Found, left_over: float) -> bool:

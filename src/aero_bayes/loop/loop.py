@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.export import CATALOGUE, PORTS
+from aero_bayes.export.extension_text import THRUSTERS
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -98,10 +99,10 @@ def close_loop(
 
 
 def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
-    """The model and its relatives; an effect of the package ``Aero`` is a law of its own."""
+    """The model and its relatives: a system with slots takes the effects of the package ``Aero``, others take laws."""
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    if not model.startswith("Aero."):
+    if model not in THRUSTERS:
         rig = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
         rig.check()
         return rig

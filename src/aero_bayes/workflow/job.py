@@ -15,6 +15,7 @@ from aero_bayes.estimate.aero import aero_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import export_fmu
+from aero_bayes.export.extension_text import THRUSTERS
 from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
@@ -23,8 +24,6 @@ from aero_bayes.workflow.timescale import check_duration
 Engine = Literal["native", "fmpy"]
 
 DEFAULT_MODEL = "Aero.Systems.OneDof"
-#: The package that comes with the program, whose columns and their believable sizes are known.
-PACKAGE = "Aero"
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     """
     config = load_config(options.config)
     name, fmu = which_model(config, options)
-    own = fmu is None and not name.startswith(f"{PACKAGE}.")
-    # The columns of a model of the user's own are those that it declares.
+    own = fmu is None and name not in THRUSTERS
+    # The columns of the AERO in one degree of freedom are known; any other model declares its own.
     sources, libraries = config.model.sources, config.model.libraries
     model = None
     if fmu is not None or own:
@@ -131,7 +130,7 @@ def layout_of(config: Config, model: Model | None) -> Layout:
     inputs, outputs = config.data.inputs, config.data.outputs
     if model is not None:
         known = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
-        if inputs is None and outputs is None and AERO.inputs[0].name not in known:
+        if inputs is None and outputs is None and not known.keys() <= AERO.units.keys():
             return Layout.of([v.name for v in model.inputs], [v.name for v in model.outputs], known)
         if inputs is not None or outputs is not None:
             return Layout.of(

@@ -1,0 +1,24 @@
+"""What a part of the effects must do on unseen data to be named where all of them together do not carry over."""
+
+import pytest
+
+from aero_bayes.loop.decide import _plainly_better
+from aero_bayes.loop.judge import Error, Prediction
+
+
+def prediction(**rms: float) -> Prediction:
+    return Prediction({}, {("run", output): Error(value, 0.02 * value, 100) for output, value in rms.items()}, {})
+
+
+@pytest.mark.parametrize(
+    ("after", "better"),
+    [
+        ({"speed": 1.0, "angle": 0.3}, True),
+        ({"speed": 1.01, "angle": 0.3}, True),  # an output that the effect does not reach
+        ({"speed": 1.1, "angle": 0.3}, False),
+        ({"speed": 0.9, "angle": 0.6}, False),
+        ({"speed": 0.4, "angle": 0.4}, True),
+    ],
+)
+def test_one_output_gains_much_and_none_loses(after: dict[str, float], better: bool) -> None:
+    assert _plainly_better(prediction(speed=1.0, angle=1.0), prediction(**after)) is better
