@@ -22,8 +22,8 @@ from pydantic.fields import FieldInfo
 
 import aero_bayes
 from aero_bayes import cli, schema
-from aero_bayes.config import Config
-from aero_bayes.export import CATALOGUE
+from aero_bayes.config import DEFAULT_MODEL, Config
+from aero_bayes.export import declaration_of
 from aero_bayes.physics import general_laws
 
 log = logging.getLogger("mkdocs.hooks.reference")
@@ -39,7 +39,7 @@ KEYS: Mapping[str, str] = {
     "data.inputs": "inputs of the model that are recorded; left out: all that it declares",
     "data.outputs": "outputs of the model that are recorded; left out: all that it declares",
     "data.interpolation": "between samples an input holds, or runs in straight lines; `auto`: the fit decides where an "
-    "input changes at most samples. Left out: `auto`, for the AERO `hold`",
+    "input changes at most samples. Left out: what the package declares (the AERO: `hold`), else `auto`",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
@@ -61,7 +61,8 @@ KEYS: Mapping[str, str] = {
     "fit.method": "which searches run",
     "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
     "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
-    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: none, for the AERO 0.02",
+    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: what the package declares "
+    "(the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",
@@ -82,7 +83,7 @@ KEYS: Mapping[str, str] = {
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
     "loop.max_effects": "most effects that are added",
     "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
-    "loop.effects": "ids of the AERO's catalogue to consider; for a model of your own the laws",
+    "loop.effects": "ids of declared effects to consider; for other models the laws",
     "loop.exclude": "ids, ports or laws that are not considered",
     "loop.require": "ids of effects that are added without having to earn their place",
     "loop.ports": "the only ports that are considered",
@@ -265,7 +266,7 @@ def effects() -> str:
     """The AERO's own catalogue."""
     rows = [
         (f"`{effect.id}`", effect.port, effect.summary, ", ".join(f"`{p.name}`" for p in effect.parameters))
-        for effect in CATALOGUE.values()
+        for effect in declaration_of(DEFAULT_MODEL).effects
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
 

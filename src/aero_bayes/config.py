@@ -11,6 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from aero_bayes.errors import InputError
 
+#: What is worked on where no model is named.
+DEFAULT_MODEL = "Aero.Systems.OneDof"
+
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(gt=0)]
 
@@ -63,7 +66,7 @@ class ColumnSection(Section):
 
 
 class DataSection(Section):
-    """``[data]``: names of inputs and outputs (default: the AERO's, else the model's), and their columns."""
+    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import Literal, Self
 
 import numpy as np
@@ -37,13 +37,13 @@ class Limits:
     Parameters
     ----------
     amplifier : float
-        Largest input, in the input's unit (V for the AERO).
+        Largest input, in the input's unit.
     travel : mapping of str to float
-        Largest absolute value by output, such as the pitch between its stops in rad.
+        Largest absolute value by output, such as an angle between its stops in rad.
     """
 
-    amplifier: float = 24.0
-    travel: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({"theta": 1.0}))
+    amplifier: float
+    travel: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, value in {"amplifier": self.amplifier, **self.travel}.items():

@@ -188,10 +188,11 @@ def propose_experiment(
 
 
 def default_limits(fit: Fit) -> Limits:
-    """The AERO's amplifier and pitch stops, for those outputs that the model has."""
-    known = {v.name for v in fit.calibration.model.outputs}
-    limits = Limits()
-    return Limits(limits.amplifier, {n: v for n, v in limits.travel.items() if n in known})
+    """What the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
+    model, declared = fit.calibration.model, fit.calibration.model.declared.limits
+    known = {v.name for v in model.outputs}
+    largest = max((float(np.abs(s.values).max()) for e in fit.calibration.experiments for s in e.inputs), default=0.0)
+    return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
 def sample_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
