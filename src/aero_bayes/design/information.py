@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import Fit, OutputNoise, Parameter, ParameterSet
+from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
 from aero_bayes.sensors.noise import Sampling, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -51,6 +51,25 @@ class Limits:
                 raise InputError(f"limit of {name}: {value:g} is not a positive number")
 
 
+class Fitted(Protocol):
+    """A fit as experiments are designed from it; ``covariance`` is in search coordinates, ``free`` ones first."""
+
+    @property
+    def calibration(self) -> Calibration: ...
+
+    @property
+    def values(self) -> FloatArray: ...
+
+    @property
+    def free(self) -> tuple[int, ...]: ...
+
+    @property
+    def noise(self) -> Mapping[str, OutputNoise]: ...
+
+    @property
+    def covariance(self) -> FloatArray: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """What a candidate experiment is expected to do.
@@ -71,7 +90,7 @@ class Forecaster:
 
     Parameters
     ----------
-    fit : Fit
+    fit : Fitted
     time : ndarray, shape (n,)
         Sample times of the experiments.
     limits : Limits
@@ -81,7 +100,7 @@ class Forecaster:
 
     def __init__(
         self,
-        fit: Fit,
+        fit: Fitted,
         time: FloatArray,
         limits: Limits,
         engine: Engine = "native",
@@ -119,7 +138,7 @@ class Forecaster:
         total = np.diag(self.shared.prior_sd() ** -2.0)
         known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
         rows = [self.fit.free.index(self._columns[k]) for k in known]
-        block = self.fit.laplace.covariance[np.ix_(rows, rows)]
+        block = self.fit.covariance[np.ix_(rows, rows)]
         total[np.ix_(known, known)] = np.linalg.inv(block)
         return total
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording
-from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted, posterior_sd
+from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted, posterior_sd
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
@@ -66,7 +66,6 @@ class Design(HeldSignal):
     rate_hz : float
     """
 
-    family: str
     families: Mapping[str, float]
     expected: tuple[Expected, ...]
     travel: Mapping[str, float]
@@ -187,7 +186,7 @@ def propose_experiment(
         return _design(forecaster, found, values, travel, (before, after, repeated), aimed, seed)
 
 
-def default_limits(fit: Fit) -> Limits:
+def default_limits(fit: Fitted) -> Limits:
     """What the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
@@ -195,7 +194,7 @@ def default_limits(fit: Fit) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def sample_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
+def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / float(np.median(np.diff(fit.calibration.experiments[0].time)))

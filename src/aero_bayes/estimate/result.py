@@ -135,6 +135,11 @@ class Fit:
         return self.optimum.noise
 
     @property
+    def covariance(self) -> FloatArray:
+        """Of the free columns, then of the noise, in search coordinates."""
+        return self.laplace.covariance
+
+    @property
     def log_likelihood(self) -> float:
         return self.optimum.log_likelihood
 

@@ -271,7 +271,7 @@ def _narrow_verdict(design: Design, check: GainCheck) -> Json:
     achieved = float(np.exp(-np.mean([np.log(check.realised[name]) for name in aimed])))
     repeats = check.repeats - check.failures
     text = (
-        f"{design.duration:g} s of {_kind(design.family)} would make the intervals of {names} {design.gain:.1f} times "
+        f"{design.in_words} would make the intervals of {names} {design.gain:.1f} times "
         f"narrower; in {repeats} simulated repetitions they became {achieved:.1f} times narrower."
     )
     return {"level": "good" if check.agrees and design.gain > 1.1 else "warning", "text": text}
@@ -282,15 +282,8 @@ def _separate_verdict(rivals: Rivals, apart: Separation, check: SeparationCheck)
     if apart.log_evidence < 1.0:
         return {"level": "warning", "text": f"No experiment tried within these limits would tell {pair} apart."}
     text = (
-        f"{apart.duration:g} s of {_kind(apart.family)} would tell {pair} apart: expected difference in log-evidence "
+        f"{apart.in_words} would tell {pair} apart: expected difference in log-evidence "
         f"{apart.log_evidence:.3g}, {check.achieved:.3g} in simulated repetitions, of which {check.told_apart:.0%} "
         "named the true one."
     )
     return {"level": "good" if check.told_apart > 0.8 else "warning", "text": text.replace("%", " %")}
-
-
-def _kind(family: str) -> str:
-    return {
-        "steps": "steps", "binary": "a binary sequence", "square wave": "a square wave",
-        "step and release": "a step and its release", "multi-sine": "a sum of sines", "chirp": "a chirp",
-    }.get(family, family)  # fmt: skip

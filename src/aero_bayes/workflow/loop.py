@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.check.structure import reports_table
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
@@ -127,7 +128,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
     return {
         "parameters": loop_parameters(job, loop),
         "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
-        "residual": loop.residual_dict(),
+        "residual": reports_table(loop.residual_after),
         "noise": {
             output: {
                 "sd": noise.sd,
