@@ -5,6 +5,8 @@ A key of the configuration that nothing explains is a warning, which ``mkdocs bu
 
 from __future__ import annotations
 
+import collections.abc
+import dataclasses
 import inspect
 import logging
 import re
@@ -21,7 +23,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import aero_bayes
-from aero_bayes import cli, schema
+from aero_bayes import cli, declared, schema
 from aero_bayes.config import DEFAULT_MODEL, Config
 from aero_bayes.export import declaration_of
 from aero_bayes.physics import general_laws
@@ -271,6 +273,41 @@ def effects() -> str:
     return _table(("effect", "port", "what it is", "parameters"), rows)
 
 
+def declaration() -> str:
+    """The tables of ``package.toml``, the whole first."""
+    parts: list[type] = [declared.Declaration]
+    for part in parts:
+        for hint in typing.get_type_hints(part).values():
+            parts += [p for p in _tables(hint) if p not in parts]
+    return "\n\n".join(_declared(part) for part in parts)
+
+
+def _tables(annotation: object) -> list[type]:
+    if dataclasses.is_dataclass(annotation):
+        return [typing.cast(type, annotation)]
+    return [part for argument in typing.get_args(annotation) for part in _tables(argument)]
+
+
+def _declared(part: type) -> str:
+    hints = typing.get_type_hints(part)
+    rows = [(f"`{f.name}`", _holds(hints[f.name])) for f in dataclasses.fields(part)]
+    return f"## {part.__name__}\n\n```text\n{inspect.cleandoc(part.__doc__ or '')}\n```\n\n" + _table(
+        ("key", "holds"), rows
+    )
+
+
+def _holds(annotation: object) -> str:
+    arguments = typing.get_args(annotation)
+    if dataclasses.is_dataclass(annotation):
+        name = typing.cast(type, annotation).__name__
+        return f"[{name}](#{name.lower()})"
+    if typing.get_origin(annotation) is collections.abc.Mapping:
+        return _holds(arguments[1]) + " by name"
+    if typing.get_origin(annotation) is tuple:
+        return "list of " + _holds(arguments[0])
+    return _type(annotation)
+
+
 def library() -> str:
     """Signature and docstring of each public name."""
     parts = []
@@ -286,5 +323,5 @@ def library() -> str:
 
 
 GENERATORS: Mapping[str, Callable[[], str]] = {
-    f.__name__: f for f in (configuration, result, command_line, laws, effects, library)
+    f.__name__: f for f in (configuration, result, command_line, laws, effects, declaration, library)
 }
