@@ -14,7 +14,6 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording
 from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted, posterior_sd
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
@@ -284,8 +283,3 @@ def _design(
         forecaster.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
         forecaster.limits, float(1.0 / (time[1] - time[0])), seed, unit,
     )  # fmt: skip
-
-
-def recording_of(design: Design, outputs: Mapping[str, FloatArray], name: str = "designed") -> Recording:
-    """The recording that carrying out a design gives."""
-    return Recording(name, design.time, {design.input: design.values}, dict(outputs))
