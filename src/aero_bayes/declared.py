@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
-from functools import cache
-from typing import Any, Literal
+from functools import lru_cache
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 
 FILE = "package.toml"
 #: Where an FMU keeps the declaration of the package that its model is from.
-MEMBER = "resources/package.toml"
+MEMBER = "resources/aero_bayes.toml"
 Interpolation = Literal["auto", "hold", "linear"]
+Positive = Annotated[float, Field(gt=0)]
+Above = Annotated[float, Field(gt=1)]
 _STRICT = ConfigDict(extra="forbid")
 
 
@@ -73,8 +75,8 @@ class Recorded:
 class Allowed:
     """What an experiment may ask of the rig: the largest input, and absolute values by output."""
 
-    input: float | None = None
-    travel: Mapping[str, float] = field(default_factory=dict)
+    input: Positive | None = None
+    travel: Mapping[str, Positive] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -85,10 +87,10 @@ class Searched:
     ``auto`` is one that is freed only if the data show it.
     """
 
-    median: float | None = None
-    relative_sd: float | None = None
-    factor: float = 2.0
-    reach: float = 10.0
+    median: Positive | None = None
+    relative_sd: Positive | None = None
+    factor: Above = 2.0
+    reach: Above = 10.0
     auto: bool = False
 
 
@@ -278,7 +280,6 @@ class Declaration:
         return self.ports[port].seen_by in ("", *outputs)
 
 
-@cache
 def parse(text: str, where: str, package: str = "") -> Declaration:
     """Read a declaration.
 
@@ -288,14 +289,45 @@ def parse(text: str, where: str, package: str = "") -> Declaration:
         Where it is no TOML, or holds a key or value that does not exist; names ``where`` it stands and the key.
     """
     try:
-        document: dict[str, Any] = tomllib.loads(text)
-        for columns in (document.get("recording", {}).get(role, {}) for role in ("inputs", "outputs")):
-            for name in columns:
-                columns[name]["name"] = name
-        return TypeAdapter(Declaration).validate_python({**document, "package": package})
+        declared = _read(text, package)
+        if missing := next(_missing(declared), ""):
+            raise InputError(f"{where}: {missing}")
+        return declared
     except ValidationError as error:
         problem = error.errors()[0]
         key = ".".join(map(str, problem["loc"]))
         raise InputError(f"{where}: key '{key}': {problem['msg']}") from None
     except (tomllib.TOMLDecodeError, AttributeError, TypeError) as error:
         raise InputError(f"{where}: not a valid declaration: {error}") from None
+
+
+@lru_cache(maxsize=16)
+def _read(text: str, package: str) -> Declaration:
+    document: dict[str, Any] = tomllib.loads(text)
+    for columns in (document.get("recording", {}).get(role, {}) for role in ("inputs", "outputs")):
+        for name in columns:
+            columns[name]["name"] = name
+    return TypeAdapter(Declaration).validate_python({**document, "package": package})
+
+
+def _missing(declared: Declaration) -> Iterator[str]:
+    """What the declaration refers to and does not have."""
+    for system, groups in declared.systems.items():
+        for name, slot in declared.slots.items():
+            if slot.within and slot.within not in groups:
+                yield f"systems.{system}: no components {slot.within!r}, which slots.{name} is within"
+    wanted = [(f"ports.{name}", "slots", port.slot) for name, port in declared.ports.items() if port.slot]
+    for curve in declared.curves:
+        place = f"the curve at {curve.port} over {curve.over}"
+        wanted += [(place, "ports", curve.port), (place, "states", curve.over)]
+    for effect in declared.effects:
+        wanted.append((f"the effect {effect.id}", "ports", effect.port))
+        if effect.port in declared.ports:
+            wanted.append((f"the effect {effect.id}", "slots", declared.slot_of(effect)))
+        if not effect.parameters:
+            yield f"the effect {effect.id}: expected a parameter that switches it"
+        if effect.refines and effect.refines not in declared.catalogue:
+            yield f"the effect {effect.id}: refines an effect {effect.refines!r} that is not there"
+    for place, table, name in wanted:
+        if name not in getattr(declared, table):
+            yield f"{place}: there is no {table}.{name}"

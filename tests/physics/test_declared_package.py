@@ -117,6 +117,9 @@ def test_a_declaration_with_a_mistake_is_refused(tmp_path: Path) -> None:
     (package / "package.toml").write_text(text.replace("seen_by", "seen_form"))
     with pytest.raises(InputError, match=r"package.toml: key 'ports.runner.seen_form'"):
         declaration_of("Sledge.Rig", [package])
+    (package / "package.toml").write_text(text.replace('over = "v"', 'over = "w"'))
+    with pytest.raises(InputError, match=r"the curve at runner over w: there is no states.w"):
+        declaration_of("Sledge.Rig", [package])
     (package / "package.toml").write_text(text + "[[")
     with pytest.raises(InputError, match="not a valid declaration"):
         declaration_of("Sledge.Rig", [package])

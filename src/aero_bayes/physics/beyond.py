@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.declared import Declaration
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, SmoothPrior, climb
 from aero_bayes.estimate.objective import Objective
@@ -98,6 +98,9 @@ class Visited:
         known |= {s.name: max(float(np.abs(o.values).max()) for o in signals if o.name == s.name) for s in signals}
         typical = {name: state.typical for name, state in declared.states.items()}
         known |= typical | {name: max(map(abs, ends)) for name, ends in ranges.items()}
+        unknown = [(port, n) for port, it in declared.ports.items() for n in it.size if n not in known]
+        if unknown:
+            raise InputError(f"ports.{unknown[0][0]}.size: {unknown[0][1]} is no parameter, input or state")
         sizes = {port: math.prod(known[n] for n in it.size) for port, it in declared.ports.items() if it.size}
         return cls(ranges, {port: max(float(size), 1e-9) for port, size in sizes.items()}, declared)
 

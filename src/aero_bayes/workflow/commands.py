@@ -160,7 +160,8 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
     named = declared.systems or (config.data.inputs is not None and config.data.outputs is not None)
-    layout, columns = layout_of(config, declared, None if named else built_model(config, name, fmu)), columns_of(config)
+    model = None if named else built_model(config, name, fmu)
+    layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
     summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
