@@ -316,10 +316,11 @@ def _missing(declared: Declaration) -> Iterator[str]:
         for name, slot in declared.slots.items():
             if slot.within and slot.within not in groups:
                 yield f"systems.{system}: no components {slot.within!r}, which slots.{name} is within"
-    wanted = [(f"ports.{name}", "slots", port.slot) for name, port in declared.ports.items() if port.slot]
+    wanted = [(f"ports.{name}", "slots", port.slot) for name, port in declared.ports.items() if port.slot or port.probe]
     for curve in declared.curves:
         place = f"the curve at {curve.port} over {curve.over}"
         wanted += [(place, "ports", curve.port), (place, "states", curve.over)]
+        wanted += [(place, "slots", declared.ports[curve.port].slot)] if curve.port in declared.ports else []
     for effect in declared.effects:
         wanted.append((f"the effect {effect.id}", "ports", effect.port))
         if effect.port in declared.ports:
