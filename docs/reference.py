@@ -24,7 +24,8 @@ from pydantic.fields import FieldInfo
 
 import aero_bayes
 from aero_bayes import cli, declared, schema
-from aero_bayes.config import DEFAULT_MODEL, Config
+from aero_bayes.config import Config
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
 from aero_bayes.physics import general_laws
 

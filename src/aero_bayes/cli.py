@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from aero_bayes.config import DEFAULT_MODEL
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 
 BAD_INPUT = 2

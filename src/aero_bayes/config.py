@@ -11,9 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from aero_bayes.errors import InputError
 
-#: What is worked on where no model is named.
-DEFAULT_MODEL = "Aero.Systems.OneDof"
-
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(gt=0)]
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.config import DEFAULT_MODEL
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.csv_text import FloatArray, read_columns
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, read_matlab
 from aero_bayes.data.recording import Recording
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file

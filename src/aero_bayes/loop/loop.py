@@ -11,8 +11,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.config import DEFAULT_MODEL
 from aero_bayes.data import Recording
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export import declaration_of
 from aero_bayes.loop.base_fit import fit_as_it_stands

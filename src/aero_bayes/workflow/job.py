@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from aero_bayes.config import DEFAULT_MODEL, Config, ParameterSection, PriorSection, load_config
+from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
 from aero_bayes.declared import Declaration
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
