@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import zipfile
 from dataclasses import replace
 from math import copysign
 from pathlib import Path
@@ -15,9 +16,11 @@ from click.testing import CliRunner
 from aero_bayes import close_loop, load_model, read_recording
 from aero_bayes.cli import main
 from aero_bayes.data import Layout, Recording, write_csv
+from aero_bayes.declared import MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
-from aero_bayes.export import declaration_of
+from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])
@@ -80,6 +83,18 @@ def test_a_model_that_extends_a_system_has_its_declaration_and_a_stranger_has_no
     step = Recording("step", time, {"V_m": np.where(time < 1.0, 0.0, 1.0)}, {"theta": 0.1 * time})
     calibration = calibrate([step], stranger, parameters_from_model(stranger, free=["R_a"]))
     assert [p.name for p in calibration.parameters] == ["R_a", "theta_start"], "no input delay of another rig"
+
+
+def test_an_fmu_of_another_tool_goes_by_its_name(tmp_path: Path) -> None:
+    """Without the member that this exporter adds, only a shipped system is known."""
+    for name, sources, known in (("Aero.Systems.HalfQuad", [], 8), ("Sledge.Rig", [SLEDGE], 0)):
+        made = export_fmu(name, tmp_path / "made.fmu", sources=sources)
+        with zipfile.ZipFile(made) as archive, zipfile.ZipFile(tmp_path / "plain.fmu", "w") as plain:
+            for member in archive.namelist():
+                if member != MEMBER:
+                    plain.writestr(member, archive.read(member))
+        assert len(declared_overrides(Model.load(made))) in (8, 2)
+        assert len(declared_overrides(Model.load(tmp_path / "plain.fmu"))) == known
 
 
 def test_the_commands_take_it_from_there(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Literal
 
 from aero_bayes.declared import MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
+from aero_bayes.export.library import declaration_of
 from aero_bayes.simulation import archive
 
 BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
@@ -103,9 +104,10 @@ class Model:
         if binary not in names:
             have = sorted({str(PurePosixPath(n).parent) for n in names if n.startswith("binaries/")}) or ["none"]
             raise InputError(f"{path}: no {binary} inside (binaries for: {', '.join(have)})")
-        if not declared:
-            return model
-        return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
+        if declared:
+            return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
+        # Another tool's FMU of a shipped system goes by its name.
+        return replace(model, declared=declaration_of(model.name))
 
     def parameter(self, name: str) -> Variable:
         """The parameter of this name; InputError with the names there are otherwise."""
