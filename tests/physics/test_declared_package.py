@@ -20,6 +20,7 @@ from aero_bayes.declared import MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.physics.rig import RigFamily
 from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent / "models" / "Sledge"
@@ -76,6 +77,8 @@ def test_a_model_that_extends_a_system_has_its_declaration_and_a_stranger_has_no
         (tmp_path / f"{name}.mo").write_text(text)
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
     assert declared_overrides(loaded)["M"].start == 2.0
+    family = RigFamily("Loaded", (SLEDGE, tmp_path / "Loaded.mo"), tmp_path)
+    assert family.plain().declared.recording == loaded.declared.recording
     stranger = load_model("Stranger", sources=[tmp_path / "Stranger.mo"])
     assert declared_overrides(stranger) == {}
     assert stranger.declared.fixed == {}
