@@ -41,7 +41,7 @@ from aero_bayes.estimate import (
     Fit,
     FitSettings,
     ParameterSet,
-    aero_overrides,
+    declared_overrides,
     fit,
     parameters_from_model,
 )
@@ -111,7 +111,7 @@ class Plan:
 
 
 def free_parameters(model: Model) -> ParameterSet:
-    overrides = {name: item for name, item in aero_overrides(model).items() if name in FREE}
+    overrides = {name: item for name, item in declared_overrides(model).items() if name in FREE}
     return parameters_from_model(model, overrides=overrides)
 
 
@@ -136,7 +136,9 @@ def simulate_with_model(
     time = np.arange(round(plan.duration * plan.rate_hz) + 1) / plan.rate_hz
     volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5).volts(time)
     blank = {output: np.zeros(time.size) for output in OUTPUTS}
-    experiment = to_experiment(Recording(name, time, {"V_m": volts}, blank), OUTPUTS)
+    experiment = to_experiment(
+        Recording(name, time, {"V_m": volts}, blank), OUTPUTS, zero_at_rest=model.declared.recording.zero_at_rest
+    )
     names = tuple(truth)
     targets = (*(ParameterTarget(n) for n in names), DelayTarget(), StartTarget("theta"))
     values = [*truth.values(), rng.uniform(0.0, DELAY_LIMIT), 0.02 * rng.standard_normal()]

@@ -34,7 +34,6 @@ from trial_table import summarise
 
 from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
-from aero_bayes.export import CURVE_STATES, Port
 from aero_bayes.loop import close_loop
 from aero_bayes.physics.family import KNOTS, ModelFamily
 
@@ -121,7 +120,7 @@ def attempt(task: Task) -> dict[str, Any]:
 
 def build_curves(cache: Path, processes: int) -> None:
     """Every FMU with a learned curve, so that no trial waits for one."""
-    places = [(port, over) for port, states in CURVE_STATES.items() for over in states]
+    places = [(curve.port, curve.over) for curve in ModelFamily(BASE, cache).declared.curves]
     build = partial(build_curve, cache)
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
         wanted = [(*place, knots) for place, knots in product(places, KNOTS)]
@@ -129,7 +128,7 @@ def build_curves(cache: Path, processes: int) -> None:
             pass
 
 
-def build_curve(cache: Path, place: tuple[Port, str, int]) -> None:
+def build_curve(cache: Path, place: tuple[str, str, int]) -> None:
     ModelFamily(BASE, cache).curve(*place)
 
 

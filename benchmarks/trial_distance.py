@@ -16,11 +16,10 @@ import numpy as np
 from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
-from aero_bayes.estimate import aero_overrides, calibrate, parameters_from_model
+from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.estimate.ascent import Climber
 from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.export import CATALOGUE
 from aero_bayes.loop import LoopSettings
 from aero_bayes.physics.catalogue import candidates_of
 from aero_bayes.physics.family import ModelFamily
@@ -47,7 +46,7 @@ def distances(spec: TrialSpec, silent: Recording, family: ModelFamily, ids: Sequ
     """Distance of each effect, the others of the truth being known to the model (catalogue effects only)."""
     if not ids:
         return []
-    left = _distance(spec, silent, family, ids) if all(id_ in CATALOGUE for id_ in ids) else 0.0
+    left = _distance(spec, silent, family, ids) if all(id_ in family.declared.catalogue for id_ in ids) else 0.0
     found = [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
     return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
@@ -55,7 +54,7 @@ def distances(spec: TrialSpec, silent: Recording, family: ModelFamily, ids: Sequ
 def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:
     """The trial with its one effect's magnitude changed so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = CATALOGUE[effect.id].magnitude.name
+    name = family.declared.effect(effect.id).magnitude.name
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
@@ -75,7 +74,7 @@ def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:
 def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Sequence[str]) -> float:
     model = family.screening()
     shared = parameters_from_model(
-        model, overrides={name: item for name, item in aero_overrides(model).items() if name != "L_a"}
+        model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
     )
     loop = LoopSettings()
     settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
@@ -86,9 +85,8 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Se
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
     base = read.parameters
     highest = float(np.abs(silent.inputs["V_m"]).max())
-    extra = [
-        p for _, own in candidates_of([k for k in known if k in CATALOGUE], OUTPUTS, highest).values() for p in own
-    ]
+    listed = [k for k in known if k in family.declared.catalogue]
+    extra = [p for _, own in candidates_of(family.declared, listed, OUTPUTS, highest).values() for p in own]
     parameters = base.extended(extra)
     calibration = replace(read, experiments=(experiment,), parameters=parameters)
     with _here(calibration.problem()) as simulator:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from trial_runs import BANDS, Row, quantile, rate, show
 
-from aero_bayes.export import CATALOGUE
+from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.export import declaration_of
 
 
 def right_effect(row: Row) -> bool:
@@ -38,7 +39,7 @@ def right_port(row: Row) -> bool:
         return False
     first = row["found"][0]
     same = {other for ids in row["equivalent"] if first["id"] in ids for other in ids}
-    return row["truth"][0]["port"] in {first["port"], *(CATALOGUE[id_].port for id_ in same)}
+    return row["truth"][0]["port"] in {first["port"], *(declaration_of(DEFAULT_MODEL).effect(id_).port for id_ in same)}
 
 
 def learned(row: Row) -> bool:

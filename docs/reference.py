@@ -5,6 +5,8 @@ A key of the configuration that nothing explains is a warning, which ``mkdocs bu
 
 from __future__ import annotations
 
+import collections.abc
+import dataclasses
 import inspect
 import logging
 import re
@@ -21,9 +23,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import aero_bayes
-from aero_bayes import cli, schema
+from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
-from aero_bayes.export import CATALOGUE
+from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.export import declaration_of
 from aero_bayes.physics import general_laws
 
 log = logging.getLogger("mkdocs.hooks.reference")
@@ -39,7 +42,7 @@ KEYS: Mapping[str, str] = {
     "data.inputs": "inputs of the model that are recorded; left out: all that it declares",
     "data.outputs": "outputs of the model that are recorded; left out: all that it declares",
     "data.interpolation": "between samples an input holds, or runs in straight lines; `auto`: the fit decides where an "
-    "input changes at most samples. Left out: `auto`, for the AERO `hold`",
+    "input changes at most samples. Left out: what the package declares (the AERO: `hold`), else `auto`",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
@@ -61,7 +64,8 @@ KEYS: Mapping[str, str] = {
     "fit.method": "which searches run",
     "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
     "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
-    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: none, for the AERO 0.02",
+    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: what the package declares "
+    "(the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",
@@ -82,7 +86,7 @@ KEYS: Mapping[str, str] = {
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
     "loop.max_effects": "most effects that are added",
     "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
-    "loop.effects": "ids of the AERO's catalogue to consider; for a model of your own the laws",
+    "loop.effects": "ids of declared effects to consider; for other models the laws",
     "loop.exclude": "ids, ports or laws that are not considered",
     "loop.require": "ids of effects that are added without having to earn their place",
     "loop.ports": "the only ports that are considered",
@@ -265,9 +269,44 @@ def effects() -> str:
     """The AERO's own catalogue."""
     rows = [
         (f"`{effect.id}`", effect.port, effect.summary, ", ".join(f"`{p.name}`" for p in effect.parameters))
-        for effect in CATALOGUE.values()
+        for effect in declaration_of(DEFAULT_MODEL).effects
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
+
+
+def declaration() -> str:
+    """The tables of ``package.toml``, the whole first."""
+    parts: list[type] = [declared.Declaration]
+    for part in parts:
+        for hint in typing.get_type_hints(part).values():
+            parts += [p for p in _tables(hint) if p not in parts]
+    return "\n\n".join(_declared(part) for part in parts)
+
+
+def _tables(annotation: object) -> list[type]:
+    if dataclasses.is_dataclass(annotation):
+        return [typing.cast(type, annotation)]
+    return [part for argument in typing.get_args(annotation) for part in _tables(argument)]
+
+
+def _declared(part: type) -> str:
+    hints = typing.get_type_hints(part)
+    rows = [(f"`{f.name}`", _holds(hints[f.name])) for f in dataclasses.fields(part)]
+    return f"## {part.__name__}\n\n```text\n{inspect.cleandoc(part.__doc__ or '')}\n```\n\n" + _table(
+        ("key", "holds"), rows
+    )
+
+
+def _holds(annotation: object) -> str:
+    arguments = typing.get_args(annotation)
+    if dataclasses.is_dataclass(annotation):
+        name = typing.cast(type, annotation).__name__
+        return f"[{name}](#{name.lower()})"
+    if typing.get_origin(annotation) is collections.abc.Mapping:
+        return _holds(arguments[1]) + " by name"
+    if typing.get_origin(annotation) is tuple:
+        return "list of " + _holds(arguments[0])
+    return _type(annotation)
 
 
 def library() -> str:
@@ -285,5 +324,5 @@ def library() -> str:
 
 
 GENERATORS: Mapping[str, Callable[[], str]] = {
-    f.__name__: f for f in (configuration, result, command_line, laws, effects, library)
+    f.__name__: f for f in (configuration, result, command_line, laws, effects, declaration, library)
 }

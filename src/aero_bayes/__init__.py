@@ -1,6 +1,6 @@
 """Modelica model -> FMU -> fit -> honest posterior -> the effect the model lacks.
 
-A model of the package ``Aero`` brings its parameters, priors and columns:
+A model of a package that declares its rigs brings parameters, priors and columns:
 
 >>> import aero_bayes
 >>> model = aero_bayes.load_model("Aero.Systems.HalfQuad")  # doctest: +SKIP

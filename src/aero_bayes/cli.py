@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 
 BAD_INPUT = 2
@@ -42,7 +43,7 @@ def main() -> None:
 def run_options(command: Command) -> Command:
     """The options that every command which simulates a model shares."""
     for option in (
-        click.option("--model", help="Modelica class or FMU file.  [default: Aero.Systems.OneDof]"),
+        click.option("--model", help=f"Modelica class or FMU file.  [default: {DEFAULT_MODEL}]"),
         click.option("--config", type=FILE, help="TOML file with everything else."),
         click.option(
             "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
@@ -65,7 +66,7 @@ def _options(**given: Any) -> Any:
 
 @main.command()
 @click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
-@click.option("--model", default="Aero.Systems.OneDof", show_default=True, help="Modelica class.")
+@click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
@@ -109,14 +110,14 @@ def close_loop(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) 
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
-    """``theta=0.5`` and its like as numbers by output."""
+    """``OUTPUT=0.5`` and its like as numbers by output."""
     limits = {}
     for text in given:
         name, _, value = text.partition("=")
         try:
             limits[name] = float(value)
         except ValueError:
-            raise click.BadParameter(f"{text!r} is not OUTPUT=NUMBER, such as theta=0.5") from None
+            raise click.BadParameter(f"{text!r} is not OUTPUT=NUMBER, such as y=0.5") from None
     return limits
 
 
@@ -127,10 +128,10 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.option("--loop", type=FOLDER, help="Finished close-loop run: tell its equivalent effects apart.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True, help="In s.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="In Hz.  [default: as recorded]")
-@click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), default=24.0, show_default=True,
-              help="Largest input, in V.")  # fmt: skip
+@click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), 
+              help="Largest input.  [default: as the package declares, else as recorded]")  # fmt: skip
 @click.option("--travel", multiple=True, callback=_travel, metavar="OUTPUT=LIMIT",
-              help="Largest absolute value of an output (SI).  [default: theta=1]")  # fmt: skip
+              help="Largest absolute value of an output (SI).  [default: as the package declares]")  # fmt: skip
 @click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
               help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
@@ -141,7 +142,7 @@ def design(
     loop: Path | None,
     duration: float,
     rate_hz: float | None,
-    amplifier: float,
+    amplifier: float | None,
     travel: dict[str, float],
     repeats: int,
     **options: Any,
@@ -189,7 +190,7 @@ def init(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...
 
 
 @main.command()
-@click.option("--model", help="Modelica class.  [default: Aero.Systems.OneDof]")
+@click.option("--model", help=f"Modelica class.  [default: {DEFAULT_MODEL}]")
 @click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
 @click.option("--data", type=FILE, multiple=True, help="Recording: say which ports it can see.")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

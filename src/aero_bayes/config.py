@@ -63,7 +63,7 @@ class ColumnSection(Section):
 
 
 class DataSection(Section):
-    """``[data]``: names of inputs and outputs (default: the AERO's, else the model's), and their columns."""
+    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(not STEP.exists(), reason="the measured recordin
 def test_step() -> None:
     recording = read_recording(STEP)
     assert (recording.rows, recording.rate_hz, recording.duration) == (30001, pytest.approx(1000.0), 30.0)
-    (signal,) = to_experiment(recording).inputs
+    (signal,) = to_experiment(recording, zero_at_rest=("omega_m", "i_m")).inputs
     assert signal.values.tolist() == [0.0, 16.51376]
     current, speed, pitch = summarise(recording).outputs
     assert current.noise.quantum == pytest.approx(0.403e-3, rel=1e-3)
@@ -29,7 +29,7 @@ def test_step() -> None:
 def test_pulse() -> None:
     recording = read_recording(PULSE)
     assert list(recording.outputs) == ["theta"]
-    (signal,) = to_experiment(recording).inputs
+    (signal,) = to_experiment(recording, zero_at_rest=("omega_m", "i_m")).inputs
     assert signal.values.tolist() == [0.0, -20.0, 0.0]
     assert signal.time.tolist() == pytest.approx([0.0, 1.0, 1.75])
     assert summarise(recording).outputs[0].noise.quantum == pytest.approx(2.0 * np.pi / 2048.0, rel=1e-5)

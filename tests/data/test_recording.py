@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.data import AERO, Recording, to_experiment
+from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
+
+AT_REST = ("omega_m", "i_m")
 
 
 def recording(volts: list[float], omega: list[float] | None = None, start: float = 0.0) -> Recording:
@@ -14,7 +16,7 @@ def recording(volts: list[float], omega: list[float] | None = None, start: float
     outputs = {"theta": np.linspace(0.0, 1.0, n)}
     if omega is not None:
         outputs["omega_m"] = np.array(omega)
-    return Recording("r", start + np.arange(n) / 10.0, {"V_m": np.array(volts)}, outputs, AERO.units)
+    return Recording("r", start + np.arange(n) / 10.0, {"V_m": np.array(volts)}, outputs)
 
 
 def test_slice_split_and_holding_back() -> None:
@@ -73,14 +75,19 @@ def test_compressed_input_is_the_recorded_one(seed: int) -> None:
 
 
 def test_a_step_at_the_first_sample_can_be_delayed() -> None:
-    (signal,) = to_experiment(recording([10.0] * 10, omega=[0.05, 0.1, 5, 9, 14, 18, 22, 25, 28, 30])).inputs
+    rising = recording([10.0] * 10, omega=[0.05, 0.1, 5, 9, 14, 18, 22, 25, 28, 30])
+    (signal,) = to_experiment(rising, zero_at_rest=AT_REST).inputs
     assert signal.values.tolist() == [0.0, 10.0]
     assert signal.time[0] < -0.5
     assert signal.time[1] == 0.0
+    (signal,) = to_experiment(recording([10.0] * 10), zero_at_rest=AT_REST).inputs
+    assert signal.values.tolist() == [0.0, 10.0]
+    (signal,) = to_experiment(rising).inputs
+    assert signal.values.tolist() == [10.0], "nothing is known of what reads zero at rest"
 
 
 def test_a_turning_rotor_was_driven_before() -> None:
-    (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10)).inputs
+    (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10), zero_at_rest=AT_REST).inputs
     assert signal.values.tolist() == [10.0]
     (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10), before={"V_m": 4.0}).inputs
     assert signal.values.tolist() == [4.0, 10.0]

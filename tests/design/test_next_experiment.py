@@ -59,7 +59,7 @@ def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted
     volts = np.where(time < 2.0, 10.0, -4.0)
     noisy = replace(fitted.noise["theta"], sd_ou=0.004, tau=0.3)
     fitted = replace(fitted, optimum=replace(fitted.optimum, noise={**fitted.noise, "theta": noisy}))
-    forecaster = Forecaster(fitted, time, Limits(), workers=0)
+    forecaster = Forecaster(fitted, time, Limits(24.0, {"theta": 1.0}), workers=0)
     found = forecaster.predict([volts])[0]
     count = len(forecaster.shared)
     step, columns = 1e-4, []

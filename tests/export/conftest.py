@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.export import export_fmu, write_probes, write_screening
+from aero_bayes.export import EffectUse, declaration_of, export_fmu, write_extension
+
+BASE = "Aero.Systems.OneDof"
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +28,8 @@ def aero_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """OneDof with every effect of the catalogue, switched off."""
     folder = tmp_path_factory.mktemp("screening")
-    model = write_screening("Aero.Systems.OneDof", folder)
+    every = [EffectUse(id_) for id_ in declaration_of(BASE).catalogue]
+    model = write_extension(BASE, every, folder, name="OneDof_screening")
     return export_fmu(model.name, folder / "screening.fmu", compiler="embedded", sources=[model.path])
 
 
@@ -34,7 +37,7 @@ def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def probes_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """OneDof with an input at every port."""
     folder = tmp_path_factory.mktemp("probes")
-    model = write_probes("Aero.Systems.OneDof", folder)
+    model = write_extension(BASE, [], folder, name="OneDof_probes", probes=True)
     return export_fmu(model.name, folder / "probes.fmu", compiler="embedded", sources=[model.path])
 
 

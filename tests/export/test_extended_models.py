@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE, CURVE_STATES, EffectUse, FreeForm, export_fmu, write_extension
+from aero_bayes.export import EffectUse, FreeForm, declaration_of, export_fmu, write_extension
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
 from aero_bayes.export.expression import evaluate
 
+DECLARED = declaration_of("Aero.Systems.OneDof")
 POINT = {
     "thruster_1.motor.inductor.i": 0.21, "thruster_1.motor.rotor.w": 310.0, "thruster_2.motor.inductor.i": -0.17,
     "thruster_2.motor.rotor.w": -290.0, "body.theta": 0.33, "body.omega": 0.41,
@@ -39,12 +40,12 @@ def base() -> dict[str, float]:
     return rates_at(explicit_model("Aero.Systems.OneDof"), {})
 
 
-@pytest.mark.parametrize("effect", CATALOGUE, ids=str)
+@pytest.mark.parametrize("effect", DECLARED.catalogue, ids=str)
 def test_one_effect_in_a_model_of_its_own(effect: str, base: dict[str, float], tmp_path: Path) -> None:
-    entry = CATALOGUE[effect]
+    entry = DECLARED.effect(effect)
     written = write_extension("Aero.Systems.OneDof", [EffectUse(effect)], tmp_path)
     assert written.name == f"OneDof_{effect}"
-    assert f"redeclare model {entry.slot} = Aero.Effects.{entry.model}" in written.text
+    assert f"redeclare model {DECLARED.slot_of(entry)} = Aero.{entry.model}" in written.text
     assert written.path.read_text(encoding="utf-8") == written.text
     model = explicit_model(written.name, [written.path])
     off = rates_at(model, {})
@@ -94,7 +95,7 @@ def keys_curve(x: float, low: float, high: float, values: list[float]) -> float:
     return total
 
 
-CURVES = [(p, o) for p, overs in CURVE_STATES.items() for o in overs]
+CURVES = [(c.port, c.over) for c in DECLARED.curves]
 
 
 @pytest.mark.parametrize(("port", "over"), CURVES)

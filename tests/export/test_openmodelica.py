@@ -53,7 +53,7 @@ def test_what_omc_writes_becomes_the_output(tmp_path: Path, monkeypatch: pytest.
     log = install(tmp_path, action, monkeypatch)
     out = export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
     with zipfile.ZipFile(out) as archive:
-        assert archive.namelist() == ["modelDescription.xml"]
+        assert archive.namelist() == ["modelDescription.xml", "resources/aero_bayes.toml"]
     assert "Aero.Systems.OneDof" in log.read_text(encoding="utf-8")
 
 

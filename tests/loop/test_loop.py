@@ -69,6 +69,16 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
     assert found.after.test["test", "theta"].rms < 1.1 * 2e-3
 
 
+def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
+    train, test = recordings(17, white(1.0), 0.0, effect("pitch_delay", T_d=0.02), duration=20.0)
+    settings = replace(SETTINGS, effects=("pitch_delay", "thrust_lag"))
+    found = close_loop([train], [test], settings=settings, workers=0, cache=fmus)
+    assert [set(ids) for ids in found.equivalent] == [{"pitch_delay", "thrust_lag"}]
+    (line,) = found.separate
+    assert "pitch_delay" in line
+    assert "thrust_lag" in line
+
+
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
     train, _ = recordings(12, real(1.0), 0.006)
     found = close_loop([train], settings=SETTINGS, workers=0, cache=fmus, out_dir=tmp_path)

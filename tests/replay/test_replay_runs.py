@@ -9,10 +9,18 @@ from scipy.optimize import least_squares
 
 from aero_bayes.bench import paper_recording
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.staged import PAPER_STAGES
 from aero_bayes.replay.descent import coarse_gradient, coarse_stage, coarse_step, exact_stage
 from aero_bayes.replay.notes import number
-from aero_bayes.replay.published import BOX, FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, UNOPTIMISED
+from aero_bayes.replay.published import (
+    BOX,
+    FMINCON,
+    PAPER_STAGES,
+    PSO,
+    PSO_DATASHEET,
+    TABLE_1,
+    TABLE_PARAMETERS,
+    UNOPTIMISED,
+)
 from aero_bayes.replay.rigs import OUTPUTS, Rigs, export_models
 from aero_bayes.replay.swarm import swarm_recipe
 from aero_bayes.replay.visibility import COLUMNS, DELAY, Visibility, look, problem_of

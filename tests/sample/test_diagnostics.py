@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from aero_bayes.sample.diagnostics import autocorrelation_time, diagnose, r_hat
-from aero_bayes.sensors.whiteness import whiteness
 
 
 def ar1(rng: np.random.Generator, rho: float, shape: tuple[int, int, int]) -> np.ndarray:
@@ -61,13 +60,3 @@ def test_walkers_of_one_ensemble_do_not_pass_for_chains() -> None:
     rng = np.random.default_rng(4)
     x = np.repeat(rng.normal(size=(4, 1, 1)), 400, axis=1) * 0.5 + rng.normal(size=(4, 400, 30))
     assert r_hat(x) > 1.02
-
-
-def test_whiteness() -> None:
-    rng = np.random.default_rng(5)
-    largest, ratio = whiteness(rng.normal(size=5000))
-    assert largest < 0.08
-    assert ratio < 3
-    largest, ratio = whiteness(ar1(rng, 0.5, (1, 5000, 1))[0, :, 0])
-    assert largest == pytest.approx(0.5, abs=0.08)
-    assert ratio > 20

@@ -141,7 +141,7 @@ def test_mistakes(arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: 
 def test_travel_that_is_no_number(travel: str, tmp_path: Path, fmu: Path, short: Path) -> None:
     result = design(tmp_path / "out", "--data", short, "--model", fmu, "--travel", travel)
     assert result.exit_code == 2
-    assert "theta=0.5" in result.stderr
+    assert "y=0.5" in result.stderr
 
 
 def test_a_loop_without_equivalent_effects(tmp_path: Path, fmu: Path, short: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.export import CATALOGUE
+from aero_bayes.export import declaration_of
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";
@@ -91,7 +91,9 @@ def test_the_table_is_aligned_and_names_file_and_line(rig):
 
 def test_the_aero_has_the_ports_of_its_catalogue():
     rows = json.loads(ports("--json"))
-    assert {row["id"]: row["port"] for row in rows} == {e.id: e.port for e in CATALOGUE.values()}
+    assert {row["id"]: row["port"] for row in rows} == {
+        e.id: e.port for e in declaration_of("Aero.Systems.OneDof").effects
+    }
 
 
 def test_an_fmu_is_refused_in_one_line():

@@ -14,10 +14,11 @@ from aero_bayes.bench.integrate import Integrator
 from aero_bayes.bench.plan import Plan
 from aero_bayes.bench.sensors import Noise, Sensors, clean, quantise
 from aero_bayes.bench.truth import EffectTruth, Truth
-from aero_bayes.data import AERO, Recording
+from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 
 FloatArray = NDArray[np.float64]
+UNITS = {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def measure(run: TrueRun, sensors: Sensors, rng: Generator, name: str = "simulat
         if noise.missing:
             measured = np.where(streams[3].random(measured.size) < noise.missing, np.nan, measured)
         readings[output] = measured
-    return Recording(name, run.time, {"V_m": run.volts}, readings, AERO.units)
+    return Recording(name, run.time, {"V_m": run.volts}, readings, UNITS)
 
 
 def simulate_recording(

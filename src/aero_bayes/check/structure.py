@@ -92,6 +92,14 @@ class ResidualReport:
         }
 
 
+def reports_table(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
+    """Reports by recording and output, as result.json holds them."""
+    table: dict[str, dict[str, dict[str, object]]] = {}
+    for report in reports:
+        table.setdefault(report.recording, {})[report.output] = report.to_dict()
+    return table
+
+
 def portmanteau(innovations: FloatArray, lags: int = 20) -> StructureTest:
     """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time.
 

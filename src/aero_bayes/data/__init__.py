@@ -2,15 +2,15 @@
 
 from aero_bayes.data.align import hold_signal, input_before, to_experiment
 from aero_bayes.data.checks import check_recording
-from aero_bayes.data.layout import AERO, ColumnMap, Layout, Quantity
+from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.noise import NoiseFloor, floors_of, noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import input_jumps, ripple, rotor_angle
+from aero_bayes.data.ripple import input_jumps, ripple
 from aero_bayes.data.summary import InputSummary, OutputSummary, Summary, summarise
+from aero_bayes.declared import Quantity
 
 __all__ = [
-    "AERO",
     "ColumnMap",
     "InputSummary",
     "Layout",
@@ -28,7 +28,6 @@ __all__ = [
     "quantisation_step",
     "read_recording",
     "ripple",
-    "rotor_angle",
     "summarise",
     "to_experiment",
     "write_csv",

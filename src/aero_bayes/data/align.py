@@ -19,6 +19,7 @@ def to_experiment(
     *,
     start: Mapping[str, float] | None = None,
     before: Mapping[str, float] | None = None,
+    zero_at_rest: Sequence[str] | None = None,
 ) -> Experiment:
     """The run that a model must repeat, with its inputs reduced to the samples where they change.
 
@@ -30,8 +31,9 @@ def to_experiment(
     start : mapping of str to float, optional
         Initial values of the model's states, by name.
     before : mapping of str to float, optional
-        Value of each input before the first sample, which acts until the input's delay has passed. By default zero if
-        the rig was at rest then (see :func:`input_before`), else the first recorded value.
+        Value of each input before the first sample, which acts until the input's delay has passed.
+    zero_at_rest : sequence of str, optional
+        Tells the others, see :func:`input_before`.
 
     Returns
     -------
@@ -44,7 +46,7 @@ def to_experiment(
         For an output that was not recorded.
     """
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
-    known = input_before(recording) | dict(before or {})
+    known = input_before(recording, zero_at_rest) | dict(before or {})
     signals = tuple(
         hold_signal(name, recording.time, values, known.get(name)) for name, values in recording.inputs.items()
     )
@@ -66,15 +68,17 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 
-def input_before(recording: Recording, share: float = 0.02) -> dict[str, float]:
+def input_before(
+    recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
+) -> dict[str, float]:
     """What each input was before the first sample.
 
-    A rig whose speed and current first read nearly zero (``share`` of their largest value) was not driven: zero. One
-    that already turns was driven as it is at the first sample; so is any rig other than an AERO. Pitch alone says
-    nothing about it and counts as rest.
+    Of outputs that are ``zero_at_rest``, the first that was recorded decides: where it first reads nearly zero
+    (``share`` of its largest value), the rig was not driven: zero. One that already moves was driven as it is at the
+    first sample; so is one of which nothing is known. Where none of them was recorded, the rig counts as at rest.
     """
-    moving = not {"i_m", "omega_m", "theta"} & set(recording.outputs)
-    for name in ("omega_m", "i_m"):
+    moving = not zero_at_rest
+    for name in zero_at_rest or ():
         if name in recording.outputs:
             values = recording.outputs[name]
             seen = np.abs(values[np.isfinite(values)])

@@ -8,8 +8,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data.layout import Layout, Quantity
+from aero_bayes.data.layout import Layout
 from aero_bayes.data.recording import FloatArray, Recording
+from aero_bayes.declared import Quantity
 from aero_bayes.errors import InputError
 
 #: Fewest samples that are a recording at all.

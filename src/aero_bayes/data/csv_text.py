@@ -134,7 +134,7 @@ def read_header(path: Path) -> tuple[int, list[str]]:
                 )
     names = [name.strip().strip('"').strip() for name in text.strip().split(",")]
     if all(NUMBER.fullmatch(name.encode()) for name in names if name):
-        raise InputError(f"{path}, row 1: holds numbers, expected a header such as time,V_m,theta")
+        raise InputError(f"{path}, row 1: holds numbers, expected a header such as time,u,y")
     return len(raw), names
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from aero_bayes.declared import Declaration, Quantity
 from aero_bayes.errors import InputError
 
 TURN = 2.0 * math.pi
@@ -75,23 +76,6 @@ class ColumnMap:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One column: its SI unit and the sizes it can have.
-
-    ``largest`` bounds its absolute value. ``per_input`` bounds the ratio of its largest absolute value to that of the
-    first input (looked at only when that input reaches 1 in its unit). ``zero_at_rest`` says that a rig at rest reads
-    zero. ``hints`` names the mistakes that a value beyond the bounds suggests.
-    """
-
-    name: str
-    unit: str = ""
-    largest: float = math.inf
-    per_input: tuple[float, float] = (0.0, math.inf)
-    zero_at_rest: bool = False
-    hints: str = ""
-
-
-@dataclass(frozen=True)
 class Layout:
     """The columns that a recording of one kind of rig has.
 
@@ -111,27 +95,20 @@ class Layout:
 
     @classmethod
     def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
-        """A layout for another model: names and units, without bounds on sizes."""
+        """A layout of names and units, without bounds on sizes."""
         known = units or {}
         return cls(
             tuple(Quantity(name, known.get(name, "")) for name in inputs),
             tuple(Quantity(name, known.get(name, "")) for name in outputs),
         )
 
+    @classmethod
+    def declared(cls, declaration: Declaration) -> Layout:
+        """The columns that a package declares for its rigs."""
+        known = declaration.recording
+        return cls(tuple(known.inputs.values()), tuple(known.outputs.values()), known.rates)
+
     @property
     def units(self) -> dict[str, str]:
         """SI unit of every column, time included."""
         return {"time": "s"} | {quantity.name: quantity.unit for quantity in (*self.inputs, *self.outputs)}
-
-
-#: The AERO. A 24 V amplifier, 8.4 ohm, 0.042 N m/A: a motor draws at most 6 A and turns at most 700 rad/s; the body's
-#: stops are at about 1.1 rad. The bounds leave room around that and still catch a wrong unit.
-AERO = Layout(
-    inputs=(Quantity("V_m", "V", 60.0, hints="is it in mV, or a PWM count?"),),
-    outputs=(
-        Quantity("i_m", "A", 20.0, (3e-4, 5.0), True, "is it in mA?"),
-        Quantity("omega_m", "rad/s", 1500.0, (0.2, 1500.0), True, "is it in rpm, deg/s or mrad/s?"),
-        Quantity("theta", "rad", 4.0 * math.pi, hints="is it in degrees, mrad or encoder counts?"),
-    ),
-    rates=(2.0, 2e5),
-)

@@ -9,10 +9,12 @@ import numpy as np
 
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.csv_text import FloatArray, read_columns
-from aero_bayes.data.layout import AERO, ColumnMap, Layout
+from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, read_matlab
 from aero_bayes.data.recording import Recording
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
+from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
 
 
@@ -20,7 +22,7 @@ def read_recording(
     path: Path | str,
     columns: Mapping[str, ColumnMap] | None = None,
     *,
-    layout: Layout = AERO,
+    layout: Layout | None = None,
     memory: int | None = None,
 ) -> Recording:
     """Read and check a recording.
@@ -32,8 +34,9 @@ def read_recording(
         content. An empty cell (NaN in MATLAB) of an output is a gap; the text ``nan`` is an error.
     columns : mapping of str to ColumnMap, optional
         Where a column of the layout is found if not under its own name and in SI.
-    layout : Layout
-        Which columns there are; the AERO's by default. Other columns of the file are not read.
+    layout : Layout, optional
+        Which columns there are; by default those that the package of the default model declares. Other columns of the
+        file are not read.
     memory : int, optional
         Bytes that may be used; what is free by default.
 
@@ -43,6 +46,7 @@ def read_recording(
         One line that names file, row (the line of a CSV file, the header being 1; the sample of a MATLAB file), column
         and what was expected.
     """
+    layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
     file = Path(path)
     maps = dict(columns or {})
     for column in maps:

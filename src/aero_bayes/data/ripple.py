@@ -23,11 +23,15 @@ def input_jumps(recording: Recording) -> FloatArray:
     return jumps
 
 
-def rotor_angle(recording: Recording) -> FloatArray | None:
-    """The rotor's angle in rad from the recorded speed (trapezoidal rule), None where no speed was recorded."""
-    speed = recording.outputs.get("omega_m")
-    if speed is None or not np.isfinite(speed).any():
-        return None
+def _rotor_speed(recording: Recording) -> FloatArray | None:
+    """The fastest of the outputs that are speeds in rad/s; None where none was recorded."""
+    speeds = [y for name, y in recording.outputs.items() if recording.units.get(name) == "rad/s"]
+    seen = [y for y in speeds if np.isfinite(y).any()]
+    return max(seen, key=lambda y: float(np.nanmax(np.abs(y))), default=None)
+
+
+def _rotor_angle(recording: Recording, speed: FloatArray) -> FloatArray:
+    """The rotor's angle in rad from its recorded speed (trapezoidal rule)."""
     seen = np.isfinite(speed)
     filled = np.interp(recording.time, recording.time[seen], speed[seen])
     steps = 0.5 * (filled[1:] + filled[:-1]) * np.diff(recording.time)
@@ -41,10 +45,10 @@ def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) 
     standstill. Amplitudes are in the output's unit, averaged over the pieces of the recording in which the rotor turns
     and no input has jumped lately.
     """
-    angle = rotor_angle(recording)
-    if angle is None or recording.rate_hz <= 0.0:
+    speed = _rotor_speed(recording)
+    if speed is None or recording.rate_hz <= 0.0:
         return {}
-    values, speed, time = recording.outputs[output], recording.outputs["omega_m"], recording.time
+    values, time, angle = recording.outputs[output], recording.time, _rotor_angle(recording, speed)
     size = max(int(PIECE * recording.rate_hz), 24)
     jumps = input_jumps(recording)
     powers: dict[int, list[tuple[float, float]]] = {order: [] for order in orders}

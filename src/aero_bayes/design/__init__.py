@@ -5,6 +5,7 @@ from aero_bayes.design.check_separation import SeparationCheck, check_separation
 from aero_bayes.design.families import FAMILIES, Family
 from aero_bayes.design.forecast import Forecast, forecast
 from aero_bayes.design.information import Limits
+from aero_bayes.design.optimise import SearchSettings
 from aero_bayes.design.propose import Design, propose_experiment
 from aero_bayes.design.separate import Separation, separating_experiment
 
@@ -15,6 +16,7 @@ __all__ = [
     "Forecast",
     "GainCheck",
     "Limits",
+    "SearchSettings",
     "Separation",
     "SeparationCheck",
     "check_gain",

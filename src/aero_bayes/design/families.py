@@ -18,11 +18,15 @@ UPDATE_HZ = 20.0
 
 @dataclass(frozen=True)
 class Family:
-    """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,)."""
+    """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,).
+
+    ``jumps`` says that they are made of jumps, which a simulation takes in fewer steps.
+    """
 
     name: str
     size: int
     signal: Callable[[FloatArray, FloatArray], FloatArray]
+    jumps: bool = True
 
 
 def staircase(u: FloatArray, time: FloatArray) -> FloatArray:
@@ -88,6 +92,6 @@ FAMILIES = (
     Family("binary", 4, binary),
     Family("square wave", 3, square),
     Family("step and release", 2, release),
-    Family("multi-sine", 5, multi_sine),
-    Family("chirp", 4, chirp),
+    Family("multi-sine", 5, multi_sine, jumps=False),
+    Family("chirp", 4, chirp, jumps=False),
 )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType, TracebackType
-from typing import Literal, Self
+from types import TracebackType
+from typing import Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import Fit, OutputNoise, Parameter, ParameterSet
+from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
 from aero_bayes.sensors.noise import Sampling, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -37,18 +37,37 @@ class Limits:
     Parameters
     ----------
     amplifier : float
-        Largest input, in the input's unit (V for the AERO).
+        Largest input, in the input's unit.
     travel : mapping of str to float
-        Largest absolute value by output, such as the pitch between its stops in rad.
+        Largest absolute value by output, such as an angle between its stops in rad.
     """
 
-    amplifier: float = 24.0
-    travel: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({"theta": 1.0}))
+    amplifier: float
+    travel: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, value in {"amplifier": self.amplifier, **self.travel}.items():
             if not 0.0 < value < np.inf:
                 raise InputError(f"limit of {name}: {value:g} is not a positive number")
+
+
+class Fitted(Protocol):
+    """A fit as experiments are designed from it; ``covariance`` is in search coordinates, ``free`` ones first."""
+
+    @property
+    def calibration(self) -> Calibration: ...
+
+    @property
+    def values(self) -> FloatArray: ...
+
+    @property
+    def free(self) -> tuple[int, ...]: ...
+
+    @property
+    def noise(self) -> Mapping[str, OutputNoise]: ...
+
+    @property
+    def covariance(self) -> FloatArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +90,7 @@ class Forecaster:
 
     Parameters
     ----------
-    fit : Fit
+    fit : Fitted
     time : ndarray, shape (n,)
         Sample times of the experiments.
     limits : Limits
@@ -81,7 +100,7 @@ class Forecaster:
 
     def __init__(
         self,
-        fit: Fit,
+        fit: Fitted,
         time: FloatArray,
         limits: Limits,
         engine: Engine = "native",
@@ -119,7 +138,7 @@ class Forecaster:
         total = np.diag(self.shared.prior_sd() ** -2.0)
         known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
         rows = [self.fit.free.index(self._columns[k]) for k in known]
-        block = self.fit.laplace.covariance[np.ix_(rows, rows)]
+        block = self.fit.covariance[np.ix_(rows, rows)]
         total[np.ix_(known, known)] = np.linalg.inv(block)
         return total
 

@@ -28,13 +28,17 @@ class Found:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on."""
+    """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on.
+
+    ``among`` are the families that are tried.
+    """
 
     start: int = 16
     rounds: int = 6
     candidates: int = 12
     families: int = 2
     spread: float = 0.25
+    among: tuple[Family, ...] = FAMILIES
 
 
 def best_signals(
@@ -43,16 +47,15 @@ def best_signals(
     rng: np.random.Generator,
     settings: SearchSettings,
     progress: Progress | None = None,
-    families: Sequence[Family] = FAMILIES,
 ) -> list[Found]:
     """The best signal of each family, best first; the best families are refined.
 
     A step's spread shrinks by half every other round; a family's best only ever improves.
     """
     tell = progress or (lambda phase, share, text: None)
-    steps = len(families) + settings.rounds * settings.families
+    steps = len(settings.among) + settings.rounds * settings.families
     found = []
-    for k, family in enumerate(families):
+    for k, family in enumerate(settings.among):
         cube = _latin(settings.start, family.size, rng)
         found.append(_best(score, family, cube, time))
         tell("candidates", (k + 1) / steps, family.name)
@@ -65,7 +68,7 @@ def best_signals(
             again = _best(score, here.family, 1.0 - np.abs(1.0 - np.abs(moved) % 2.0), time)
             if again.score < here.score:
                 found[k] = again
-            tell("candidates", (len(families) + k * settings.rounds + turn + 1) / steps, here.family.name)
+            tell("candidates", (len(settings.among) + k * settings.rounds + turn + 1) / steps, here.family.name)
     return sorted(found, key=lambda f: f.score)
 
 

@@ -14,8 +14,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording
-from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted, posterior_sd
+from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted, posterior_sd
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
@@ -66,7 +65,6 @@ class Design(HeldSignal):
     rate_hz : float
     """
 
-    family: str
     families: Mapping[str, float]
     expected: tuple[Expected, ...]
     travel: Mapping[str, float]
@@ -187,14 +185,15 @@ def propose_experiment(
         return _design(forecaster, found, values, travel, (before, after, repeated), aimed, seed)
 
 
-def default_limits(fit: Fit) -> Limits:
-    """The AERO's amplifier and pitch stops, for those outputs that the model has."""
-    known = {v.name for v in fit.calibration.model.outputs}
-    limits = Limits()
-    return Limits(limits.amplifier, {n: v for n, v in limits.travel.items() if n in known})
+def default_limits(fit: Fitted) -> Limits:
+    """What the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
+    model, declared = fit.calibration.model, fit.calibration.model.declared.limits
+    known = {v.name for v in model.outputs}
+    largest = max((float(np.abs(s.values).max()) for e in fit.calibration.experiments for s in e.inputs), default=0.0)
+    return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def sample_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
+def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / float(np.median(np.diff(fit.calibration.experiments[0].time)))
@@ -284,8 +283,3 @@ def _design(
         forecaster.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
         forecaster.limits, float(1.0 / (time[1] - time[0])), seed, unit,
     )  # fmt: skip
-
-
-def recording_of(design: Design, outputs: Mapping[str, FloatArray], name: str = "designed") -> Recording:
-    """The recording that carrying out a design gives."""
-    return Recording(name, design.time, {design.input: design.values}, dict(outputs))

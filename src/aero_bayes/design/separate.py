@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Engine, Forecaster, Limits, Predicted
+from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted
 from aero_bayes.design.optimise import Progress, SearchSettings, best_signals
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, sample_times, within_travel
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate import Fit
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +31,6 @@ class Separation(HeldSignal):
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal.
     """
 
-    family: str
     families: Mapping[str, float]
     first_true: float
     second_true: float
@@ -64,8 +62,8 @@ class Separation(HeldSignal):
 
 
 def separating_experiment(
-    first: Fit,
-    second: Fit,
+    first: Fitted,
+    second: Fitted,
     *,
     duration: float = 30.0,
     rate_hz: float | None = None,
@@ -80,7 +78,7 @@ def separating_experiment(
 
     Parameters
     ----------
-    first, second : Fit
+    first, second : Fitted
         Fits of both models to the same recordings.
     duration, rate_hz, limits, seed, settings, engine, workers, progress
         As for :func:`aero_bayes.design.propose_experiment`.
@@ -92,8 +90,9 @@ def separating_experiment(
     CannotFinishError
         If every candidate leaves the travel.
     """
-    if first.outputs != second.outputs:
-        raise InputError(f"the two fits are of different outputs: {first.outputs} and {second.outputs}")
+    outputs = first.calibration.outputs, second.calibration.outputs
+    if outputs[0] != outputs[1]:
+        raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")
     limits, settings = limits or default_limits(first), settings or SearchSettings()
     time = sample_times(first, duration, rate_hz)
     rng = np.random.default_rng(seed)

@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 from aero_bayes.files import whole_file
 
 FloatArray = NDArray[np.float64]
+#: Families whose name is not what one calls their signals.
+KINDS = {
+    "binary": "a binary sequence", "square wave": "a square wave", "step and release": "a step and its release",
+    "multi-sine": "a sum of sines", "chirp": "a chirp",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class HeldSignal:
-    """An input by name; ``time`` (n,) in s and ``values`` (n,) in its unit, each held to the next sample."""
+    """An input by name; ``time`` (n,) in s and ``values`` (n,) in its unit, each held; the ``family`` it is of."""
 
     input: str
     time: FloatArray
     values: FloatArray
+    family: str
 
     def table(self) -> tuple[FloatArray, FloatArray]:
         """Times (k,) and values (k,) at which the input changes."""
@@ -30,6 +36,11 @@ class HeldSignal:
     def duration(self) -> float:
         """Length in s."""
         return float(self.time[-1] - self.time[0])
+
+    @property
+    def in_words(self) -> str:
+        """Length and kind of the signal."""
+        return f"{self.duration:g} s of {KINDS.get(self.family, self.family)}"
 
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""

@@ -1,19 +1,18 @@
 """From recordings to parameters and how sure they are."""
 
-from aero_bayes.estimate.aero import aero_overrides
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration
 from aero_bayes.estimate.identifiability import Combination, Identifiability, Status
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.estimate.result import Estimate, Fit, StageReport
 from aero_bayes.estimate.search import LocalSettings, Stop
-from aero_bayes.estimate.staged import PAPER_STAGES, Stage, causal_stages
+from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.sensors.noise import NoiseModel, OutputNoise, estimate_noise, innovations
 
 __all__ = [
-    "PAPER_STAGES",
     "Calibration",
     "CalibrationSettings",
     "Combination",
@@ -37,9 +36,9 @@ __all__ = [
     "Stop",
     "SwarmSettings",
     "Uniform",
-    "aero_overrides",
     "calibrate",
     "causal_stages",
+    "declared_overrides",
     "estimate_noise",
     "fit",
     "fit_calibration",

@@ -20,6 +20,7 @@ from aero_bayes.simulation.interface import DelayTarget, Experiment, Problem, So
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
+DelayPolicy = Literal["auto", "free", "none"]
 
 #: Steps of a simulation that are allowed for each change of an input.
 STEPS_A_CHANGE = 60
@@ -36,13 +37,15 @@ class CalibrationSettings:
     delay : {"auto", "free", "none"}
         A delay of each recording's input: a nuisance parameter. ``auto`` frees it where the input jumps and the
         samples are closer than five times ``delay_limit``.
-    delay_limit : float
-        Upper bound of the delay in s.
+    delay_limit : float, optional
+        Upper bound of the delay in s; what the model's package declares by default, and where it declares none there
+        is no delay.
     start : {"auto", "reading", "estimated"}
         Initial values of states, see :class:`StartPolicy`.
     resting : tuple of str, optional
         Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
-        recording begins in mid-motion. By default every output that is a state.
+        recording begins in mid-motion. By default what the model's package declares, else every output that is a
+        state.
     most_readings : int, optional
         Readings of an output that a recording keeps; beyond it every n-th is kept.
     standing : bool
@@ -54,8 +57,8 @@ class CalibrationSettings:
     """
 
     outputs: tuple[str, ...] | None = None
-    delay: Literal["auto", "free", "none"] = "auto"
-    delay_limit: float = 0.02
+    delay: DelayPolicy = "auto"
+    delay_limit: float | None = None
     start: StartPolicy = "auto"
     resting: tuple[str, ...] | None = None
     most_readings: int | None = None
@@ -188,6 +191,11 @@ def calibrate(
     settings = settings or CalibrationSettings()
     if not recordings:
         raise InputError("no recording was given")
+    known = model.declared.recording
+    limit = known.max_input_delay if settings.delay_limit is None else settings.delay_limit
+    resting = known.resting if settings.resting is None else settings.resting
+    if settings.delay == "free" and not limit:
+        raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
     outputs = _outputs(recordings, model, settings)
     driven = {variable.name for variable in model.inputs}
     experiments: list[Experiment] = []
@@ -198,11 +206,11 @@ def calibrate(
         if missing:
             raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
-        experiment = _experiment(recording, outputs, floors, settings.standing)
-        start, extra = start_parameters(recording, experiment, model, settings.start, settings.resting, index, suffix)
+        experiment = _experiment(recording, outputs, floors, settings.standing, known.zero_at_rest)
+        start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
         nuisances += extra
-        if _delay_wanted(experiment, recording, settings):
-            nuisances.append(_delay(settings.delay_limit, index, suffix))
+        if limit and _delay_wanted(experiment, recording, settings.delay, limit):
+            nuisances.append(_delay(limit, index, suffix))
         if settings.most_readings is not None:
             experiment = thin(experiment, settings.most_readings)
         experiments.append(replace(experiment, start=start))
@@ -241,7 +249,13 @@ def _outputs(recordings: Sequence[Recording], model: Model, settings: Calibratio
     return tuple(wanted)
 
 
-def _experiment(recording: Recording, outputs: tuple[str, ...], floors: dict[str, float], standing: bool) -> Experiment:
+def _experiment(
+    recording: Recording,
+    outputs: tuple[str, ...],
+    floors: dict[str, float],
+    standing: bool,
+    zero_at_rest: tuple[str, ...],
+) -> Experiment:
     """All ``outputs`` of a recording, NaN where it has none; of a count that stands still, few readings count."""
     measured = np.full((recording.rows, len(outputs)), np.nan)
     for column, name in enumerate(outputs):
@@ -254,7 +268,8 @@ def _experiment(recording: Recording, outputs: tuple[str, ...], floors: dict[str
                 if not standing:
                     values[~thin_standstill(recording.time, values)] = np.nan
             measured[:, column] = values
-    base = to_experiment(recording, [name for name in outputs if name in recording.outputs])
+    own = [name for name in outputs if name in recording.outputs]
+    base = to_experiment(recording, own, zero_at_rest=zero_at_rest)
     return replace(base, outputs=outputs, measured=measured)
 
 
@@ -265,8 +280,8 @@ def _delay(limit: float, index: int, suffix: str) -> Parameter:
     )  # fmt: skip
 
 
-def _delay_wanted(experiment: Experiment, recording: Recording, settings: CalibrationSettings) -> bool:
-    if settings.delay != "auto":
-        return settings.delay == "free"
+def _delay_wanted(experiment: Experiment, recording: Recording, policy: DelayPolicy, limit: float) -> bool:
+    if policy != "auto":
+        return policy == "free"
     jumps = any(s.interpolation == "hold" and np.any(np.diff(s.values)) for s in experiment.inputs)
-    return jumps and recording.rate_hz >= 0.2 / settings.delay_limit
+    return jumps and recording.rate_hz >= 0.2 / limit

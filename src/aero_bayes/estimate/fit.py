@@ -15,10 +15,10 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.aero import aero_overrides
 from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, OpenSimulator, Progress, straighter
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
 from aero_bayes.estimate.objective import Objective
@@ -107,7 +107,7 @@ def fit(
     recordings : Recording or sequence of Recording
     model : Model
     parameters : ParameterSet, optional
-        What to search; the AERO's by default (:func:`aero_bayes.estimate.aero.aero_overrides`).
+        What to search; by default what the model's package declares (:func:`.declared_overrides`).
     fixed : mapping of str to float, optional
         Model parameters to hold at other values than the model's own.
     settings : FitSettings, optional
@@ -129,7 +129,7 @@ def fit(
     settings = settings or FitSettings()
     recordings = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     if parameters is None:
-        overrides = aero_overrides(model)
+        overrides = declared_overrides(model)
         if not overrides:
             raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
         parameters = parameters_from_model(model, overrides=overrides)

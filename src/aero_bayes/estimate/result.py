@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate import cost as costs
-from aero_bayes.estimate.aero import FIXED
 from aero_bayes.estimate.ascent import StageEnd
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
@@ -25,6 +24,7 @@ from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
+from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, object]
@@ -133,6 +133,11 @@ class Fit:
     def noise(self) -> Mapping[str, OutputNoise]:
         """Noise of each output."""
         return self.optimum.noise
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the free columns, then of the noise, in search coordinates."""
+        return self.laplace.covariance
 
     @property
     def log_likelihood(self) -> float:
@@ -286,15 +291,19 @@ class Fit:
         return f"<Fit {self.calibration.model.name}: {cells}>"
 
 
+def held_because(model: Model, fixed: Collection[str]) -> dict[str, str]:
+    """Why parameters of a model are not searched, by name."""
+    return {name: "held at the value that the configuration gives" for name in fixed} | dict(model.declared.fixed)
+
+
 def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
     """Model parameters that nobody searched, with the reason where it is known."""
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
+    reasons = held_because(calibration.model, calibration.fixed)
     table = {}
     for v in calibration.model.parameters:
-        value = calibration.fixed.get(v.name, v.start)
-        known = v.name in FIXED or v.name in calibration.fixed
-        if v.name not in searched and known and value is not None:
-            note = FIXED.get(v.name, "held at the value that the configuration gives")
+        value, note = calibration.fixed.get(v.name, v.start), reasons.get(v.name)
+        if v.name not in searched and note is not None and value is not None:
             table[v.name] = Estimate(
                 v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
             )

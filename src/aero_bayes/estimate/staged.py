@@ -1,7 +1,6 @@
 """Fitting in the direction of causality: first what moves few outputs, then what depends on it.
 
-The paper fits the electrical parameters on current, the mechanical ones on speed and the aerodynamic ones on pitch
-(:data:`PAPER_STAGES`). A badly wrong pitch model otherwise drags the motor's parameters along.
+A badly wrong model of what comes last otherwise drags along the parameters of what drives it.
 """
 
 from __future__ import annotations
@@ -21,13 +20,6 @@ class Stage:
 
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
-
-
-PAPER_STAGES = (
-    Stage(("R_a", "L_a"), ("i_m",)),
-    Stage(("J_r", "J_s"), ("omega_m",)),
-    Stage(("k_d", "k_t"), ("theta",)),
-)
 
 
 def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:

@@ -55,7 +55,7 @@ class NoiseLayout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Such as ``noise.theta.sd_white``."""
+        """Such as ``noise.y.sd_white``."""
         return tuple(f"noise.{self.outputs[k]}.{_NOISE_PARTS[j]}" for k, j in np.argwhere(self._mask))
 
     def pack(self, noise: Mapping[str, OutputNoise]) -> FloatArray:

@@ -13,49 +13,27 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.catalogue import CATALOGUE, PORTS, Effect, EffectParameter, Port
-from aero_bayes.export.extend import (
-    CURVE_STATES,
-    PROBES,
-    EffectUse,
-    ExtendedModel,
-    FreeForm,
-    curve_unit,
-    effect_of,
-    write_extension,
-    write_probes,
-    write_screening,
-)
+from aero_bayes.export.extend import EffectUse, ExtendedModel, FreeForm, write_extension
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.library import modelica_root
+from aero_bayes.export.library import declaration_of, modelica_root
 
 Compiler = Literal["auto", "omc", "embedded"]
 
 __all__ = [
-    "CATALOGUE",
-    "CURVE_STATES",
-    "PORTS",
-    "PROBES",
     "Compiler",
-    "Effect",
-    "EffectParameter",
     "EffectUse",
     "ExtendedModel",
     "FlatEquation",
     "FlatModel",
     "FlatVariable",
     "FreeForm",
-    "Port",
-    "curve_unit",
-    "effect_of",
+    "declaration_of",
     "export_flat",
     "export_fmu",
     "first_compiler",
     "load_flat",
     "modelica_root",
     "write_extension",
-    "write_probes",
-    "write_screening",
 ]
 
 
@@ -99,14 +77,14 @@ def export_fmu(
     Parameters
     ----------
     model : str
-        Full name, such as ``Aero.Systems.OneDof``. The shipped package ``Aero`` is always loaded.
+        Full name, such as ``Aero.Systems.OneDof``. Shipped packages of rigs are always loaded.
     out : Path
         The FMU to write; it appears whole or not at all.
     compiler : {"auto", "omc", "embedded"}
         ``auto``: the embedded exporter, whose FMUs are several times faster and take a second; where it refuses the
         model and ``omc`` is on the PATH, that.
     sources : sequence of Path
-        Further ``.mo`` files or package folders, loaded beside ``Aero``.
+        Further ``.mo`` files or package folders, loaded beside them.
     libraries : sequence of Path
         Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
         names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -13,7 +13,7 @@ from aero_bayes.export.codegen import generate
 from aero_bayes.export.description import describe
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.layout import lay_out
-from aero_bayes.export.library import identifier
+from aero_bayes.export.library import declared_members, identifier
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.translate import translate
 
@@ -27,10 +27,10 @@ def explicit_model(model: str, sources: Sequence[Path] = (), libraries: Sequence
 
 def export_embedded(model: str, out: Path, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> Path:
     """Write the FMU of ``model`` to ``out``."""
-    return export_flat(load_flat(model, sources, libraries), out)
+    return export_flat(load_flat(model, sources, libraries), out, members=declared_members(model, sources))
 
 
-def export_flat(flat: FlatModel, out: Path, *, quick: bool = False) -> Path:
+def export_flat(flat: FlatModel, out: Path, *, quick: bool = False, members: Mapping[str, bytes] | None = None) -> Path:
     """Write the FMU of a flat model to ``out``.
 
     Parameters
@@ -39,6 +39,8 @@ def export_flat(flat: FlatModel, out: Path, *, quick: bool = False) -> Path:
     out : Path
     quick : bool
         Compile in less time to code that runs somewhat slower: for candidates that are tried and dropped.
+    members : mapping of str to bytes, optional
+        Further files of the archive.
 
     Returns
     -------
@@ -65,6 +67,7 @@ def export_flat(flat: FlatModel, out: Path, *, quick: bool = False) -> Path:
         {
             "modelDescription.xml": description.replace(_NO_GUID.encode(), guid.encode()),
             f"binaries/linux64/{name}.so": library,
+            **(members or {}),
         },
     )
     return out

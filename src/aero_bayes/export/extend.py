@@ -3,52 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from aero_bayes.declared import Declaration, EffectParameter
 from aero_bayes.errors import InputError
-from aero_bayes.export.catalogue import CATALOGUE, Effect, EffectParameter, Port
-from aero_bayes.export.extension_text import THRUSTERS, Filling, model_text, real
-from aero_bayes.export.library import check_model_name
+from aero_bayes.export.extension_text import Filling, model_text, real
+from aero_bayes.export.library import check_model_name, declaration_of
 from aero_bayes.files import whole_file
-
-PROBES: Mapping[str, tuple[Port, str]] = {
-    "u_electrical": ("electrical", "V"),
-    "u_rotor": ("rotor", "N.m"),
-    "u_thrust": ("thrust", "N"),
-    "u_body": ("body", "N.m"),
-}
-
-_CURVES: dict[tuple[Port, str], tuple[str, str]] = {
-    ("electrical", "i"): ("ElectricalCurve", ""),
-    ("electrical", "w"): ("ElectricalSpeedCurve", ""),
-    ("rotor", "w"): ("RotorCurve", ""),
-    ("rotor", "i"): ("RotorCurrentCurve", ""),
-    ("thrust", "w"): ("ThrustCurve", ""),
-    ("thrust", "theta"): ("ThrustBodyCurve", "body.theta"),
-    ("thrust", "theta_dot"): ("ThrustBodyCurve", "body.omega"),
-    ("body", "theta"): ("BodyAngleCurve", ""),
-    ("body", "theta_dot"): ("BodyRateCurve", ""),
-}
-_PORT_SLOT: dict[Port, tuple[str, str]] = {
-    "electrical": ("ElectricalEffect", "V"),
-    "rotor": ("RotorEffect", "N.m"),
-    "thrust": ("ThrustEffect", "N"),
-    "body": ("BodyEffect", "N.m"),
-}
-
-#: A propeller's loss over a state of the body is a share of its thrust: as a force it would be a torque on the body.
-_SHARES: frozenset[tuple[Port, str]] = frozenset({("thrust", "theta"), ("thrust", "theta_dot")})
-
-#: What a learned curve may be a function of, port by port: current, speed, pitch angle, pitch rate.
-CURVE_STATES: Mapping[Port, tuple[str, ...]] = {
-    port: tuple(over for p, over in _CURVES if p == port) for port in _PORT_SLOT
-}
-
-
-def curve_unit(port: Port, over: str) -> str:
-    """Unit of a learned curve's values."""
-    return "1" if (port, over) in _SHARES else _PORT_SLOT[port][1]
 
 
 @dataclass(frozen=True)
@@ -69,7 +31,7 @@ class FreeForm:
     The values become top-level parameters ``<prefix>_1`` to ``<prefix>_n``.
     """
 
-    port: Port
+    port: str
     over: str
     x_min: float
     x_max: float
@@ -95,68 +57,58 @@ def write_extension(
     *,
     name: str | None = None,
     probes: bool = False,
+    sources: Sequence[Path] = (),
 ) -> ExtendedModel:
     """Write ``base`` extended by effects and learned curves to ``out_dir/<name>.mo``.
 
     Parameters
     ----------
     base : str
-        A system with slots, such as ``Aero.Systems.OneDof``.
+        A system that its package declares, such as ``Aero.Systems.OneDof``.
     effects : sequence of EffectUse or FreeForm
         Several may share a port: voltages and thrusts act in series, torques in parallel.
     name : str, optional
         Name of the model; by default the base's with the effects'.
     probes : bool
-        Also add the inputs of :data:`PROBES`, zero by default, at the ports.
+        Also add an input ``u_<port>``, zero by default, at every port that has a probe.
+    sources : sequence of Path
+        Folders of packages, where it is not a shipped one.
 
     Returns
     -------
     ExtendedModel
-        Export it with ``export_fmu(extended.name, out, sources=[extended.path])``.
+        Export it with ``export_fmu(extended.name, out, sources=[*sources, extended.path])``.
 
     Raises
     ------
     InputError
         For an unknown base, effect, parameter or curve, or an effect given twice.
     """
-    check_model_name(base)
-    if base not in THRUSTERS:
-        raise InputError(f"{base} has no slots for effects; expected one of {', '.join(THRUSTERS)}")
+    declared = declaration_of(check_model_name(base), sources)
+    if base.partition(".")[2] not in declared.systems:
+        raise InputError(f"{base} has no slots for effects; expected a system that its package declares")
     fillings: list[Filling] = []
     parameters: list[EffectParameter] = []
     for use in effects:
-        filling, new = _of_effect(use) if isinstance(use, EffectUse) else _of_curve(use)
+        filling, new = _of_effect(declared, use) if isinstance(use, EffectUse) else _of_curve(declared, use)
         fillings.append(filling)
         parameters.extend(new)
     _refuse_duplicates([f.instance for f in fillings], "the effect")
     _refuse_duplicates([p.name for p in parameters], "the parameter")
-    if probes:
-        fillings += [_probe(u) for u in PROBES]
+    probed = [port for port, it in declared.ports.items() if it.probe] if probes else []
+    for port in probed:
+        it, modifier = declared.ports[port], ("u", f"u_{port}")
+        model = f"{declared.package}.{it.probe}"
+        fillings.append(Filling(it.slot, "probe", model, (modifier,), "an unknown signal", 20))
     chosen = name or _default_name(base, fillings)
     if "." in check_model_name(chosen):
         raise InputError(f"{chosen!r}: the name of an extended model has no dots")
-    inputs = tuple(PROBES) if probes else ()
-    text = model_text(base, chosen, fillings, parameters, PROBES if probes else {})
+    text = model_text(base, chosen, declared, fillings, parameters, probed)
     path = Path(out_dir) / f"{chosen}.mo"
-    _write(path, text)
-    return ExtendedModel(chosen, path, text, tuple(parameters), inputs)
-
-
-def write_probes(
-    base: str, out_dir: Path | str, *, effects: Sequence[EffectUse | FreeForm] = (), name: str | None = None
-) -> ExtendedModel:
-    """Write ``base`` (with ``effects``, if any) with an input at every port, see :data:`PROBES`.
-
-    The signals are positive where they pitch the body up: a voltage added at each motor, a torque added at each rotor,
-    a force added to each thrust, a torque added at the pivot.
-    """
-    return write_extension(base, effects, out_dir, name=name or base.rpartition(".")[2] + "_probes", probes=True)
-
-
-def write_screening(base: str, out_dir: Path | str, *, name: str | None = None) -> ExtendedModel:
-    """Write ``base`` with every effect of the catalogue, each switched off."""
-    uses = [EffectUse(id_) for id_ in CATALOGUE]
-    return write_extension(base, uses, out_dir, name=name or base.rpartition(".")[2] + "_screening")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return ExtendedModel(chosen, path, text, tuple(parameters), tuple(f"u_{port}" for port in probed))
 
 
 def _default_name(base: str, fillings: Sequence[Filling]) -> str:
@@ -172,10 +124,8 @@ def _refuse_duplicates(names: Iterable[str], what: str) -> None:
         seen.add(n)
 
 
-def _of_effect(use: EffectUse) -> tuple[Filling, list[EffectParameter]]:
-    effect = CATALOGUE.get(use.id)
-    if effect is None:
-        raise InputError(f"unknown effect {use.id!r}; expected one of {', '.join(CATALOGUE)}")
+def _of_effect(declared: Declaration, use: EffectUse) -> tuple[Filling, list[EffectParameter]]:
+    effect = declared.effect(use.id)
     known = {p.name for p in effect.parameters}
     for given, allowed in ((use.values, known), (use.widths, set(effect.widths))):
         wrong = [n for n in given if n not in allowed]
@@ -183,54 +133,24 @@ def _of_effect(use: EffectUse) -> tuple[Filling, list[EffectParameter]]:
             raise InputError(f"effect {use.id} has no {wrong[0]!r}; expected {', '.join(sorted(allowed)) or 'nothing'}")
     modifiers = [(p.component_name or p.name, p.name) for p in effect.parameters]
     modifiers += [(n, real(v)) for n, v in use.widths.items()]
-    filling = Filling(
-        effect.slot, effect.id, f"Aero.Effects.{effect.model}", tuple(modifiers), effect.summary, effect.rank
-    )
-    return filling, [_with_default(p, use.values.get(p.name, p.default)) for p in effect.parameters]
+    slot, model = declared.slot_of(effect), f"{declared.package}.{effect.model}"
+    filling = Filling(slot, effect.id, model, tuple(modifiers), effect.summary, effect.rank)
+    return filling, [replace(p, default=use.values.get(p.name, p.default)) for p in effect.parameters]
 
 
-def _with_default(p: EffectParameter, value: float) -> EffectParameter:
-    return EffectParameter(
-        p.name, p.unit, p.description, p.minimum, p.maximum, p.scale, p.starts, value, p.component_name
-    )
-
-
-def _of_curve(curve: FreeForm) -> tuple[Filling, list[EffectParameter]]:
-    if (curve.port, curve.over) not in _CURVES:
-        options = ", ".join(f"{p} over {o}" for p, o in _CURVES)
-        raise InputError(f"no learned curve at {curve.port} over {curve.over}; expected {options}")
-    if len(curve.values) < 2 or not curve.x_max > curve.x_min:
+def _of_curve(declared: Declaration, use: FreeForm) -> tuple[Filling, list[EffectParameter]]:
+    curve, unit = declared.curve(use.port, use.over), declared.curve_unit(use.port, use.over)
+    if len(use.values) < 2 or not use.x_max > use.x_min:
         raise InputError("a learned curve needs at least two values and x_min < x_max")
-    model, bound = _CURVES[curve.port, curve.over]
-    slot, unit = _PORT_SLOT[curve.port][0], curve_unit(curve.port, curve.over)
-    names = [f"{curve.prefix}_{k + 1}" for k in range(len(curve.values))]
-    modifiers = [("x", bound)] if bound else []
-    modifiers += [("x_min", real(curve.x_min)), ("x_max", real(curve.x_max)), ("c", "{" + ", ".join(names) + "}")]
-    scale = max(map(abs, curve.values)) or 1.0
+    names = [f"{use.prefix}_{k + 1}" for k in range(len(use.values))]
+    modifiers = [("x", curve.x)] if curve.x else []
+    modifiers += [("x_min", real(use.x_min)), ("x_max", real(use.x_max)), ("c", "{" + ", ".join(names) + "}")]
+    scale = max(map(abs, use.values)) or 1.0
     parameters = []
-    for k, (n, value) in enumerate(zip(names, curve.values, strict=True)):
-        at = curve.x_min + (curve.x_max - curve.x_min) * k / (len(names) - 1)
-        text = f"Learned curve at {curve.over} = {at:.4g}"
-        parameters.append(EffectParameter(n, unit, text, -1e3 * scale, 1e3 * scale, scale, (value,), value))
-    summary = f"a learned curve over {curve.over} at the {curve.port} port"
-    instance = f"free_form_{curve.port}_{curve.over}"
-    return Filling(slot, instance, f"Aero.Effects.{model}", tuple(modifiers), summary, 10), parameters
-
-
-def _probe(name: str) -> Filling:
-    port, _ = PROBES[name]
-    slot, _ = _PORT_SLOT[port]
-    return Filling(slot, "probe", f"Aero.Effects.{port.capitalize()}Probe", (("u", name),), "an unknown signal", 20)
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def effect_of(id_: str) -> Effect:
-    """The effect of that id. Raises InputError for an unknown one."""
-    if id_ not in CATALOGUE:
-        raise InputError(f"unknown effect {id_!r}; expected one of {', '.join(CATALOGUE)}")
-    return CATALOGUE[id_]
+    for k, (n, value) in enumerate(zip(names, use.values, strict=True)):
+        at = use.x_min + (use.x_max - use.x_min) * k / (len(names) - 1)
+        text = f"Learned curve at {use.over} = {at:.4g}"
+        parameters.append(EffectParameter(n, unit, text, 1e3 * scale, scale, (value,), -1e3 * scale, default=value))
+    summary = f"a learned curve over {use.over} at the {use.port} port"
+    instance, model = f"free_form_{use.port}_{use.over}", f"{declared.package}.{curve.model}"
+    return Filling(declared.ports[use.port].slot, instance, model, tuple(modifiers), summary, 10), parameters

@@ -6,39 +6,10 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.export.catalogue import EffectParameter
-
-THRUSTERS = {
-    "Aero.Systems.OneDof": 2,
-    "Aero.Systems.HalfQuad": 1,
-    "Aero.Systems.OneDofLinear": 2,
-    "Aero.Systems.HalfQuadLinear": 1,
-}
-
-
-@dataclass(frozen=True)
-class _Slot:
-    """A replaceable model of the base: its component, its partial model, what every filling is handed on."""
-
-    component: str
-    partial: str
-    pass_on: tuple[str, ...]
-    of_thruster: bool = False
-
-
-_SLOTS: dict[str, _Slot] = {
-    "ElectricalEffect": _Slot("electricalEffect", "ElectricalEffect", ("orientation", "w"), True),
-    "RotorEffect": _Slot("rotorEffect", "RotorEffect", ("orientation", "i"), True),
-    "ThrustEffect": _Slot("thrustEffect", "ThrustEffect", ("orientation", "w"), True),
-    "BodyEffect": _Slot("bodyEffect", "BodyEffect", ("theta",)),
-    "CurrentSensor": _Slot("currentSensor", "Sensor", ()),
-    "SpeedSensor": _Slot("speedSensor", "Sensor", ()),
-    "PitchSensor": _Slot("pitchSensor", "Sensor", ()),
-}
-_SERIES = {"ElectricalEffect": ("p", "n"), "ThrustEffect": ("propeller", "frame")}
+from aero_bayes.declared import Declaration, EffectParameter, Slot
 
 
 @dataclass(frozen=True)
@@ -56,27 +27,29 @@ class Filling:
 def model_text(
     base: str,
     name: str,
+    declared: Declaration,
     fillings: Sequence[Filling],
     parameters: Sequence[EffectParameter],
-    inputs: Mapping[str, tuple[str, str]],
+    probed: Sequence[str],
 ) -> str:
+    """The text; ``probed`` are ports that get an input ``u_<port>``."""
     by_slot: dict[str, list[Filling]] = {}
     for f in sorted(fillings, key=lambda f: (f.rank, f.instance)):
         by_slot.setdefault(f.slot, []).append(f)
     redeclared: list[str] = []
     modified: dict[str, list[str]] = {}
     locals_: list[str] = []
-    thrusters = [f"thruster_{k + 1}" for k in range(THRUSTERS[base])]
+    places = declared.systems[base.partition(".")[2]]
     for slot, here in by_slot.items():
-        info = _SLOTS[slot]
+        info = declared.slots[slot]
         if len(here) == 1:
             redeclared.append(f"redeclare model {slot} = {here[0].model}")
             inner = _arguments(here[0].modifiers)
         else:
             redeclared.append(f"redeclare model {slot} = {slot}s")
-            locals_.append(_composite(slot, info, here))
+            locals_.append(_composite(declared.package, slot, info, here))
             inner = ", ".join(f"{f.instance}({_arguments(f.modifiers)})" for f in here)
-        for owner in thrusters if info.of_thruster else [""]:
+        for owner in places[info.within] if info.within else [""]:
             modified.setdefault(owner, []).append(f"{info.component}({inner})")
     arguments = redeclared + modified.pop("", [])
     arguments += [f"{owner}({', '.join(items)})" for owner, items in modified.items()]
@@ -93,8 +66,9 @@ def model_text(
             f'  parameter Real {p.name}(unit = "{p.unit}", min = {real(p.minimum)}, max = {real(p.maximum)}, '
             f'nominal = {real(p.scale)}) = {real(p.default)} "{p.description}";'
         )
-    for u in inputs:
-        lines.append(f'  input Real {u}(unit = "{inputs[u][1]}") "Unknown signal at the {inputs[u][0]} port";')
+    for port in probed:
+        unit = declared.ports[port].unit
+        lines.append(f'  input Real u_{port}(unit = "{unit}") "Unknown signal at the {port} port";')
     lines += locals_
     lines += [
         "  annotation (",
@@ -110,28 +84,24 @@ def _arguments(modifiers: Iterable[tuple[str, str]]) -> str:
     return ", ".join(f"{n} = {v}" for n, v in modifiers)
 
 
-def _composite(slot: str, info: _Slot, fillings: Sequence[Filling]) -> str:
+def _composite(package: str, slot: str, info: Slot, fillings: Sequence[Filling]) -> str:
     """A local model with several effects in one slot: in series where something passes through, else parallel."""
-    lines = [f'  model {slot}s "Several effects in one place"', f"    extends Aero.Interfaces.{info.partial};"]
-    handed = ", ".join(f"{n} = {n}" for n in info.pass_on)
-    previous = "u"
+    lines = [f'  model {slot}s "Several effects in one place"', f"    extends {package}.{info.partial};"]
+    handed = [(n, n) for n in info.hands]
+    previous = info.signal[0] if info.signal else ""
     for f in fillings:
-        if info.partial == "Sensor":
-            handed = f"u = {previous}, du = du"
-            previous = f"{f.instance}.y"
-        lines.append(f"    {f.model} {f.instance}({handed});")
+        passed = [(info.signal[0], previous)] if info.signal else []
+        lines.append(f"    {f.model} {f.instance}({_arguments([*passed, *handed])});")
+        previous = f"{f.instance}.{info.signal[1]}" if info.signal else ""
     lines.append("  equation")
     names = [f.instance for f in fillings]
-    if info.partial == "Sensor":
-        lines.append(f"    y = {previous};")
-    elif slot in _SERIES:
-        first, last = _SERIES[slot]
-        ends = [first, *(f"{n}.{port}" for n in names for port in (first, last)), last]
+    if info.signal:
+        lines.append(f"    {info.signal[1]} = {previous};")
+    if info.series:
+        first, last = info.series
+        ends = [first, *(f"{n}.{end}" for n in names for end in (first, last)), last]
         lines += [f"    connect({a}, {b});" for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        if slot == "ElectricalEffect":
-            lines += [f"    connect(r, {n}.r);" for n in names]
-    else:
-        lines += [f"    connect(flange, {n}.flange);" for n in names]
+    lines += [f"    connect({c}, {n}.{c});" for c in info.shared for n in names]
     lines.append(f"  end {slot}s;")
     return "\n".join(lines)
 

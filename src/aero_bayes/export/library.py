@@ -8,39 +8,80 @@ import os
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
+from aero_bayes.declared import FILE, MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import user_cache
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
 _FIRST = re.compile(r'(?<![\w."])([A-Z]\w*)(?=\.[A-Za-z_])')
+_EXTENDS = re.compile(r"\bextends\s+\.?([A-Za-z_][\w.]*)")
 
 
 def modelica_root() -> Path:
-    """Folder that contains the package ``Aero``: installed with this package, or ``modelica/`` of a checkout."""
+    """Folder of the shipped Modelica packages: installed with this package, or ``modelica/`` of a checkout."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "modelica", package.parent.parent / "modelica"):
-        if (folder / "Aero" / "package.mo").is_file():
+        if (folder / "Laws" / "package.mo").is_file():
             return folder
-    raise InputError("the Modelica package Aero was not found; reinstall aero-bayes")
+    raise InputError("the shipped Modelica packages were not found; reinstall aero-bayes")
+
+
+@cache
+def rig_packages() -> tuple[Path, ...]:
+    """Shipped packages of rigs, those that declare something of them; every model is loaded beside them."""
+    return tuple(sorted(path.parent for path in modelica_root().glob(f"*/{FILE}")))
+
+
+def declaration_in(folder: Path) -> Declaration:
+    """What a package declares of its rigs; nothing where it has no such file."""
+    file = folder / FILE
+    return parse(file.read_text("utf-8"), str(file), folder.name) if file.is_file() else Declaration()
+
+
+def declaration_of(model: str, sources: Sequence[Path] = ()) -> Declaration:
+    """What the package that a model is from, or is extended from in one of the sources, declares of it.
+
+    Nothing for a model that no declaration names. Raises InputError for a declaration that is not valid.
+    """
+    package, _, system = model.partition(".")
+    for folder in (*rig_packages(), *sources):
+        if folder.name == package and system in (found := declaration_in(folder)).systems:
+            return found
+    body = re.compile(rf"\b(?:model|class|block)\s+{re.escape(model)}\b.*?\bend\s+{re.escape(model)}\s*;", re.DOTALL)
+    for file in (s for s in sources if s.is_file()):
+        if (own := body.search(file.read_text("utf-8", "replace"))) is not None:
+            bases = (name for name in _EXTENDS.findall(own[0]) if name != model)
+            return next((d for name in bases if (d := declaration_of(name, sources)).systems), Declaration())
+    return Declaration()
+
+
+def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
+    """The declaration that a model's FMU takes along, by the member of the archive."""
+    package = declaration_of(model, sources).package
+    files = [folder / FILE for folder in (*rig_packages(), *sources) if folder.name == package]
+    return {MEMBER: files[0].read_bytes()} if files else {}
 
 
 def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
-    """Copy the shipped package and further files into an empty folder, so that nothing beside them is read.
+    """Copy the shipped packages of rigs and further files into an empty folder, so that nothing beside them is read.
 
     Returns
     -------
     list of Path
-        Files to load, the package first.
+        Files to load, the shipped packages first.
 
     Raises
     ------
     InputError
         For a source that is missing, is no Modelica file, or names a package that is there already.
     """
-    shutil.copytree(modelica_root() / "Aero", folder / "Aero")
-    loaded = [folder / "Aero" / "package.mo"]
+    loaded = []
+    for package in rig_packages():
+        shutil.copytree(package, folder / package.name)
+        loaded.append(folder / package.name / "package.mo")
     for source in map(Path, sources):
         if source.is_dir():
             if not (source / "package.mo").is_file():
@@ -92,10 +133,11 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
     """
     mentioned = set(_FIRST.findall(model))
     staged = set()
+    shipped = {folder.name for folder in rig_packages()}
     for file in files:
         staged.add(file.parent.name if file.name == "package.mo" else file.stem)
         own = file.parent.rglob("*.mo") if file.name == "package.mo" else [file]
-        for path in own if file.parent.name != "Aero" else []:
+        for path in own if file.parent.name not in shipped else []:
             mentioned |= set(_FIRST.findall(path.read_text("utf-8", "replace")))
     if "Modelica" in mentioned:
         mentioned |= {"ModelicaServices", "Complex"}
@@ -140,7 +182,7 @@ def _package(name: str, roots: Sequence[Path]) -> Path | None:
 def check_model_name(model: str) -> str:
     """The name unchanged where it is a dotted Modelica name. Raises InputError otherwise."""
     if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model):
-        raise InputError(f"{model!r} is not a Modelica model name such as Aero.Systems.OneDof")
+        raise InputError(f"{model!r} is not a Modelica model name such as Package.Systems.Rig")
     return model
 
 

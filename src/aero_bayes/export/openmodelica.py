@@ -18,6 +18,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.build import write_archive
 from aero_bayes.export.library import (
     check_model_name,
+    declared_members,
     identifier,
     library_roots,
     needed_libraries,
@@ -60,7 +61,7 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), lib
                 members = {n: archive.read(n) for n in archive.namelist() if not n.endswith("/")}
         except zipfile.BadZipFile:
             raise InputError(f"{model}: omc wrote a damaged FMU") from None
-    write_archive(out, members)
+    write_archive(out, members | declared_members(model, sources))
     return out
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library import check_model_name, library_roots, linked, needed_libraries, stage
+from aero_bayes.export.library import check_model_name, library_roots, linked, needed_libraries, rig_packages, stage
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.scratch import ScratchFolder
@@ -51,7 +51,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
     Parameters
     ----------
     model : str
-        Full name. The shipped package ``Aero`` is always there.
+        Full name. The shipped packages of rigs are always there.
     sources : sequence of Path
         Further ``.mo`` files or package folders.
     libraries : sequence of Path
@@ -68,7 +68,8 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
     with ScratchFolder() as root:
         files = stage(root, sources)
         packages = needed_libraries(model, files, library_roots(libraries))
-        added = [p for f in files[1:] for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
+        own = files[len(rig_packages()) :]
+        added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
         answer = _run(model, root, files, [linked(packages)] if packages else [])
         try:
@@ -79,7 +80,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
     roots = os.pathsep.join(map(str, (root, *libraries)))
-    own = [str(f.relative_to(root)) for f in files[1:]]
+    own = [str(f.relative_to(root)) for f in files[len(rig_packages()) :]]
     # what MODELICAPATH names is linked where it is needed; rumoca would read all of it
     environment = {k: v for k, v in os.environ.items() if k != "MODELICAPATH"}
     command = [sys.executable, "-c", _WORK, roots, str(_file_of(model, files)), model, *own]

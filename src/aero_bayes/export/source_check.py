@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.library import rig_packages
 
 _HIDDEN = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:[^"\\]|\\.)*"', re.DOTALL)
 _KIND = r"(?:model|block|class|package|record|connector|type|function)"
@@ -65,7 +66,8 @@ def refuse_dropped(root: Path, sources: Iterable[Path]) -> None:
 def _likely(model: str, root: Path) -> list[Path]:
     """The user's own files, then the one that is named like the model."""
     files = list(_sources(root))
-    own = [p for p in files if "Aero" not in p.relative_to(root).parts]
+    shipped = {folder.name for folder in rig_packages()}
+    own = [p for p in files if p.relative_to(root).parts[0] not in shipped]
     return [*own, *(p for p in files if p.stem == model.rpartition(".")[2])]
 
 

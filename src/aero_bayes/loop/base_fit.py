@@ -108,7 +108,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:
     overrides = {**bench.family.overrides(model), **bench.settings.overrides}
-    free = bench.settings.free or tuple(name for name in overrides if name != "L_a")
+    free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
     if not free:
         raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
     return parameters_from_model(model, free=free, overrides=overrides)

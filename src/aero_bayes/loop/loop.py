@@ -12,9 +12,9 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.data import Recording
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
-from aero_bayes.export import CATALOGUE, PORTS
-from aero_bayes.export.extension_text import THRUSTERS
+from aero_bayes.export import declaration_of
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -37,7 +37,7 @@ def close_loop(
     train: Sequence[Recording],
     test: Sequence[Recording] = (),
     *,
-    model: str = "Aero.Systems.OneDof",
+    model: str = DEFAULT_MODEL,
     sources: Sequence[Path] = (),
     settings: LoopSettings | None = None,
     workers: int | None = None,
@@ -52,7 +52,7 @@ def close_loop(
     train, test : sequences of Recording
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
-        A Modelica class; of the package ``Aero`` a system with slots for effects.
+        A Modelica class.
     sources : sequence of Path
         Files and package folders that the class is loaded from.
     workers : int, optional
@@ -99,15 +99,13 @@ def close_loop(
 
 
 def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
-    """The model and its relatives: a system with slots takes the effects of the package ``Aero``, others take laws."""
+    """The model and its relatives: with the effects that its package declares, else with laws at the ports found."""
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    if model not in THRUSTERS:
-        rig = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
-        rig.check()
-        return rig
-    narrowed.check(CATALOGUE, CATALOGUE, PORTS)
-    effects = tuple(e.id for e in CATALOGUE.values() if narrowed.keeps(e.id, e.id, e.port))
-    if not effects:
-        raise InputError(f"{model}: no effect is left to try; [loop] effects, exclude, ports and laws leave none")
-    return ModelFamily(model, folder, effects=effects)
+    family: ModelFamily | RigFamily
+    if model.partition(".")[2] in declaration_of(model, sources).systems:
+        family = ModelFamily(model, folder, narrowed=narrowed, sources=tuple(sources))
+    else:
+        family = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
+    family.check()
+    return family

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.structure import ResidualReport, reports_table
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.loop.attribute import Round
 from aero_bayes.loop.judge import Prediction, Shift
@@ -151,8 +151,8 @@ class LoopResult:
                 for s in self.shifts
             },
             "whiteness": {
-                "before": _reports(self.residual_before),
-                "after": _reports(self.residual_after),
+                "before": reports_table(self.residual_before),
+                "after": reports_table(self.residual_after),
             },
             "port_scores": {port: signal.gain for port, signal in self.signals.items()},
             "tied_ports": list(self.tied_ports),
@@ -173,10 +173,6 @@ class LoopResult:
             "failures": self.failures,
             "seconds": dict(self.seconds),
         }
-
-    def residual_dict(self) -> dict[str, object]:
-        """The ``residual`` entry of result.json: what the model that came out leaves."""
-        return _reports(self.residual_after)
 
     def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).
@@ -225,13 +221,6 @@ class LoopResult:
 
 def _resampled(time: FloatArray, grid: FloatArray, values: FloatArray) -> FloatArray:
     return np.interp(time, grid, values, left=np.nan, right=np.nan)
-
-
-def _reports(reports: Sequence[ResidualReport]) -> dict[str, object]:
-    found: dict[str, dict[str, object]] = {}
-    for report in reports:
-        found.setdefault(report.recording, {})[report.output] = report.to_dict()
-    return dict(found)
 
 
 def _pooled_floors(floors: Mapping[tuple[str, str], float]) -> dict[str, float]:

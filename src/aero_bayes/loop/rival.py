@@ -53,7 +53,7 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
     bench.progress("locating the port", 0.65)
     outputs = bench.recordings.outputs
     calibration, fit = base.held.stand.study.calibration, base.held.optimum
-    visited = Visited.of(base.held.stand.study, base.held.optimum)
+    visited = Visited.of(base.held.stand.study, base.held.optimum, family.declared)
     probing = probe(
         calibration, fit, visited, bench.open_objective, _fullest(calibration),
     )  # fmt: skip

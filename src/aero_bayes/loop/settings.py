@@ -43,7 +43,7 @@ class LoopSettings:
     ----------
     attribute, climb, ascent, calibration : settings of the search, of each climb, of the first fit, and of the problem
     effects : tuple of str, optional
-        Ids of the catalogue to consider; all by default.
+        Ids or laws to consider; all by default.
     exclude : tuple of str
         Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
     libraries : tuple of Path
@@ -58,7 +58,7 @@ class LoopSettings:
         Priors and bounds in place of the defaults.
     seed : int
     free : tuple of str, optional
-        Parameters of the base model to fit; by default those of the AERO but for the inductance.
+        Parameters of the base model to fit; by default those that its package declares to be searched.
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
     search_samples : int
@@ -77,7 +77,7 @@ class LoopSettings:
     ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None, settle=False))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
-            most_readings=8000, standing=False, resting=("theta",), solver=SolverSettings(1e-5, 1e-5)
+            most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)
         )
     )
     seed: int = 1

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
@@ -14,13 +18,18 @@ from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.judge import Prediction, shifts
 from aero_bayes.loop.result import LoopResult, NewParameter
 from aero_bayes.loop.search import Found
-from aero_bayes.loop.separate import propose
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import Probing
 from aero_bayes.physics.locate import rank_ports
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import ParameterTarget
 
 FloatArray = NDArray[np.float64]
+
+#: How far a loop looks for an experiment, among signals of few jumps; the command for designs looks further.
+EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
 def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopResult:
@@ -130,28 +139,56 @@ def _story(
     return (*lines, conclusion.sentence)
 
 
+@dataclass(frozen=True, eq=False)
+class _Rival:
+    """A model with some effects as it was fitted, the others out of it: what an experiment is designed from."""
+
+    calibration: Calibration
+    values: FloatArray
+    free: tuple[int, ...]
+    noise: Mapping[str, OutputNoise]
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, held: Held) -> _Rival:
+        fit, calibration = held.optimum, held.stand.study.calibration
+        items, values = calibration.parameters.items, calibration.parameters.from_search(fit.coordinates)
+        columns, targets = list(fit.free), [(j, p.target) for j, p in enumerate(items) if j not in fit.free]
+        held_at = {t.name: float(values[j]) for j, t in targets if isinstance(t, ParameterTarget)}
+        own = replace(
+            calibration,
+            parameters=ParameterSet(tuple(items[j] for j in columns)),
+            fixed={**calibration.fixed, **held_at},
+        )
+        return cls(own, values[columns], tuple(range(len(columns))), fit.noise, fit.covariance)
+
+
 def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
-    """For the first class of equivalent effects: the experiments that would separate them."""
-    # The experiments to choose from are those of a rig that is known: its input, and how long it takes to answer.
-    if not found.selection.equivalent or not bench.family.roomy:
+    """For the first class of equivalent effects: the experiments that would separate them, on a rig that is known."""
+    if not found.selection.equivalent or bench.family.plain().declared.limits.input is None:
         return ()
     same = found.selection.equivalent[0]
-    stand = found.base.held.stand
-    scored = {
-        s.candidate.id: (s.candidate, s.held.optimum)
-        for r in reversed(found.selection.rounds)
-        for s in r.scores
-        if s.held is not None and s.held.stand is stand and s.candidate.id in same
-    }
-    known = [scored[id_] for id_ in same if id_ in scored]
-    if len(known) < 2:
-        return ()
-    base = found.base
-    height = max((float(np.abs(s.values).max()) for e in base.plain.experiments for s in e.inputs), default=1.0)
-    return tuple(
-        propose(stand.study.calibration, known[0], other, height, bench.open_objective).sentence()
-        for other in known[1:3]
-    )
+    scores = [s for r in reversed(found.selection.rounds) for s in r.scores]
+    held = {s.candidate.id: s.held for s in scores if s.held is not None and s.candidate.id in same}
+    first, *others = [id_ for id_ in same if id_ in held] or [""]
+    lines = []
+    for other in others[:2]:
+        pair = f"{first} from {other}"
+        try:
+            apart = separating_experiment(
+                _Rival.of(held[first]), _Rival.of(held[other]), settings=EFFORT, seed=bench.settings.seed,
+                workers=bench.pool.size,
+            )  # fmt: skip
+        except (InputError, CannotFinishError):
+            continue
+        if apart.log_evidence < 1.0:
+            lines.append(f"None of the experiments tried would tell {pair}.")
+        else:
+            lines.append(
+                f"To tell {pair}: {apart.in_words} (expected difference in log-evidence {apart.log_evidence:.0f}); "
+                "`aero-bayes design --loop` writes the signal."
+            )
+    return tuple(lines)
 
 
 def _states_at(study: Objective, fit: Optimum, probing: Probing | None) -> dict[str, tuple[FloatArray, FloatArray]]:

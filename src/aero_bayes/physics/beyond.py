@@ -7,19 +7,20 @@ sensible where no data went; knots are added while that pays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.declared import Declaration
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, SmoothPrior, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.export import CURVE_STATES, Port, curve_unit
 from aero_bayes.physics.family import CURVE_PREFIX, KNOTS, ModelFamily
 from aero_bayes.physics.locate import LinearResponse, Moment, PortSignal, find_moment, infer_signal, kernel
 from aero_bayes.simulation.interface import InputSignal, InputTarget, ParameterTarget
@@ -27,7 +28,6 @@ from aero_bayes.simulation.interface import InputSignal, InputTarget, ParameterT
 FloatArray = NDArray[np.float64]
 OpenObjective = Callable[[Calibration], Objective]
 
-UNITS: Mapping[str, str] = {"electrical": "V", "rotor": "N.m", "thrust": "N", "body": "N.m"}
 #: Spread of a curve's values against what the model puts through the port.
 SHARE = 0.1
 #: Distance over which a curve's values go together, as a share of its range.
@@ -44,7 +44,7 @@ MARGIN, LEAST_MARGIN = 0.6, 0.8
 class CurveFit:
     """A learned curve: where it acts, over what, on which range, its values and its evidence."""
 
-    port: Port
+    port: str
     over: str
     x_min: float
     x_max: float
@@ -76,39 +76,33 @@ class Visited:
 
     ranges: Mapping[str, tuple[float, float]]
     sizes: Mapping[str, float]
+    declared: Declaration
 
     @classmethod
-    def of(cls, study: Objective, fit: Optimum) -> Visited:
-        """From a fit's predictions; both motors of a system with two run mirrored, so that their ranges are even."""
-        values = dict(zip(study.parameters.names, study.parameters.from_search(fit.coordinates), strict=True))
-        spread: dict[str, list[FloatArray]] = {}
-        for k, series in enumerate(study.series):
-            name = {"i_m": "i", "omega_m": "w", "theta": "theta"}[series.output]
-            predicted = fit.evaluation.predicted[k]
-            spread.setdefault(name, []).append(predicted)
-            if name == "theta" and predicted.size > 2:
-                spread.setdefault("theta_dot", []).append(np.gradient(predicted, series.sampling.time))
-        ranges = {}
-        for name, parts in spread.items():
-            everything = np.concatenate(parts)
-            low, high = (float(v) for v in np.quantile(everything, (0.001, 0.999)))
-            if name in ("i", "w"):
-                high = max(abs(low), abs(high))
-                low = -high
-            ranges[name] = (low, high)
-        volts = max(
-            (float(np.abs(s.values).max()) for e in study.calibration.experiments for s in e.inputs), default=1.0
-        )
-        speed = ranges.get("w", (0.0, 400.0))[1]
-        current = ranges.get("i", (0.0, 1.0))[1]
-        pitch = max(map(abs, ranges.get("theta", (0.1, 0.1))))
-        sizes = {
-            "electrical": volts,
-            "rotor": values.get("c_m", 0.04) * current,
-            "thrust": values.get("k_t", 3e-7) * speed**2,
-            "body": values.get("K_sp", 0.04) * pitch,
-        }
-        return cls(ranges, {port: max(size, 1e-9) for port, size in sizes.items()})
+    def of(cls, study: Objective, fit: Optimum, declared: Declaration) -> Visited:
+        """From a fit's predictions, for the declared states and ports."""
+        calibration, ranges = study.calibration, {}
+        for name, state in declared.states.items():
+            parts = [
+                np.gradient(predicted, series.sampling.time) if state.rate else predicted
+                for series, predicted in zip(study.series, fit.evaluation.predicted, strict=True)
+                if series.output == state.output and predicted.size > 2
+            ]
+            if parts:
+                low, high = (float(v) for v in np.quantile(np.concatenate(parts), (0.001, 0.999)))
+                high = max(abs(low), abs(high)) if state.even else high
+                ranges[name] = (-high if state.even else low, high)
+        known = {v.name: calibration.fixed.get(v.name, v.start or 0.0) for v in calibration.model.parameters}
+        known |= dict(zip(study.parameters.names, study.parameters.from_search(fit.coordinates), strict=True))
+        signals = [s for e in calibration.experiments for s in e.inputs]
+        known |= {s.name: max(float(np.abs(o.values).max()) for o in signals if o.name == s.name) for s in signals}
+        typical = {name: state.typical for name, state in declared.states.items()}
+        known |= typical | {name: max(map(abs, ends)) for name, ends in ranges.items()}
+        unknown = [(port, n) for port, it in declared.ports.items() for n in it.size if n not in known]
+        if unknown:
+            raise InputError(f"ports.{unknown[0][0]}.size: {unknown[0][1]} is no parameter, input or state")
+        sizes = {port: math.prod(known[n] for n in it.size) for port, it in declared.ports.items() if it.size}
+        return cls(ranges, {port: max(float(size), 1e-9) for port, size in sizes.items()}, declared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +121,21 @@ class CurveSearch:
     open_objective: OpenObjective
     settings: ClimbSettings
 
-    def places(self, outputs: Sequence[str]) -> list[tuple[Port, str]]:
+    def places(self, outputs: Sequence[str]) -> list[tuple[str, str]]:
         """Every port with every state that was seen to move."""
-        ports = [p for p in CURVE_STATES if "theta" in outputs or p not in ("thrust", "body")]
-        ranges = self.visited.ranges
-        return [(p, o) for p in ports for o in CURVE_STATES[p] if o in ranges and ranges[o][1] > ranges[o][0]]
+        ranges, declared = self.visited.ranges, self.family.declared
+        shown = [(c.port, c.over) for c in declared.curves if declared.shown(c.port, outputs)]
+        return [(p, o) for p, o in shown if o in ranges and ranges[o][1] > ranges[o][0]]
 
-    def fit(self, port: Port, over: str, knots: int, like: CurveFit | None = None) -> CurveFit | None:
+    def fit(self, port: str, over: str, knots: int, like: CurveFit | None = None) -> CurveFit | None:
         """Refit the base with one curve, from none or from a coarser one; None if it cannot be simulated."""
         model = self.family.curve(port, over, knots)
-        low, high = self.visited.ranges[over]
-        size = SHARE * (1.0 if curve_unit(port, over) == "1" else self.visited.sizes[port])
+        declared, (low, high) = self.family.declared, self.visited.ranges[over]
+        size = SHARE * (1.0 if declared.curve(port, over).share else self.visited.sizes[port])
         places = np.linspace(low, high, knots)
         curve = tuple(
             Parameter(
-                f"{CURVE_PREFIX}_{k + 1}", curve_unit(port, over), 0.0, -100.0 * size, 100.0 * size,
+                f"{CURVE_PREFIX}_{k + 1}", declared.curve_unit(port, over), 0.0, -100.0 * size, 100.0 * size,
                 Normal(0.0, size), "linear", f"Curve at {over} = {x:.4g}", ParameterTarget(f"{CURVE_PREFIX}_{k + 1}"),
             )
             for k, x in enumerate(places)
@@ -210,22 +204,19 @@ def probe(
     parameters, model, outputs = calibration.parameters, calibration.model, calibration.outputs
     experiment = calibration.experiments[recording]
     knots = np.linspace(experiment.time[0], experiment.time[-1], SIGNAL_KNOTS)
-    ports = [p for p in UNITS if p in ("electrical", "rotor") or "theta" in outputs]
-    driven = {signal.name for signal in model.inputs}
-    ports = [port for port in ports if f"u_{port}" in driven]
+    declared, driven = visited.declared, {signal.name for signal in model.inputs}
+    ports = [port for port in declared.ports if declared.shown(port, outputs) and f"u_{port}" in driven]
     signals: dict[str, PortSignal] = {}
     moments = []
     for port in ports:
-        silent = InputSignal(f"u_{port}", knots, np.zeros(knots.size), "linear")
+        unit, silent = declared.ports[port].unit, InputSignal(f"u_{port}", knots, np.zeros(knots.size), "linear")
         probed = replace(experiment, inputs=(*experiment.inputs, silent))
         one = replace(calibration, names=(calibration.names[recording],), experiments=(probed,), recordings=())
         chosen = [j for j in fit.free if parameters.items[j].recording in (None, recording)]
         fitted = [_for_one(parameters.items[j]) for j in range(len(parameters))]
         kept = [j for j in range(len(parameters)) if parameters.items[j].recording in (None, recording)]
         knot_columns = [
-            Parameter(
-                f"u[{k}]", UNITS[port], 0.0, -1.0, 1.0, Normal(0.0, 1.0), "linear", "", InputTarget(silent.name, k)
-            )
+            Parameter(f"u[{k}]", unit, 0.0, -1.0, 1.0, Normal(0.0, 1.0), "linear", "", InputTarget(silent.name, k))
             for k in range(knots.size)
         ]
         everything = ParameterSet((*(fitted[j] for j in kept), *knot_columns))
@@ -285,10 +276,10 @@ def fit_moment(
     if not probing.moments:
         return None
     moment = probing.moments[0]
-    size = SHARE * visited.sizes[moment.port]
+    size, unit = SHARE * visited.sizes[moment.port], visited.declared.ports[moment.port].unit
     ends = (moment.start, moment.stop)
     constant = InputSignal(f"u_{moment.port}", np.array([ends[0] - 1.0, *ends]), np.array([0.0, moment.size, 0.0]))
-    push = _Push(calibration, base, probing, moment, size, open_objective, settings)
+    push = _Push(calibration, base, probing, moment, (size, unit), open_objective, settings)
     best = push.fit(constant, (1,))
     margin = max(MARGIN * (ends[1] - ends[0]), LEAST_MARGIN)
     times = np.linspace(ends[0] - margin, ends[1] + margin, COURSE_KNOTS)
@@ -303,25 +294,25 @@ def fit_moment(
 
 @dataclass(frozen=True, eq=False)
 class _Push:
-    """A disturbance of one moment, of typical ``size``, to be refitted with some course."""
+    """A disturbance of one moment, of typical ``size`` in its unit, to be refitted with some course."""
 
     calibration: Calibration
     base: Optimum
     probing: Probing
     moment: Moment
-    size: float
+    size: tuple[float, str]
     open_objective: OpenObjective
     settings: ClimbSettings
 
     def fit(self, signal: InputSignal, free: Sequence[int]) -> MomentFit | None:
         """Refit with the values ``free`` of a signal beside the parameters of the base."""
-        recording, size, parameters = self.probing.recording, self.size, self.calibration.parameters
+        recording, (size, unit), parameters = self.probing.recording, self.size, self.calibration.parameters
         experiments = list(self.calibration.experiments)
         silent = replace(signal, values=np.zeros(signal.values.size))
         experiments[recording] = replace(experiments[recording], inputs=(*experiments[recording].inputs, silent))
         pushes = tuple(
             Parameter(
-                f"push_{k}", UNITS[self.moment.port], 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size), "linear",
+                f"push_{k}", unit, 0.0, -100.0 * size, 100.0 * size, Normal(0.0, size), "linear",
                 f"Disturbance at {signal.time[k]:.4g} s", InputTarget(signal.name, k), recording,
             )
             for k in free

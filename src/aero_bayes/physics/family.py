@@ -14,24 +14,26 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.declared import Declaration
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export import (
-    CATALOGUE,
     Compiler,
     EffectUse,
     ExtendedModel,
     FreeForm,
-    Port,
+    declaration_of,
     export_fmu,
     first_compiler,
-    modelica_root,
     write_extension,
 )
+from aero_bayes.export.library import rig_packages
 from aero_bayes.physics.catalogue import candidates_of, effect_parameter
 from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, moved
+from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.simulation import Model
 
 #: Knots that a learned curve may have, coarsest first.
@@ -47,15 +49,20 @@ class ModelFamily:
     Parameters
     ----------
     base : str
-        A system with slots, such as ``Aero.Systems.OneDof``.
+        A system that its package declares, such as ``Aero.Systems.OneDof``.
     folder : Path
         Where FMUs and written models are kept.
+    narrowed : Narrowed
+        Which of the declared effects count.
+    sources : tuple of Path
+        Folders of packages that are not shipped.
     """
 
     base: str
     folder: Path
     compiler: Compiler = "auto"
-    effects: tuple[str, ...] = tuple(CATALOGUE)
+    narrowed: Narrowed = field(default_factory=Narrowed)
+    sources: tuple[Path, ...] = ()
     _offered: dict[str, tuple[Candidate, tuple[Parameter, ...]]] = field(
         default_factory=dict, compare=False, repr=False
     )
@@ -65,12 +72,30 @@ class ModelFamily:
         return self.base.rpartition(".")[2]
 
     @cached_property
+    def declared(self) -> Declaration:
+        """What the package declares."""
+        return declaration_of(self.base, self.sources)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids that count."""
+        return tuple(e.id for e in self.declared.effects if self.narrowed.keeps(e.id, e.id, e.port))
+
+    def check(self) -> None:
+        """Raise InputError where the engineer's choice names what there is not, or leaves nothing."""
+        every = self.declared.catalogue
+        self.narrowed.check(every, every, self.declared.ports)
+        if not self.effects:
+            left = "[loop] effects, exclude, ports and laws leave none"
+            raise InputError(f"{self.base}: no effect is left to try; {left}")
+
+    @cached_property
     def library_hash(self) -> str:
-        """Hash of the Modelica package that everything is built on."""
+        """Hash of the packages that everything is built on."""
         digest = hashlib.sha256()
-        root = modelica_root()
-        for path in sorted(root.rglob("*.mo")):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+        for root in (*rig_packages(), *self.sources):
+            for path in sorted(p for p in root.rglob("*") if p.suffix in (".mo", ".toml")) if root.is_dir() else [root]:
+                digest.update(path.relative_to(root.parent).as_posix().encode() + b"\0" + path.read_bytes())
         return digest.hexdigest()
 
     def plain(self) -> Model:
@@ -78,8 +103,8 @@ class ModelFamily:
         return self._build(self.base, "", ())
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
-        """The AERO's priors."""
-        return aero_overrides(model)
+        """The declared priors."""
+        return declared_overrides(model)
 
     @property
     def roomy(self) -> bool:
@@ -87,17 +112,18 @@ class ModelFamily:
         return True
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
-        """Every effect of the catalogue that the recorded outputs can show."""
+        """Every effect that counts and that the recorded outputs can show."""
         levels = [float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs]
         self._offered.clear()
-        self._offered.update(candidates_of(self.effects, calibration.outputs, max(levels, default=24.0)))
+        highest = max(levels, default=self.declared.limits.input or 1.0)
+        self._offered.update(candidates_of(self.declared, self.effects, calibration.outputs, highest))
         return tuple(self._offered)
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         return (tuple(self._offered),)
 
     def finer(self) -> Mapping[str, str]:
-        return {id_: CATALOGUE[id_].refines for id_ in self._offered if CATALOGUE[id_].refines}
+        return {e.id: e.refines for e in map(self.declared.effect, self._offered) if e.refines}
 
     def offer(self, ids: Collection[str]) -> Offer:
         """The one model that carries every effect switched off."""
@@ -107,7 +133,7 @@ class ModelFamily:
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The base with chosen effects."""
-        of = {id_: CATALOGUE[id_] for id_ in ids}
+        of = {id_: self.declared.effect(id_) for id_ in ids}
         uses = [EffectUse(i, {p.name: _significant(values[p.name]) for p in e.parameters}) for i, e in of.items()]
         written, model = self.with_effects(uses, folder)
         return Extension(
@@ -129,7 +155,7 @@ class ModelFamily:
 
     def summary(self, id_: str) -> str:
         """An effect in words."""
-        return CATALOGUE[id_].summary
+        return self.declared.effect(id_).summary
 
     def diff(self, written: ExtendedModel) -> str:
         """The extended model's file as a diff against one that adds nothing."""
@@ -140,28 +166,32 @@ class ModelFamily:
         return "\n".join(lines)
 
     def screening(self) -> Model:
-        """The base with every effect of the catalogue switched off, and an input at every port."""
-        return self._extended([EffectUse(id_) for id_ in CATALOGUE], f"{self.title}_screening", probes=True)
+        """The base with every declared effect switched off, and an input at every port."""
+        uses = [EffectUse(id_) for id_ in self.declared.catalogue]
+        return self._extended(uses, f"{self.title}_screening", probes=True)
 
-    def curve(self, port: Port, over: str, knots: int = KNOTS[0]) -> Model:
+    def curve(self, port: str, over: str, knots: int = KNOTS[0]) -> Model:
         """The base with a curve over one state at one port, zero everywhere; its range is a parameter."""
         use = FreeForm(port, over, -1.0, 1.0, (0.0,) * knots, prefix=CURVE_PREFIX)
         return self._extended([use], f"{self.title}_curve_{port}_{over}_{knots}", probes=False)
 
     def with_effects(self, uses: Sequence[EffectUse | FreeForm], folder: Path) -> tuple[ExtendedModel, Model]:
         """The base with chosen effects, written to ``folder`` as a model of its own, and its FMU."""
-        written = write_extension(self.base, uses, folder)
+        written = write_extension(self.base, uses, folder, sources=self.sources)
         return written, self._build(written.name, written.text, (written.path,))
 
     def _extended(self, uses: Sequence[EffectUse | FreeForm], name: str, *, probes: bool) -> Model:
-        written = write_extension(self.base, uses, self.folder / "models", name=name, probes=probes)
+        written = write_extension(
+            self.base, uses, self.folder / "models", name=name, probes=probes, sources=self.sources
+        )
         return self._build(written.name, written.text, (written.path,))
 
     def _build(self, name: str, text: str, sources: Sequence[Path]) -> Model:
         def made_by(compiler: Compiler) -> Path:
             key = hashlib.sha256(f"{self.library_hash}\0{compiler}\0{name}\0{text}".encode()).hexdigest()[:16]
             out = self.folder / f"{name.rpartition('.')[2]}-{key}.fmu"
-            return out if out.exists() else export_fmu(name, out, compiler=compiler, sources=list(sources))
+            files = [*self.sources, *sources]
+            return out if out.exists() else export_fmu(name, out, compiler=compiler, sources=files)
 
         return Model.load(first_compiler(self.compiler, made_by))
 

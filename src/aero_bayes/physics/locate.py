@@ -65,19 +65,6 @@ def kernel(time: FloatArray, length: float) -> FloatArray:
     return (1.0 + scaled) * np.exp(-scaled)
 
 
-def gaussian_evidence(gram: FloatArray, score: FloatArray, covariance: FloatArray) -> float:
-    """Log marginal likelihood ratio of amplitudes with a Gaussian prior against none.
-
-    With Gram matrix G and score b of the whitened responses and prior covariance K = L L', this is
-    (b'L (I + L'G L)^-1 L'b - log det(I + L'G L)) / 2.
-    """
-    lower = _root(covariance)
-    inner = np.eye(lower.shape[1]) + lower.T @ gram @ lower
-    factor = np.linalg.cholesky(inner)
-    half = np.linalg.solve(factor, lower.T @ score)
-    return 0.5 * float(half @ half) - float(np.sum(np.log(np.diag(factor))))
-
-
 def posterior_signal(gram: FloatArray, score: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of the amplitudes, shape (k,) each."""
     lower = _root(covariance)

@@ -16,6 +16,7 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
@@ -178,7 +179,7 @@ class RigFamily:
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out)
+            export_flat(flat, out, members=declared_members(self.base, self.sources))
         return Model.load(out)
 
 

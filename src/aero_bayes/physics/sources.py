@@ -8,7 +8,7 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel, Place
-from aero_bayes.export.library import modelica_root
+from aero_bayes.export.library import rig_packages
 from aero_bayes.physics.classes import ClassText, innermost, read_classes
 from aero_bayes.physics.tokens import tokenize
 
@@ -95,7 +95,8 @@ class Sources:
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
-    """Read the files and package folders that a model is exported with; the shipped package ``Aero`` is among them.
+    """Read the files and package folders that a model is exported with; the shipped packages of rigs are among
+    them.
 
     Of libraries, the files that ``flat`` has something from are read as well.
 
@@ -105,7 +106,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
         For a file that is missing or is no Modelica; names it.
     """
     files: dict[str, SourceFile] = {}
-    for source in (modelica_root() / "Aero", *map(Path, sources)):
+    for source in (*rig_packages(), *map(Path, sources)):
         if not source.exists():
             raise InputError(f"{source}: no such file")
         for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
 from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
-from aero_bayes.estimate.staged import PAPER_STAGES, Stage
-from aero_bayes.replay.published import BOX
+from aero_bayes.estimate.staged import Stage
+from aero_bayes.replay.published import BOX, PAPER_STAGES
 from aero_bayes.replay.runner import Runner
 from aero_bayes.replay.swarm import axis_box
 

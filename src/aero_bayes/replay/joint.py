@@ -6,7 +6,7 @@ from typing import Literal
 
 from aero_bayes.data import Recording
 from aero_bayes.estimate import Fit, FitSettings, fit
-from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.replay.published import UNOPTIMISED
@@ -21,7 +21,7 @@ SPREAD = 10.0
 
 def parameters_for(model: Model, law: Law) -> ParameterSet:
     """The AERO's usual free parameters; under the linear law about the paper's own thrust and drag."""
-    overrides = aero_overrides(model)
+    overrides = declared_overrides(model)
     if law == "linear":
         for name in ("k_d", "k_t"):
             centre = UNOPTIMISED.model_values[name]

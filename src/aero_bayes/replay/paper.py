@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.bench import paper_recording
-from aero_bayes.estimate.staged import PAPER_STAGES
 from aero_bayes.replay import table
 from aero_bayes.replay.descent import coarse_stage, descend, exact_stage
 from aero_bayes.replay.facts import Facts
 from aero_bayes.replay.joint import fit_right
 from aero_bayes.replay.notes import write_notes
+from aero_bayes.replay.published import PAPER_STAGES
 from aero_bayes.replay.result import Details, Replay
 from aero_bayes.replay.rigs import Rigs, export_models
 from aero_bayes.replay.runner import Runner

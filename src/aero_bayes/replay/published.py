@@ -7,10 +7,19 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from aero_bayes.estimate.staged import Stage
+
 #: Columns of Table 1, and the only parameters that the paper searches.
 TABLE_PARAMETERS = ("R_a", "L_a", "J_r", "J_s", "k_d", "k_t")
 UNITS: Mapping[str, str] = MappingProxyType(
     {"R_a": "Ω", "L_a": "H", "J_r": "kg·m²", "J_s": "kg·m²", "k_d": "N·m·s/rad", "k_t": "N·s/rad"}
+)
+
+#: The paper fits the electrical parameters on current, the mechanical ones on speed, the aerodynamic ones on pitch.
+PAPER_STAGES = (
+    Stage(("R_a", "L_a"), ("i_m",)),
+    Stage(("J_r", "J_s"), ("omega_m",)),
+    Stage(("k_d", "k_t"), ("theta",)),
 )
 
 #: What Quanser documents for the voltage-to-pitch model (torque about the pitch axis for each volt), N.m/V.

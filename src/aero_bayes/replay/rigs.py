@@ -50,11 +50,12 @@ class Rigs:
         self, recording: Recording, models: Mapping[Name, Model], opened: Callable[[Problem], Simulator]
     ) -> None:
         self._models, self._opened, self.recording = models, opened, recording
-        self.experiment = to_experiment(recording, OUTPUTS)
+        rest = models["OneDof"].declared.recording.zero_at_rest
+        self.experiment = to_experiment(recording, OUTPUTS, zero_at_rest=rest)
         start = UNOPTIMISED.model_values
         self.linear = Runner(opened(problem_of(models["OneDofLinear"], self.experiment, TABLE_PARAMETERS)), start)
         self.quadratic = Runner(opened(problem_of(models["OneDof"], self.experiment, TABLE_PARAMETERS)), start)
-        pitch_only = to_experiment(recording, ("theta",))
+        pitch_only = to_experiment(recording, ("theta",), zero_at_rest=rest)
         gain = {"K_pp": TRANSFER_GAIN}
         self.transfer = Runner(opened(problem_of(models["TransferFunction"], pitch_only, tuple(gain))), gain)
         self._others: Counter[Outcome] = Counter()

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.staged import PAPER_STAGES, Stage
+from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import Swarm, SwarmSettings
-from aero_bayes.replay.published import BOX
+from aero_bayes.replay.published import BOX, PAPER_STAGES
 from aero_bayes.replay.runner import Runner
 
 FloatArray = NDArray[np.float64]

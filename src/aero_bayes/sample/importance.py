@@ -188,12 +188,12 @@ def fit_pareto(excess: FloatArray) -> tuple[float, float]:
     grid = 30 + int(math.sqrt(n))
     quartile = excess[int(n / 4 + 0.5) - 1] if n >= 4 else excess[0]
     position = np.arange(1, grid + 1) - 0.5
-    theta = 1.0 / excess[-1] + (1.0 - np.sqrt(grid / position)) / (3.0 * max(float(quartile), 1e-300))
-    theta = np.where(theta == 0.0, 1e-12, theta)
-    slope = np.mean(np.log1p(-theta[:, None] * excess), axis=1)
-    profile = n * (np.log(-theta / slope) - slope - 1.0)
+    inverse = 1.0 / excess[-1] + (1.0 - np.sqrt(grid / position)) / (3.0 * max(float(quartile), 1e-300))
+    inverse = np.where(inverse == 0.0, 1e-12, inverse)
+    slope = np.mean(np.log1p(-inverse[:, None] * excess), axis=1)
+    profile = n * (np.log(-inverse / slope) - slope - 1.0)
     weight = np.exp(profile - logsumexp(profile))
-    best = float(weight @ theta)
+    best = float(weight @ inverse)
     shape = float(np.mean(np.log1p(-best * excess)))
     scale = -shape / best
     return (shape * n + 0.5 * 10.0) / (n + 10.0), scale

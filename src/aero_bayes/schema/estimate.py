@@ -90,7 +90,6 @@ class ResidualResult(Part):
     white: bool
     p_value: Number = None
     verdict: Literal["adequate", "structured"]
-    autocorrelation_max: Number = None
     tests: dict[str, Number] = {}
     correlations: dict[str, Number] = {}
     worst_time: list[Number] = []

@@ -106,4 +106,3 @@ class LoopPart(Part):
     simulations: int = 0
     failures: int = 0
     seconds: dict[str, float] = {}
-    parameters_before: dict[str, ParameterResult] = {}

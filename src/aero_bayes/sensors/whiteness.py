@@ -1,4 +1,4 @@
-"""Is a residual white: autocorrelations, and averages that wander more than those of white noise."""
+"""Is a residual white: autocovariance, and averages that wander more than those of white noise."""
 
 from __future__ import annotations
 
@@ -15,18 +15,6 @@ def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
     size = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(centred, size, axis=-1)
     return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=-1)[..., :n] / n)
-
-
-def whiteness(values: FloatArray, lags: int = 20) -> tuple[float, float]:
-    """Largest autocorrelation over ``lags`` and the Ljung-Box statistic over its expectation (about 1 if white)."""
-    seen = values[np.isfinite(values)]
-    if seen.size <= 2 * lags or np.var(seen) == 0.0:
-        return 0.0, 1.0
-    covariance = autocovariance(seen)
-    rho = covariance[1 : lags + 1] / covariance[0]
-    n = seen.size
-    statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return float(np.max(np.abs(rho))), statistic / lags
 
 
 def slow_excess(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from aero_bayes.errors import InputError
 
 MOST_UNPACKED_BYTES = 1 << 30
-MOST_DESCRIPTION_BYTES = 64 << 20
+MOST_TEXT_BYTES = 64 << 20
 MOST_MEMBERS = 100_000
 DESCRIPTION = "modelDescription.xml"
 
@@ -17,8 +17,8 @@ DESCRIPTION = "modelDescription.xml"
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
 
 
-def read_description(path: Path) -> tuple[set[str], bytes]:
-    """The members' names and the model description of an FMU.
+def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
+    """The members' names of an FMU, its model description, and further members, empty where they are not there.
 
     Raises
     ------
@@ -31,9 +31,10 @@ def read_description(path: Path) -> tuple[set[str], bytes]:
             names = _check_members(path, archive)
             if DESCRIPTION not in names:
                 raise InputError(f"{path}: no {DESCRIPTION} inside, so this is not an FMU")
-            if archive.getinfo(DESCRIPTION).file_size > MOST_DESCRIPTION_BYTES:
-                raise InputError(f"{path}: {DESCRIPTION} is larger than {MOST_DESCRIPTION_BYTES >> 20} MiB")
-            return names, archive.read(DESCRIPTION)
+            for name in (DESCRIPTION, *optional):
+                if name in names and archive.getinfo(name).file_size > MOST_TEXT_BYTES:
+                    raise InputError(f"{path}: {name} is larger than {MOST_TEXT_BYTES >> 20} MiB")
+            return names, [archive.read(name) if name in names else b"" for name in (DESCRIPTION, *optional)]
     except _UNREADABLE as error:
         raise _unreadable(path, error) from error
 
@@ -44,7 +45,7 @@ def unpack(path: Path, folder: Path) -> None:
     Raises
     ------
     InputError
-        As :func:`read_description`, and for members that cannot be unpacked.
+        As :func:`read_texts`, and for members that cannot be unpacked.
     """
     try:
         with zipfile.ZipFile(path) as archive:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
+from aero_bayes.declared import MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
+from aero_bayes.export.library import declaration_of
 from aero_bayes.simulation import archive
 
 BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
@@ -46,7 +48,8 @@ class Model:
     ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
     ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
     ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to
-    copy a state with that state's position; see :meth:`copied_state`.
+    copy a state with that state's position; see :meth:`copied_state`. ``declared`` is what the package that it is from
+    declares of its rigs.
     """
 
     path: Path
@@ -68,6 +71,7 @@ class Model:
     fmi_version: int = 2
     interface: Interface = "model exchange"
     takes_any_step: bool = True
+    declared: Declaration = field(default=Declaration(), compare=False, repr=False)
 
     @classmethod
     def load(cls, path: Path | str) -> Model:
@@ -86,7 +90,7 @@ class Model:
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: no such file (expected an FMU)")
-        names, text = archive.read_description(path)
+        names, (text, declared) = archive.read_texts(path, MEMBER)
         from aero_bayes.simulation import description2, description3
 
         root = description2.parse(path, text)
@@ -100,7 +104,10 @@ class Model:
         if binary not in names:
             have = sorted({str(PurePosixPath(n).parent) for n in names if n.startswith("binaries/")}) or ["none"]
             raise InputError(f"{path}: no {binary} inside (binaries for: {', '.join(have)})")
-        return model
+        if declared:
+            return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
+        # Another tool's FMU of a shipped system goes by its name.
+        return replace(model, declared=declaration_of(model.name))
 
     def parameter(self, name: str) -> Variable:
         """The parameter of this name; InputError with the names there are otherwise."""

@@ -15,6 +15,7 @@ from aero_bayes.config import load_config
 from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
+from aero_bayes.export import declaration_of
 from aero_bayes.replay import replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
@@ -28,7 +29,7 @@ from aero_bayes.workflow.curves import (
     ripple_series,
 )
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.job import Job, RunOptions, columns_of, layout_of, open_job
+from aero_bayes.workflow.job import Job, RunOptions, built_model, columns_of, layout_of, open_job, which_model
 from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
@@ -108,10 +109,9 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         _finish(final, "all", began, [result, _closing(result)], series)
         return
     story = loop_part(job, loop)
-    moved = {"parameters_before": {name: entry.to_dict() for name, entry in base.parameters.items()}}
     closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
     series = loop_series(job, loop) | measured_series(job.tests) | series
-    _finish(final, "all", began, [result, {"loop": story["loop"] | moved}, closing], series)
+    _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
 
 
 def run_replay(out: Path, seed: int, quiet: bool) -> None:
@@ -157,7 +157,11 @@ def write_simulated(folder: Path, seed: int) -> tuple[tuple[Path, ...], tuple[Pa
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     """``aero-bayes check``: a summary of every recording; all are read before the first is printed."""
     config = load_config(config_path)
-    layout, columns = layout_of(config, None), columns_of(config)
+    name, fmu = which_model(config, RunOptions(Path()))
+    declared = declaration_of(name, config.model.sources)
+    named = declared.systems or (config.data.inputs is not None and config.data.outputs is not None)
+    model = None if named else built_model(config, name, fmu)
+    layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
     summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 

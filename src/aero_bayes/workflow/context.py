@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from aero_bayes.diagram import model_diagrams
-from aero_bayes.export import CATALOGUE, modelica_root
+from aero_bayes.export import modelica_root
 from aero_bayes.workflow.job import Job
 
 Json = dict[str, Any]
@@ -21,15 +21,16 @@ def context_part(job: Job, result: Mapping[str, Any]) -> Json:
     return {
         "diagrams": [diagram.model_dump() for diagram in _diagrams(job, result.get("loop") or {})],
         "signals": {v.name: {"unit": v.unit, "description": v.description} for v in variables},
-        "words": _words(result) | dict(result.get("words") or {}),
+        "words": _words(job, result) | dict(result.get("words") or {}),
         "settings": job.config.model_dump(),
     }
 
 
-def _words(result: Mapping[str, Any]) -> Json:
+def _words(job: Job, result: Mapping[str, Any]) -> Json:
     steps = (result.get("loop") or {}).get("steps", [])
     named = [*(result.get("design") or {}).get("effects", []), *(c["id"] for step in steps for c in step["candidates"])]
-    return {id_: CATALOGUE[id_].summary for id_ in dict.fromkeys(named) if id_ in CATALOGUE}
+    known = job.model.declared.catalogue
+    return {id_: known[id_].summary for id_ in dict.fromkeys(named) if id_ in known}
 
 
 def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:

@@ -7,20 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.check.structure import inspect, reports_table
 from aero_bayes.data import Recording, input_jumps, noise_floor
 from aero_bayes.estimate.result import Fit
-from aero_bayes.sensors.noise import innovations
-from aero_bayes.sensors.whiteness import whiteness
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
 
-FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
-#: A residual larger than this many times the noise floor is structured; so is one that its noise model leaves coloured.
-RATIO_LIMIT = 1.25
 #: Written beside the recordings of the simulated bench; its presence is how a page knows to say so.
 LABEL = "simulated.json"
 
@@ -77,33 +72,9 @@ def _recording(recording: Recording, role: str) -> Json:
 
 
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
-    """Per recording and output: size against the noise floor of the data, whiteness, verdict."""
-    table: Json = {}
-    for index, name in enumerate(fit.calibration.names):
-        experiment = fit.calibration.experiments[index]
-        floors: Mapping[str, float] = next((r["noise_floor"] for r in recordings if r["name"] == name), {})
-        table[name] = {
-            output: _judge_residual(fit, index, experiment.time, column, output, floors.get(output))
-            for column, output in enumerate(fit.outputs)
-            if np.isfinite(fit.residuals[index][:, column]).any()
-        }
-    return table
-
-
-def _judge_residual(fit: Fit, index: int, time: FloatArray, column: int, output: str, floor: float | None) -> Json:
-    residual = fit.residuals[index][:, column]
-    rms = float(np.sqrt(np.nanmean(residual**2)))
-    largest, ratio = whiteness(innovations(time, residual, fit.noise[output]))
-    over = rms / floor if floor else None
-    structured = (over is not None and over > RATIO_LIMIT) or (largest > 0.1 and ratio > 5.0)
-    return {
-        "rms": rms,
-        "noise_floor": floor,
-        "ratio": over,
-        "white": not (largest > 0.1 and ratio > 5.0),
-        "autocorrelation_max": largest,
-        "verdict": "structured" if structured else "adequate",
-    }
+    """What a fit leaves, by recording and output; the floors are those of ``recordings``."""
+    floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
+    return reports_table(inspect(fit.calibration, fit.series, fit.optimum, floors))
 
 
 def verdict(residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None) -> Json:

@@ -13,6 +13,8 @@ from typing import Any
 import click
 import numpy as np
 
+from aero_bayes.config import load_config
+from aero_bayes.declared import Declaration
 from aero_bayes.design import (
     Design,
     GainCheck,
@@ -30,14 +32,14 @@ from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
-from aero_bayes.export import CATALOGUE, EffectUse, effect_of, export_fmu, write_extension
+from aero_bayes.export import EffectUse, declaration_of, export_fmu, write_extension
 from aero_bayes.physics.catalogue import effect_parameter
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import Series, only_measured
-from aero_bayes.workflow.job import Job, RunOptions, open_job
+from aero_bayes.workflow.job import Job, RunOptions, open_job, which_model
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings
@@ -55,7 +57,8 @@ class DesignOptions:
     """What the experiment is for and what the rig allows.
 
     ``aim`` names parameters, by default the weak ones; ``separate`` two effects, or ``loop`` a finished run of the
-    closed loop whose first pair of equivalent effects is meant. ``amplifier`` is in V, ``travel`` by output.
+    closed loop whose first pair of equivalent effects is meant. ``amplifier`` is the largest input, ``travel`` goes by
+    output.
     """
 
     aim: tuple[str, ...] = ()
@@ -63,7 +66,7 @@ class DesignOptions:
     loop: Path | None = None
     duration: float = 30.0
     rate_hz: float | None = None
-    amplifier: float = 24.0
+    amplifier: float | None = None
     travel: Mapping[str, float] | None = None
     repeats: int = 20
 
@@ -80,8 +83,8 @@ class Rivals:
 def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
     """Fit, propose the experiment, check its gain in simulation, and write signal, result and page."""
     began = time.perf_counter()
-    rivals = _rivals(wanted)
-    Limits(wanted.amplifier, dict(wanted.travel or {}))
+    Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
+    rivals = _rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted, rivals)
     with ProgressBar(options.quiet) as progress:
@@ -150,33 +153,34 @@ def _separate(
 
 def _effect_entry(name: str, found: Fit) -> Json:
     """An effect as it was fitted to the recordings at hand."""
-    table = found.parameters
+    table, effect = found.parameters, found.calibration.model.declared.effect(name)
     return {
         "id": name,
         "model": found.calibration.model.name,
-        "parameters": {p.name: table[p.name].to_dict() for p in CATALOGUE[name].parameters if p.name in table},
+        "parameters": {p.name: table[p.name].to_dict() for p in effect.parameters if p.name in table},
     }
 
 
 def _with_effect(job: Job, base: Fit, name: str, common: Sequence[str], progress: ProgressBar) -> Fit:
     """The base model with an effect (and those that both rivals have), written, built and fitted."""
     ids = (*common, name)
-    out = job.options.out
-    written = write_extension(job.name, [EffectUse(id_) for id_ in ids], out)
-    model = Model.load(export_fmu(written.name, out / f"{written.name}.fmu", sources=[written.path]))
-    new = [effect_parameter(item) for id_ in ids for item in CATALOGUE[id_].parameters]
+    out, sources = job.options.out, job.config.model.sources
+    written = write_extension(job.name, [EffectUse(id_) for id_ in ids], out, sources=sources)
+    model = Model.load(export_fmu(written.name, out / f"{written.name}.fmu", sources=[*sources, written.path]))
+    items = [item for id_ in ids for item in model.declared.effect(id_).parameters]
+    new = [effect_parameter(item) for item in items]
     values = [base.named.get(p.name, p.start) for p in job.parameters]
-    grids = [item.starts or (item.scale,) for id_ in ids for item in CATALOGUE[id_].parameters]
+    grids = [item.starts or (item.scale,) for item in items]
     tried = list(product(*grids))
     found: list[Fit] = []
     for k, starts in enumerate(tried[:: max(1, -(-len(tried) // MOST_STARTS))]):
         progress(f"fit with {name}", k / MOST_STARTS, "")
-        items = [replace(p, start=min(max(s, p.lower), p.upper)) for p, s in zip(new, starts, strict=True)]
+        started = [replace(p, start=min(max(s, p.lower), p.upper)) for p, s in zip(new, starts, strict=True)]
         found.append(
             fit(
                 job.recordings,
                 model,
-                parameters=job.parameters.with_start(np.array(values)).extended(items),
+                parameters=job.parameters.with_start(np.array(values)).extended(started),
                 fixed=job.fixed,
                 settings=replace(fit_settings(job), method="local"),
                 seed=job.options.seed,
@@ -198,7 +202,7 @@ def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) ->
     return series
 
 
-def _rivals(wanted: DesignOptions) -> Rivals | None:
+def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
     """Which effects to tell apart, if any.
 
     Raises
@@ -208,20 +212,26 @@ def _rivals(wanted: DesignOptions) -> Rivals | None:
     """
     if sum((bool(wanted.aim), wanted.separate is not None, wanted.loop is not None)) > 1:
         raise InputError("--aim, --separate and --loop exclude each other: an experiment has one purpose")
+    if wanted.separate is None and wanted.loop is None:
+        return None
+    config = load_config(options.config)
+    name, fmu = which_model(config, options)
+    declared = declaration_of(name, config.model.sources) if fmu is None else Model.load(fmu).declared
     if wanted.separate is not None:
         first, second = wanted.separate
-        if effect_of(first) == effect_of(second):
+        if declared.effect(first) == declared.effect(second):
             raise InputError(f"--separate {first} {second}: expected two different effects")
         return Rivals(first, second)
-    return None if wanted.loop is None else _rivals_of_loop(wanted.loop / "result.json")
+    assert wanted.loop is not None
+    return _rivals_of_loop(wanted.loop / "result.json", declared)
 
 
-def _rivals_of_loop(path: Path) -> Rivals:
+def _rivals_of_loop(path: Path, declared: Declaration) -> Rivals:
     """The first two of the first class of effects that a finished loop could not tell apart."""
     try:
         found = json.loads(path.read_text("utf-8"))["loop"]
-        classes = [[str(id_) for id_ in group if id_ in CATALOGUE] for group in found["equivalent"]]
-        added = [str(entry["id"]) for entry in found["effects"] if entry["id"] in CATALOGUE]
+        classes = [[str(id_) for id_ in group if id_ in declared.catalogue] for group in found["equivalent"]]
+        added = [str(entry["id"]) for entry in found["effects"] if entry["id"] in declared.catalogue]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a finished close-loop run") from None
     except (KeyError, TypeError, ValueError):
@@ -241,18 +251,18 @@ def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> No
     for name in wanted.aim:
         if name not in job.parameters:
             raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
-    rate = wanted.rate_hz or job.recordings[0].rate_hz
-    if not wanted.duration * rate >= 10.0:
-        raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
     if rivals is not None and not job.modelica:
         raise InputError(
             f"{job.model.path}: effects are written into Modelica source; expected --model to name a class"
         )
+    rate = wanted.rate_hz or job.recordings[0].rate_hz
+    if not wanted.duration * rate >= 10.0:
+        raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
 
 
 def _limits(base: Fit, wanted: DesignOptions) -> Limits:
-    usual = default_limits(base).travel
-    return Limits(wanted.amplifier, dict(usual) | dict(wanted.travel or {}))
+    usual = default_limits(base)
+    return Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})})
 
 
 def _narrow_verdict(design: Design, check: GainCheck) -> Json:
@@ -261,7 +271,7 @@ def _narrow_verdict(design: Design, check: GainCheck) -> Json:
     achieved = float(np.exp(-np.mean([np.log(check.realised[name]) for name in aimed])))
     repeats = check.repeats - check.failures
     text = (
-        f"{design.duration:g} s of {_kind(design.family)} would make the intervals of {names} {design.gain:.1f} times "
+        f"{design.in_words} would make the intervals of {names} {design.gain:.1f} times "
         f"narrower; in {repeats} simulated repetitions they became {achieved:.1f} times narrower."
     )
     return {"level": "good" if check.agrees and design.gain > 1.1 else "warning", "text": text}
@@ -272,15 +282,8 @@ def _separate_verdict(rivals: Rivals, apart: Separation, check: SeparationCheck)
     if apart.log_evidence < 1.0:
         return {"level": "warning", "text": f"No experiment tried within these limits would tell {pair} apart."}
     text = (
-        f"{apart.duration:g} s of {_kind(apart.family)} would tell {pair} apart: expected difference in log-evidence "
+        f"{apart.in_words} would tell {pair} apart: expected difference in log-evidence "
         f"{apart.log_evidence:.3g}, {check.achieved:.3g} in simulated repetitions, of which {check.told_apart:.0%} "
         "named the true one."
     )
     return {"level": "good" if check.told_apart > 0.8 else "warning", "text": text.replace("%", " %")}
-
-
-def _kind(family: str) -> str:
-    return {
-        "steps": "steps", "binary": "a binary sequence", "square wave": "a square wave",
-        "step and release": "a step and its release", "multi-sine": "a sum of sines", "chirp": "a chirp",
-    }.get(family, family)  # fmt: skip

@@ -205,7 +205,7 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     config = Config.model_validate(tomllib.loads(head))
     if config.data.outputs is None or (model.inputs and config.data.inputs is None):
         return None
-    recording = read_recording(data, layout=layout_of(config, model), columns=columns_of(config))
+    recording = read_recording(data, layout=layout_of(config, model.declared, model), columns=columns_of(config))
     settings = CalibrationSettings(delay="none", start="estimated")
     calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLES)
     with open_simulator(calibration.problem()) as simulator:

@@ -9,21 +9,20 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
-from aero_bayes.data import AERO, ColumnMap, Layout, Recording, read_recording
+from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
+from aero_bayes.declared import Declaration
+from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.aero import aero_overrides
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.export import export_fmu
-from aero_bayes.export.extension_text import THRUSTERS
+from aero_bayes.export import declaration_of, export_fmu
 from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.timescale import check_duration
 
 Engine = Literal["native", "fmpy"]
-
-DEFAULT_MODEL = "Aero.Systems.OneDof"
 
 
 @dataclass(frozen=True)
@@ -85,13 +84,14 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     """
     config = load_config(options.config)
     name, fmu = which_model(config, options)
-    own = fmu is None and name not in THRUSTERS
-    # The columns of the AERO in one degree of freedom are known; any other model declares its own.
     sources, libraries = config.model.sources, config.model.libraries
+    declared = declaration_of(name, sources) if fmu is None else Declaration()
     model = None
-    if fmu is not None or own:
-        model = Model.load(fmu) if fmu is not None else load_model(name, sources=sources, libraries=libraries)
-    layout = layout_of(config, model)
+    if not declared.systems:
+        # Nothing but the model itself says what its columns are.
+        model = built_model(config, name, fmu)
+        declared = model.declared
+    layout = layout_of(config, declared, model)
     columns = columns_of(config)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
@@ -106,10 +106,18 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     assert model is not None
     parameters = _parameters(model, config)
     fixed = _fixed(model, config, parameters)
-    if aero_overrides(model):
+    if model.declared.parameters:
         check_duration(recordings, model, fixed)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+
+
+def built_model(config: Config, name: str, fmu: Path | None) -> Model:
+    """The FMU, or one built from the class."""
+    section = config.model
+    return (
+        Model.load(fmu) if fmu is not None else load_model(name, sources=section.sources, libraries=section.libraries)
+    )
 
 
 def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
@@ -125,34 +133,19 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
     return config.model.name or DEFAULT_MODEL, None
 
 
-def layout_of(config: Config, model: Model | None) -> Layout:
-    """The AERO's columns unless the configuration, or an FMU with other signals, says otherwise."""
-    inputs, outputs = config.data.inputs, config.data.outputs
-    if model is not None:
-        known = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
-        if inputs is None and outputs is None and not known.keys() <= AERO.units.keys():
-            return Layout.of([v.name for v in model.inputs], [v.name for v in model.outputs], known)
-        if inputs is not None or outputs is not None:
-            return Layout.of(
-                inputs or [v.name for v in model.inputs], outputs or [v.name for v in model.outputs], known
-            )
-    if inputs is None and outputs is None:
-        return AERO
-    return _part_of_aero(inputs, outputs)
+def layout_of(config: Config, declared: Declaration, model: Model | None = None) -> Layout:
+    """The columns that the configuration names, else those that the package declares, else the model's own."""
+    known = Layout.declared(declared)
+    quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
+    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
+    own = (model.inputs, model.outputs) if model is not None else ((), ())
 
+    def columns(named: Sequence[str] | None, role: int) -> tuple[Quantity, ...]:
+        usual = [q.name for q in (known.inputs, known.outputs)[role]] or [v.name for v in own[role]]
+        names = usual if named is None else named
+        return tuple(quantities.get(name, Quantity(name, units.get(name, ""))) for name in names)
 
-def _part_of_aero(inputs: Sequence[str] | None, outputs: Sequence[str] | None) -> Layout:
-    """The named signals, with the AERO's plausibility limits for those that it has."""
-    known = {quantity.name: quantity for quantity in (*AERO.inputs, *AERO.outputs)}
-    plain = Layout.of(
-        inputs if inputs is not None else [q.name for q in AERO.inputs],
-        outputs if outputs is not None else [q.name for q in AERO.outputs],
-    )
-    return Layout(
-        tuple(known.get(quantity.name, quantity) for quantity in plain.inputs),
-        tuple(known.get(quantity.name, quantity) for quantity in plain.outputs),
-        AERO.rates,
-    )
+    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates)
 
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
@@ -163,8 +156,8 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
 
 
 def _parameters(model: Model, config: Config) -> ParameterSet:
-    """Free parameters: the AERO's default ones, changed by what the configuration says."""
-    overrides = dict(aero_overrides(model))
+    """Free parameters: those that the package declares, changed by what the configuration says."""
+    overrides = declared_overrides(model)
     known = {variable.name for variable in model.parameters}
     for name, section in config.parameters.items():
         if name not in known:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.check.structure import reports_table
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.aero import FIXED, aero_overrides
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
+from aero_bayes.estimate.result import held_because
 from aero_bayes.export import export_fmu
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
@@ -56,13 +57,13 @@ def loop_settings(job: Job) -> LoopSettings:
         native one, or a fit that leaves no evidence to compare.
     """
     _check(job)
-    section, asked, aero = job.config.loop, job.config.fit, bool(aero_overrides(job.model))
+    section, asked, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
     given = asked.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one valley are enough unless the user says otherwise.
-    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(aero or {"staged", "stages"} & given)
-    if aero:
+    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
+    if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
@@ -131,7 +132,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
     return {
         "parameters": loop_parameters(job, loop),
         "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
-        "residual": loop.residual_dict(),
+        "residual": reports_table(loop.residual_after),
         "noise": {
             output: {
                 "sd": noise.sd,
@@ -161,10 +162,11 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
             if entry["status"] in ("unidentified", "at_bound"):
                 entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
         table[name] = entry
+    reasons = held_because(job.model, job.fixed)
     for variable in job.model.parameters:
         name = variable.name
         value = job.fixed.get(name, variable.start)
-        reason = FIXED.get(name) or ("held at the value that the configuration gives" if name in job.fixed else "")
+        reason = reasons.get(name, "")
         if name in job.parameters and not reason:
             reason = "not searched by the loop, left at its start"
             value = job.parameters[name].start

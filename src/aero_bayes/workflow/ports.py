@@ -18,9 +18,8 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
-from aero_bayes.export import CATALOGUE
+from aero_bayes.export import declaration_of
 from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.extension_text import THRUSTERS
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Number
 from aero_bayes.physics.compose import probe
@@ -49,7 +48,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     Raises
     ------
     InputError
-        For an FMU, whose equations are not known, and for recordings beside a system with slots for effects.
+        For an FMU, whose equations are not known, and for recordings beside a model whose effects its package declares.
     """
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
@@ -57,13 +56,15 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
 
 
 def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
-    name, fmu = which_model(load_config(options.config), options)
+    config = load_config(options.config)
+    name, fmu = which_model(config, options)
     if fmu is not None:
         raise InputError(f"{fmu}: ports are found in Modelica source; expected --model to name a class, not an FMU")
-    if name in THRUSTERS:
+    declared = declaration_of(name, config.model.sources)
+    if name.partition(".")[2] in declared.systems:
         if data:
-            raise InputError(f"{name}: --data is for models without slots; the ports of this one are a list")
-        return [{"id": e.id, "port": e.port, "summary": e.summary} for e in CATALOGUE.values()]
+            raise InputError(f"{name}: --data is for ports that are found; those of {declared.package} are a list")
+        return [{"id": e.id, "port": e.port, "summary": e.summary} for e in declared.effects]
     return model_ports(name, options, data)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from aero_bayes.estimate.aero import RESTING, aero_overrides
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.search import LocalSettings
@@ -15,9 +14,6 @@ from aero_bayes.workflow.job import Job
 def fit_settings(job: Job) -> FitSettings:
     """How the job wants its fits done."""
     section = job.config.fit
-    aero = bool(aero_overrides(job.model))
-    # A model of the user's own gets a delay where it is asked for; that of a rig that is known, where it has one.
-    delay = section.max_input_delay if section.max_input_delay is not None else CalibrationSettings.delay_limit * aero
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
         cost=section.cost,
@@ -32,11 +28,9 @@ def fit_settings(job: Job) -> FitSettings:
         engine=job.engine,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
-            delay="auto" if delay > 0.0 else "none",
-            delay_limit=delay if delay > 0.0 else CalibrationSettings.delay_limit,
+            delay_limit=section.max_input_delay,
             start=section.initial_states,
-            interpolation=job.config.data.interpolation or ("hold" if aero else "auto"),
-            resting=RESTING if aero else None,
+            interpolation=job.config.data.interpolation or job.model.declared.recording.interpolation,
             solver=job.solver,
         ),
     )

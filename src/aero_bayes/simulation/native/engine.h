@@ -198,7 +198,7 @@ typedef struct Run {
     /* samples */
     int64_t sample;
     Sink sink;
-    double *other, *theta;
+    double *other, *fraction;
     fmi_reference *other_reference;
     int *other_integer;
     /* recorded steps, for internal numerical differentiation */
@@ -291,12 +291,12 @@ void problem_drop_runs(Problem *);
 
 /* kernels.inc, twice */
 typedef struct {
-    void (*horner)(const double *c, int stride, int degree, const double *theta, int64_t count, double *out);
+    void (*horner)(const double *c, int stride, int degree, const double *fraction, int64_t count, double *out);
     void (*combine)(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
                     int64_t count);
     void (*multiply)(double *out, const Sparse *a, const double *s, int64_t q, int64_t ld);
     void (*solve)(const Sparse *lu, const int *pivot, double *b, int64_t q, int64_t ld);
-    void (*dense_rows)(double *out, const double *c, int64_t stride, int degree, const double *theta, int64_t count,
+    void (*dense_rows)(double *out, const double *c, int64_t stride, int degree, const double *fraction, int64_t count,
                        int64_t q, int64_t ld);
     int64_t (*residual)(const double *y, const double *measured, int64_t count, double *r);
     double (*square)(const double *r, int64_t count);

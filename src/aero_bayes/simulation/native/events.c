@@ -36,13 +36,13 @@ static int crossed(const double *z0, const double *z1, int nz)
     return 0;
 }
 
-static int indicators_at(Run *r, double h, double theta, double *z)
+static int indicators_at(Run *r, double h, double fraction, double *z)
 {
-    for (int i = 0; i < r->n; i++) kernels->horner(r->dense + i, r->n, method->dense, &theta, 1, r->u + i);
-    return indicators(r, r->t + theta * h, r->u, z);
+    for (int i = 0; i < r->n; i++) kernels->horner(r->dense + i, r->n, method->dense, &fraction, 1, r->u + i);
+    return indicators(r, r->t + fraction * h, r->u, z);
 }
 
-/* Earliest theta in (0, 1] just after an indicator changed its sign within the step, or 2; r->status tells of errors.
+/* Earliest fraction in (0, 1] of the step just after an indicator changed its sign, or 2; r->status tells of errors.
  * The indicators at the start of the step are in r->z0. The state at the root is left in r->u. */
 double find_event(Run *r, double h)
 {
@@ -65,22 +65,22 @@ double find_event(Run *r, double h)
     const double narrow = fmax(4.0 * DBL_EPSILON * fabs(r->t) / h, 1e-14);
     for (int round = 0; round < 150 && hi - lo > narrow; round++) {
         const double width = hi - lo;
-        double theta = 0.5 * (lo + hi);
+        double fraction = 0.5 * (lo + hi);
         if (round % 3 != 2) {
             double first = 1.0;
             for (int i = 0; i < r->nz; i++)
                 if ((r->z2[i] > 0.0) != (r->z1[i] > 0.0)) first = fmin(first, r->z2[i] / (r->z2[i] - r->z1[i]));
             const double margin = fmax(0.45 * narrow, fmin(0.1, width) * width);
             const double guess = lo + first * width + (round % 3 == 0 ? -margin : margin);
-            if (guess > lo && guess < hi) theta = guess;
+            if (guess > lo && guess < hi) fraction = guess;
         }
-        r->status = indicators_at(r, h, theta, r->z_try);
+        r->status = indicators_at(r, h, fraction, r->z_try);
         if (worse(r->status)) return 2.0;
         const int after = crossed(r->z0, r->z_try, r->nz);
         if (after)
-            hi = theta;
+            hi = fraction;
         else
-            lo = theta;
+            lo = fraction;
         memcpy(after ? r->z1 : r->z2, r->z_try, sizeof(double) * (size_t)r->nz);
     }
     r->status = indicators_at(r, h, hi, r->z1);

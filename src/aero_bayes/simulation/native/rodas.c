@@ -144,7 +144,7 @@ double rodas_step(Run *r, double h, const double *ft)
     return scaled_norm(r, last, r->x, r->x1);
 }
 
-/* Coefficients of the continuous extension in powers of theta = (t - t_n) / h. */
+/* Coefficients of the continuous extension in powers of fraction = (t - t_n) / h. */
 void rodas_dense(Run *r)
 {
     const Method *m = method;

@@ -190,7 +190,7 @@ static void combine_nodes(Run *r, double *out, const double *w, int64_t size)
                  w[3] * r->b_node[3 * size + i];
 }
 
-/* Powers of theta of the continuous extension, for the rows that samples read. */
+/* Powers of fraction of the continuous extension, for the rows that samples read. */
 static void continuous_extension(Run *r)
 {
     const int64_t ld = r->ld, size = (int64_t)r->n * ld;
@@ -235,7 +235,7 @@ double sensitivity_step(Run *r, double h)
     }
     double w[8];
     const int entries = pack(r);
-    /* g_dot = A'(t_n) S + B'(t_n), per unit of theta */
+    /* g_dot = A'(t_n) S + B'(t_n), per unit of fraction */
     combine_nodes(r, r->g_dot, slope_at_0, size);
     weigh(r, entries, slope_at_0);
     kernels->multiply(r->g_dot, &r->a_now, r->s, alive, ld);

@@ -162,24 +162,24 @@ int emit_until(Run *r, double h, double limit, int inclusive)
         const double *time = e->time + r->sample, inverse = h > 0.0 ? 1.0 / h : 0.0;
         const int64_t left = e->n - r->sample < room ? e->n - r->sample : room;
         while (count < left && (time[count] < limit || (inclusive && time[count] <= limit))) {
-            const double theta = (time[count] - r->t) * inverse;
-            r->theta[count++] = theta > 0.0 ? theta : 0.0;
+            const double fraction = (time[count] - r->t) * inverse;
+            r->fraction[count++] = fraction > 0.0 ? fraction : 0.0;
         }
         if (!count) return FMI_OK;
         for (int64_t o = 0; o < e->m; o++) {
             const int i = e->output_state[o];
             if (i < 0) continue;
-            kernels->horner(r->dense + i, n, degree, r->theta, count, sink->y + o * BLOCK + sink->filled);
+            kernels->horner(r->dense + i, n, degree, r->fraction, count, sink->y + o * BLOCK + sink->filled);
             if (r->q)
                 kernels->dense_rows(sink->s + (o * BLOCK + sink->filled) * ld, r->sdense + i * ld, size, degree,
-                                    r->theta, count, r->q, ld);
+                                    r->fraction, count, r->q, ld);
         }
         if (e->n_other) {
             for (int64_t k = 0; k < count; k++) {
-                for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, r->theta + k, 1, r->u + i);
+                for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, r->fraction + k, 1, r->u + i);
                 int status = ask_outputs(r, time[k], r->u);
                 if (!worse(status) && r->q) {
-                    kernels->dense_rows(r->su, r->sdense, size, degree, r->theta + k, 1, size, size);
+                    kernels->dense_rows(r->su, r->sdense, size, degree, r->fraction + k, 1, size, size);
                     status = ask_sensitivities(r, time[k], r->su);
                 }
                 if (worse(status)) return status;
