@@ -67,20 +67,41 @@ def compile_library(source: str, identifier: str, *, quick: bool = False) -> byt
 
 
 def _runtime(command: Sequence[str]) -> bytes:
-    """The compiled runtime, kept per user under a name that tells compiler, flags and sources."""
-    sources = [(_NATIVE / n).read_bytes() for n in ("runtime.c", "model.h")]
+    """The compiled runtime of generated models."""
+    sources = [_NATIVE / n for n in ("runtime.c", "model.h")]
+    return compile_kept(sources, [f"-I{fmi_headers()}", "-c", "runtime.c"], "runtime.o", command)
+
+
+def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
+    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        What the compiler finds in its folder, headers too.
+    flags : sequence of str
+        Beside those that all code is compiled with.
+    product : str
+        The file that comes out.
+    command : sequence of str
+        The compiler; found where none is given.
+    """
+    command = command or c_compiler()
     program = Path(shutil.which(command[0]) or command[0]).resolve()
-    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{fmi_headers()}"
-    key = hashlib.sha256(stamp.encode() + b"".join(sources)).hexdigest()[:24]
-    kept = user_cache() / f"runtime-{key}.o"
+    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{flags}"
+    texts = {path.name: path.read_bytes() for path in sources}
+    key = hashlib.sha256(stamp.encode() + b"".join(texts.values())).hexdigest()[:24]
+    stem, dot, suffix = product.partition(".")
+    kept = user_cache() / f"{stem}-{key}{dot}{suffix}"
     try:
         return kept.read_bytes()
     except OSError:
         pass
     with ScratchFolder() as folder:
-        (folder / "runtime.c").write_bytes(sources[0])
-        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", f"-I{fmi_headers()}", "-c", "runtime.c"], folder)
-        made = (folder / "runtime.o").read_bytes()
+        for name, text in texts.items():
+            (folder / name).write_bytes(text)
+        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
+        made = (folder / product).read_bytes()
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(kept) as temporary:

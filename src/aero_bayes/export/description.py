@@ -19,6 +19,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     for p in model.system.parameters:
         if p.binding is not None and p.binding.op == "const":
             values.setdefault(b.symbol(p.name), p.binding.value)
+    values |= {b.symbol(v.name): _attribute(v, "start", values, 0.0) for v in layout.inputs}
     for later in (False, True):
         for path, start in zip(layout.state_paths, model.starts, strict=True):
             if (b.symbols(start) <= values.keys()) is not later and b.symbol(path) not in values:

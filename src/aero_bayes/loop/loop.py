@@ -23,6 +23,7 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.kin import Family
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.rig import RigFamily
@@ -51,7 +52,8 @@ def close_loop(
     train, test : sequences of Recording
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
-        A Modelica class; of the package ``Aero`` a system with slots for effects.
+        A Modelica class; of the package ``Aero`` a system with slots for effects. Or the path of an FMU (``.fmu``) with
+        Model Exchange, around which laws are put.
     sources : sequence of Path
         Files and package folders that the class is loaded from.
     workers : int, optional
@@ -102,7 +104,9 @@ def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSet
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     if not model.startswith("Aero."):
-        rig = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
+        given = tuple(sources), folder, settings.libraries, narrowed
+        fmu = Path(model)
+        rig = FmuFamily(fmu.stem, *given, fmu=fmu) if fmu.suffix == ".fmu" else RigFamily(model, *given)
         rig.check()
         return rig
     narrowed.check(CATALOGUE, CATALOGUE, PORTS)
