@@ -44,9 +44,13 @@ ASKED = {"dead_zone@u": 0.3, "lag@u": 0.07, "delay@x": 0.05, "gain@a": 0.2, "cou
 SIZES = {"u_n": 2.0, "f_n": 2.0, "v_n": 1.0, "x_n": 1.0, "t_n": 0.3}
 
 
+def exported(folder: Path, fmi: int) -> Model:
+    return Model.load(export_embedded("Plant", folder / "Plant.fmu", [RIGS / "Plant.mo"], fmi=fmi))
+
+
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Model:
-    return Model.load(export_embedded("Plant", tmp_path_factory.mktemp("plant") / "Plant.fmu", [RIGS / "Plant.mo"]))
+    return exported(tmp_path_factory.mktemp("plant"), 2)
 
 
 def uses(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel) -> list[Use]:
@@ -78,10 +82,12 @@ def run(path: Path) -> tuple[FloatArray, FloatArray]:
     return found.outputs[0][0], found.sensitivities[0][0]
 
 
+@pytest.mark.parametrize("fmi", [2, 3])
 def test_laws_around_an_fmu_are_the_laws_in_its_source(
-    plant: Model, laws: tuple[Law, ...], models: Models, tmp_path: Path
+    fmi: int, laws: tuple[Law, ...], models: Models, tmp_path: Path
 ) -> None:
     """Two implementations: the chain rule between two binaries, and one system of equations."""
+    plant = exported(tmp_path, fmi)
     flat = rig("Plant")
     inside = uses(ports_of(flat, laws), laws, flat)
     export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")

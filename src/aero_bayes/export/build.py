@@ -46,30 +46,32 @@ def c_compiler() -> list[str]:
 
 
 def fmi_headers() -> Path:
-    """Folder of the FMI 2.0 headers that FMPy carries."""
+    """Folder of the FMI headers that FMPy carries."""
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise InputError("building an FMU needs FMPy for the FMI headers: pip install fmpy")
     return Path(spec.origin).parent / "c-code"
 
 
-def compile_library(source: str, identifier: str, *, quick: bool = False) -> bytes:
+def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
     """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation."""
     command = c_compiler()
-    runtime = _runtime(command)
+    runtime = _runtime(command, fmi)
     with ScratchFolder() as folder:
+        (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; local: *; }};\n", encoding="utf-8")
         name = f"{identifier}.c"
         (folder / name).write_text(source, encoding="utf-8")
         (folder / "runtime.o").write_bytes(runtime)
-        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, f"-I{_NATIVE}"]
+        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
         _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
         return (folder / f"{identifier}.so").read_bytes()
 
 
-def _runtime(command: Sequence[str]) -> bytes:
+def _runtime(command: Sequence[str], fmi: int) -> bytes:
     """The compiled runtime of generated models."""
-    sources = [_NATIVE / n for n in ("runtime.c", "model.h")]
-    return compile_kept(sources, [f"-I{fmi_headers()}", "-c", "runtime.c"], "runtime.o", command)
+    main = "runtime.c" if fmi == 2 else "runtime3.c"
+    sources = [_NATIVE / n for n in dict.fromkeys((main, "runtime.c", "model.h"))]
+    return compile_kept(sources, [f"-I{fmi_headers()}", "-c", main], "runtime.o", command)
 
 
 def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
