@@ -752,13 +752,14 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
     double h = m->step > 0 ? m->step : size * 1e-3;
     if (nz) indicate(m, z);
     for (long count = 0; (NX > 0 || nz || isfinite(m->next_event)) && t < end && status >= 0; count++) {
-        double stop = fmin(end, m->next_event), left = stop - t;
+        /* an event due at the end belongs to this step: its values are those after it */
+        double due = m->next_event, stop = fmin(end, due), left = stop - t;
         int last = h >= left * (1 - 1e-12) || NX == 0;
         double now = last ? left : h > 0.5 * left ? 0.5 * left : h;
         double e = NX ? rodas(m, t, x, now, y) : 0;
         double grow = e < 0 ? 0.1 : fmin(5, fmax(0.2, 0.9 * pow(fmax(e, 1e-10), -0.25)));
         if (e >= 0 && e <= 1) {
-            int at_event = last && stop < end, found = 0;
+            int at_event = last && due <= end + 1e-12 * fmax(1, fabs(end)), found = 0;
             double taken = now;
             if (nz) {
                 go(m, t + now, y);
