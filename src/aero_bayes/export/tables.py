@@ -108,7 +108,7 @@ def _interpolated(
     elif beyond == _HOLD and events is None:
         u = b.binary("min", b.binary("max", u, x[0]), x[-1])
     result = _piece(b, x, y, u, len(x) - 2, smoothness)
-    if beyond == _HOLD and events is not None:
+    if beyond != _PERIODIC and (smoothness == _STEPS or (beyond == _HOLD and events is not None)):
         result = b.select(_less(b, u, x[-1], events), result, y[-1])
     for k in range(len(x) - 3, -1, -1):
         result = b.select(_less(b, u, x[k + 1], events), _piece(b, x, y, u, k, smoothness), result)
