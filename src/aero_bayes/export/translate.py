@@ -115,14 +115,14 @@ def translate(model: FlatModel) -> System:
             residuals.append(builder.sub(right, left))
     residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
     before, initial = _initial(model, scope, actions, symbols)
-    memo = {limit: v for limit, v in scope.left_limits.items() if v.name in scope.derivatives}
+    memo = {limit: x for limit, x in scope.left_limits.items() if x.name in scope.derivatives}
     residuals = [builder.substitute(r, memo) for r in residuals]
     initial = tuple(builder.substitute(r, memo) for r in initial)
     outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
     driven = {builder.symbol(v.name) for v in inputs}
-    for limit, v in scope.left_limits.items():
-        if v in driven or limit in outside:
-            raise scope.fail(f"pre({v.name}) of a variable that is neither discrete nor a state")
+    for limit, x in scope.left_limits.items():
+        if x in driven or limit in outside:
+            raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
     return System(
         model.name,
         builder,
