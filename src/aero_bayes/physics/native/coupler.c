@@ -527,8 +527,10 @@ FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknow
     for (size_t i = 0; i < early->n; i++) know(&by[LAWS], early->to[i], seed_of(&by[INNER], early->from[i]));
     TRY(derive(&s->part[LAWS], into->from, into->n, &by[LAWS], into->value));
     for (size_t i = 0; i < into->n; i++) know(&by[INNER], into->to[i], into->value[i]);
-    TRY(derive(&s->part[INNER], late->from, late->n, &by[INNER], late->value));
-    for (size_t i = 0; i < late->n; i++) know(&by[LAWS], late->to[i], late->value[i]);
+    size_t of_laws = 0;
+    for (size_t i = 0; i < n_unknown; i++) of_laws += unknown[i] < s->n_variables && s->owner[unknown[i]] == LAWS;
+    if (of_laws) TRY(derive(&s->part[INNER], late->from, late->n, &by[INNER], late->value));
+    for (size_t i = 0; i < late->n && of_laws; i++) know(&by[LAWS], late->to[i], late->value[i]);
     for (int k = 0; k < PARTS; k++) {
         size_t count = 0;
         for (size_t i = 0; i < n_unknown; i++) {
