@@ -144,3 +144,50 @@ def test_steps_hold_until_the_next_row() -> None:
     table = call_table(b, f"{TYPES}ExternalCombiTable1D", args)
     assert table is not None
     assert [value(b, "getTable1DValueNoDer", table, 1.0, u) for u in (-1.0, 0.5, 1.5, 2.5)] == [1.0, 1.0, 2.0, 5.0]
+
+
+def test_a_loop_without_a_solution_on_the_other_branch(tmp_path: Path) -> None:
+    """What flows out has the enthalpy that flows in; on the branch of reverse flow the equation says nothing of it."""
+    text = """model Outflow
+  parameter Real q_0 = 0.1;
+  Real q = q_0 * (1 + time);
+  Real h, port;
+  output Real T(start = 1, fixed = true);
+equation
+  semiLinear(-q, port, h) = -q * 5;
+  semiLinear(-q, port, h) + semiLinear(q, port, T) = 0;
+  der(T) = port - T;
+end Outflow;
+"""
+    found = simulate(tmp_path, "Outflow", text, ["T"])
+    assert found["T"] == pytest.approx(5.0 - 4.0 * np.exp(-found["time"]), abs=1e-7)
+
+
+def test_an_algorithm_that_makes_its_own_events(tmp_path: Path) -> None:
+    """A function with several results in a when clause of an algorithm, its arguments the values before."""
+    text = """model Own
+  function f
+    input Real t;
+    input Integer k;
+    output Real a;
+    output Integer n;
+  algorithm
+    a := 2 * t;
+    n := k + 1;
+  end f;
+  Real a(start = 0);
+  Integer n(start = 0);
+  Real due(start = 0.325, fixed = true);
+  output Real y = a + 100 * n;
+algorithm
+  when {time >= pre(due), initial()} then
+    (a, n) := f(time, n);
+    due := pre(due) + 0.3;
+  end when;
+end Own;
+"""
+    found = simulate(tmp_path, "Own", text, ["y"])
+    # the first event is that of initial(), which moves the instant too
+    ticks = np.searchsorted([0.625, 0.925], found["time"], side="right")
+    due = np.array([0.0, 0.625, 0.925])[ticks]
+    assert found["y"] == pytest.approx(2.0 * due + 100.0 * (ticks + 1.0), abs=1e-6)

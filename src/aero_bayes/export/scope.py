@@ -299,6 +299,8 @@ class Scope:
         return None
 
     def _pre(self, node: Node) -> Node:
+        if node.name.startswith("pre("):
+            return node  # in an algorithm, before it assigns the variable
         if self.events is not None and self.events.constant_between(node):
             return self.events.pre(node) if node.op == "symbol" else node
         if node.op == "symbol":

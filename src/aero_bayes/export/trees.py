@@ -106,7 +106,7 @@ class TreeReader:
         return self.target(o)
 
     def function_name(self, comp: Json) -> str:
-        return ".".join(_ident(p["ident"]) for p in comp["parts"])
+        return str(comp["name"]) if "name" in comp else ".".join(_ident(p["ident"]) for p in comp["parts"])
 
     def reference(self, comp: Json) -> syntax.Name:
         parts = comp["parts"]

@@ -128,17 +128,6 @@ static const int moved = FRESH_DX | FRESH_Y | FRESH_JX | FRESH_JP | FRESH_W;
 static inline void need_k(Model *m) {
     if (!(m->fresh & FRESH_K)) { INFO.k(m); m->fresh |= FRESH_K; }
 }
-static inline void need_w(Model *m) {
-    if (m->fresh & FRESH_W) return;
-    need_k(m);
-    for (int i = 0; i < INFO.blocks; i++)
-        if (!solve_block(m, INFO.block + i, group(m, W) + INFO.block[i].first)) {
-            m->failed = 1;
-            for (int k = 0; k < INFO.nw; k++) group(m, W)[k] = NAN;
-            break;
-        }
-    m->fresh |= FRESH_W;
-}
 /* A loop without a solution says so to the importer, and the next attempt starts from the start values. */
 static int failed(Model *m) {
     if (!m->failed) return 0;
@@ -151,6 +140,18 @@ static int failed(Model *m) {
         free(other);
     }
     return 1;
+}
+static inline void need_w(Model *m) {
+    if (m->fresh & FRESH_W) return;
+    need_k(m);
+    failed(m); /* with other relations than before it may have one */
+    for (int i = 0; i < INFO.blocks; i++)
+        if (!solve_block(m, INFO.block + i, group(m, W) + INFO.block[i].first)) {
+            m->failed = 1;
+            for (int k = 0; k < INFO.nw; k++) group(m, W)[k] = NAN;
+            break;
+        }
+    m->fresh |= FRESH_W;
 }
 static inline void need_dx(Model *m) {
     if (!(m->fresh & FRESH_DX)) { need_w(m); INFO.dx(m); m->fresh |= FRESH_DX; }
