@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fmu fit posterior loop design report replay check test lint bench trial trial-quick rig-trial coverage docs lock clean
+.PHONY: all help setup fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial coverage docs lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -74,6 +74,9 @@ report: setup ## draw the page of OUT again
 
 check: setup ## read, check and summarise DATA
 	$(RUN) check $(DATA)
+
+check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), and whether each route there gives right numbers
+	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
 	$(BIN)/python -m pytest -n 2

@@ -69,13 +69,15 @@ def _options(**given: Any) -> Any:
 @click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
+@click.option("--fmi", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Version of the standard.")
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
-def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], out: Path) -> None:
+def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path) -> None:
     """Build an FMU from Modelica source."""
     from aero_bayes.export import export_fmu
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    click.echo(f"wrote {export_fmu(model, out, compiler=compiler, sources=sources, libraries=libraries)}")
+    written = export_fmu(model, out, compiler=compiler, sources=sources, libraries=libraries, fmi=int(fmi))
+    click.echo(f"wrote {written}")
 
 
 @main.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from aero_bayes.physics.use import use_of
 LISTED = {
     "input": "gain offset dead_zone saturation rate_limit square_law lag delay",
     "output": "gain offset lag delay",
+    "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
     "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash",
     "storage": "linear_loss root_loss square_loss offset radiation",
@@ -118,10 +120,12 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
 ) -> None:
     """At the default the model is the base; the slope there is right, and of the size of the law itself."""
     cart, tanks, circuit, bodies = (rig(m) for m in ("Cart", "TankPair", "Rlc", "Bodies.Pair"))
-    carrier = {"input": cart, "output": cart, "motion": cart, "electrical": circuit}
+    carrier = {"input": cart, "output": cart, "reading": cart, "motion": cart, "electrical": circuit}
     for law in laws:
         flat = bodies if law.id == "radiation" else carrier.get(law.kind, tanks)
         ports = ports_of(flat, laws)
+        if law.kind == "reading":
+            ports = tuple(replace(p, kind="reading", laws=(law.id,)) for p in ports if p.kind == "output")
         port = next(p for p in ports if law.id in p.laws and p.kind in (law.kind, "storage"))
         neighbour = next((p for p in ports if p.id in port.neighbours[:1]), None)
         use = use_of(law, port, [v.name for v in flat.variables], neighbour=neighbour)
@@ -145,7 +149,7 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
             assert np.abs(slope).max() > 1e-3, law.id
 
 
-@pytest.mark.parametrize("kind", ["input", "output"])
+@pytest.mark.parametrize("kind", ["input", "output", "reading"])
 @pytest.mark.parametrize("law_id", ["lag", "delay"])
 def test_lag_and_delay_have_their_frequency_response(
     kind: str, law_id: str, laws: tuple[Law, ...], models: Models
@@ -157,7 +161,7 @@ def test_lag_and_delay_have_their_frequency_response(
     T_min = (5e-3 if law_id == "lag" else 1e-2) * SIZES["t_n"]
     t = np.hypot(T, T_min)
     text = {line.strip() for line in law.text.splitlines()}
-    if kind == "input":
+    if kind != "output":
         model = explicit(models[kind, law_id])
         b = model.system.builder
         at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.switch.name): T}

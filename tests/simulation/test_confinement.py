@@ -79,6 +79,19 @@ def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
     assert np.all(found.outputs[0][:, 0, 0] == 100.0)
 
 
+def test_a_worker_that_spoils_its_slot_and_says_nothing_is_ended_in_time(problem, monkeypatch):
+    # its pipes are out of the model's reach, the shared memory is not: only the clock can tell
+    monkeypatch.setattr("aero_bayes.simulation.workers.SILENCE", 1e6)
+    with WorkerPool(1) as pool:
+        assert pool._arena_fd < 32
+        taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(40)]
+        try:
+            check(problem, [SAY_DONE, FINE, SAY_DONE, FINE], pool)
+        finally:
+            for fd in taken:
+                os.close(fd)
+
+
 def test_a_workers_folder_goes_with_it(problem):
     with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
         simulator.simulate(np.array([[FILL_FILE], [FINE], [SAY_DONE], [FINE]], dtype=float))

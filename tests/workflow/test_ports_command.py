@@ -96,8 +96,8 @@ def test_the_aero_has_the_ports_of_its_catalogue():
     }
 
 
-def test_an_fmu_is_refused_in_one_line():
-    result = CliRunner().invoke(main, ["ports", "--model", "some.fmu"])
+def test_recordings_beside_an_fmu_are_refused_in_one_line():
+    result = CliRunner().invoke(main, ["ports", "--model", "some.fmu", "--data", "run.csv"])
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
-    assert "Modelica source" in result.stderr
+    assert "--data needs the source" in result.stderr

@@ -71,8 +71,9 @@ def export_fmu(
     compiler: Compiler = "auto",
     sources: Sequence[Path] = (),
     libraries: Sequence[Path] = (),
+    fmi: int = 2,
 ) -> Path:
-    """Export a Modelica model as an FMI 2.0 FMU for Model Exchange and Co-Simulation.
+    """Export a Modelica model as an FMU for Model Exchange and Co-Simulation.
 
     Parameters
     ----------
@@ -88,6 +89,8 @@ def export_fmu(
     libraries : sequence of Path
         Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
         names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
+    fmi : int
+        2 or 3: version of the standard. The embedded exporter alone writes FMI 3.0.
 
     Returns
     -------
@@ -100,6 +103,12 @@ def export_fmu(
         For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
     """
     out = Path(out)
+    if fmi not in (2, 3):
+        raise InputError(f"FMI {fmi}: expected 2 or 3")
+    if fmi == 3:
+        if compiler == "omc":
+            raise InputError("FMI 3.0 is written by the embedded exporter only; expected --compiler embedded")
+        compiler = "embedded"
     if compiler == "auto":
         return first_compiler(
             compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
@@ -112,7 +121,7 @@ def export_fmu(
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
     from aero_bayes.export.embedded import export_embedded
 
-    return export_embedded(model, out, sources, libraries)
+    return export_embedded(model, out, sources, libraries, fmi=fmi)
 
 
 def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:

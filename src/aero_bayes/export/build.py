@@ -46,41 +46,64 @@ def c_compiler() -> list[str]:
 
 
 def fmi_headers() -> Path:
-    """Folder of the FMI 2.0 headers that FMPy carries."""
+    """Folder of the FMI headers that FMPy carries."""
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise InputError("building an FMU needs FMPy for the FMI headers: pip install fmpy")
     return Path(spec.origin).parent / "c-code"
 
 
-def compile_library(source: str, identifier: str, *, quick: bool = False) -> bytes:
+def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
     """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation."""
     command = c_compiler()
-    runtime = _runtime(command)
+    runtime = _runtime(command, fmi)
     with ScratchFolder() as folder:
+        (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; local: *; }};\n", encoding="utf-8")
         name = f"{identifier}.c"
         (folder / name).write_text(source, encoding="utf-8")
         (folder / "runtime.o").write_bytes(runtime)
-        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, f"-I{_NATIVE}"]
+        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
         _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
         return (folder / f"{identifier}.so").read_bytes()
 
 
-def _runtime(command: Sequence[str]) -> bytes:
-    """The compiled runtime, kept per user under a name that tells compiler, flags and sources."""
-    sources = [(_NATIVE / n).read_bytes() for n in ("runtime.c", "model.h")]
+def _runtime(command: Sequence[str], fmi: int) -> bytes:
+    """The compiled runtime of generated models."""
+    main = "runtime.c" if fmi == 2 else "runtime3.c"
+    sources = [_NATIVE / n for n in dict.fromkeys((main, "runtime.c", "model.h"))]
+    return compile_kept(sources, [f"-I{fmi_headers()}", "-c", main], "runtime.o", command)
+
+
+def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
+    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        What the compiler finds in its folder, headers too.
+    flags : sequence of str
+        Beside those that all code is compiled with.
+    product : str
+        The file that comes out.
+    command : sequence of str
+        The compiler; found where none is given.
+    """
+    command = command or c_compiler()
     program = Path(shutil.which(command[0]) or command[0]).resolve()
-    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{fmi_headers()}"
-    key = hashlib.sha256(stamp.encode() + b"".join(sources)).hexdigest()[:24]
-    kept = user_cache() / f"runtime-{key}.o"
+    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{flags}"
+    texts = {path.name: path.read_bytes() for path in sources}
+    key = hashlib.sha256(stamp.encode() + b"".join(texts.values())).hexdigest()[:24]
+    stem, dot, suffix = product.partition(".")
+    kept = user_cache() / f"{stem}-{key}{dot}{suffix}"
     try:
         return kept.read_bytes()
     except OSError:
         pass
     with ScratchFolder() as folder:
-        (folder / "runtime.c").write_bytes(sources[0])
-        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", f"-I{fmi_headers()}", "-c", "runtime.c"], folder)
-        made = (folder / "runtime.o").read_bytes()
+        for name, text in texts.items():
+            (folder / name).write_bytes(text)
+        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
+        made = (folder / product).read_bytes()
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(kept) as temporary:

@@ -19,10 +19,21 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     for p in model.system.parameters:
         if p.binding is not None and p.binding.op == "const":
             values.setdefault(b.symbol(p.name), p.binding.value)
+    values |= {b.symbol(v.name): _attribute(v, "start", values, 0.0) for v in layout.inputs}
+    values[model.system.time] = 0.0
+    by_name = {v.name: v for v in model.system.variables}
+
+    def guess(path: str, start: Node) -> float:
+        """A state's start where nothing has been set yet; what events decide is left to the FMU itself."""
+        try:
+            return _number(start, values)
+        except KeyError:
+            return _attribute(by_name[path], "start", values, 0.0)
+
     for later in (False, True):
         for path, start in zip(layout.state_paths, model.starts, strict=True):
             if (b.symbols(start) <= values.keys()) is not later and b.symbol(path) not in values:
-                values[b.symbol(path)] = _number(start, values)
+                values[b.symbol(path)] = guess(path, start)
     root = ET.Element(
         "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
         variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
@@ -64,7 +75,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
                 causality=causality,
                 variability="continuous",
                 initial="exact" if exact else "approx",
-                start=_number(start, values),
+                start=guess(layout.state_paths[i], start),
             )
         )
     outputs: list[int] = []

@@ -47,6 +47,8 @@ class Discrete:
         Conditions that should hold, and what to say where they do not.
     before : dict
         Values of discrete symbols before the first event, where initial equations give them.
+    limits : dict
+        Symbols that stand for what a continuous variable was until the event, and that variable.
     """
 
     updates: dict[Node, Node]
@@ -56,6 +58,7 @@ class Discrete:
     samplings: tuple[Sampling, ...] = ()
     assertions: tuple[tuple[Node, str], ...] = ()
     before: Mapping[Node, Node] = field(default_factory=dict)
+    limits: Mapping[Node, Node] = field(default_factory=dict)
 
 
 def assigned_in_events(model: FlatModel) -> set[str]:
@@ -232,6 +235,9 @@ def resolve(model: str, b: Builder, part: Discrete, solved: Mapping[Node, Node],
     InputError
         For discrete equations that need each other, or a reinit of something that is no state.
     """
+    # until the event the discrete variables were what they were; states are so still
+    old = {d: b.symbol(f"pre({d.name})") for d in part.updates}
+    solved = {**solved, **{limit: b.substitute(solved.get(v, v), dict(old)) for limit, v in part.limits.items()}}
     first = {d: b.substitute(e, dict(solved)) for d, e in part.updates.items()}
     done: dict[Node, Node] = {}
 

@@ -37,10 +37,11 @@ class Layout:
         return self.first_dependent + len(self.dependent)
 
 
-def lay_out(model: ExplicitModel) -> Layout:
+def lay_out(model: ExplicitModel, *, sharing: bool = True) -> Layout:
     """Sort the variables that the FMU shows.
 
-    Outputs that equal a state share its value reference. Of the parameters of inner components only those that the
+    Outputs that equal a state share its value reference; without ``sharing`` one of them does, and the others are
+    outputs of their own. Of the parameters of inner components only those that the
     equations contain are shown, because only they act.
     """
     b = model.system.builder
@@ -55,7 +56,12 @@ def lay_out(model: ExplicitModel) -> Layout:
         mine = [o for o in top if position.get(o.name) == i]
         if mine:
             first = next((o for o in mine if o.name == path), mine[0])
-            aliases.update({v.name: i for v in (inner, *mine) if v.name != first.name})
+            if not sharing:
+                for other in mine:
+                    if other is not first:
+                        del position[other.name]
+                mine = [first]
+            aliases.update({v.name: i for v in (inner, *mine) if sharing and v.name != first.name})
             inner = replace(
                 first,
                 description=first.description or inner.description,

@@ -33,7 +33,7 @@ from aero_bayes.export.syntax import (
     Text,
     show,
 )
-from aero_bayes.export.tables import call_table
+from aero_bayes.export.tables import call_table, is_table_function
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
@@ -67,7 +67,7 @@ class Scope:
         self.events = events
         self.records = records or {}
         self.derivatives: dict[str, Node] = {}
-        self.left_limits: set[Node] = set()
+        self.left_limits: dict[Node, Node] = {}
         self.place: Place | None = None
         self.depth = 0
         self._families: dict[str, list[str]] | None = None
@@ -215,8 +215,8 @@ class Scope:
         special = self._special(function, args)
         if special is not None:
             return special
-        if "Table1D" in function:
-            found = call_table(self.builder, function, [self.value(a) for a in args])
+        if is_table_function(function):
+            found = call_table(self.builder, function, [self.value(a) for a in args], self.events)
             if found is not None:
                 return found
         if function in self.functions:
@@ -299,11 +299,14 @@ class Scope:
         return None
 
     def _pre(self, node: Node) -> Node:
+        if node.name.startswith("pre("):
+            return node  # in an algorithm, before it assigns the variable
         if self.events is not None and self.events.constant_between(node):
             return self.events.pre(node) if node.op == "symbol" else node
         if node.op == "symbol":
-            self.left_limits.add(node)
-            return node
+            limit = self.builder.symbol(f"left({node.name})")
+            self.left_limits[limit] = node
+            return limit
         raise self.fail("pre() of something that is not a variable")
 
     def _quietly(self, tree: Expression) -> Value:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 from aero_bayes.export import arrays
@@ -12,9 +12,9 @@ from aero_bayes.export.arrays import Value, numbers
 from aero_bayes.export.discrete import Discrete, EventActions, assigned_in_events, match_discrete
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.flat import Causality, FlatModel, FlatVariable, Variability
+from aero_bayes.export.flat import Causality, FlatEquation, FlatModel, FlatVariable, Variability
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.syntax import names_in
+from aero_bayes.export.syntax import Call, Name, Number, names_in
 from aero_bayes.export.tables import is_table_type
 
 
@@ -68,6 +68,7 @@ def translate(model: FlatModel) -> System:
     InputError
         For a construct that has no translation; the message names it, with file and line.
     """
+    model = _solved_at_start(model)
     builder = Builder()
     time = builder.symbol("time")
     events = Events(builder)
@@ -113,10 +114,15 @@ def translate(model: FlatModel) -> System:
         else:
             residuals.append(builder.sub(right, left))
     residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
-    for symbol in scope.left_limits:
-        if symbol.name not in scope.derivatives:
-            raise scope.fail(f"pre({symbol.name}) of a variable that is neither discrete nor a state")
     before, initial = _initial(model, scope, actions, symbols)
+    memo = {limit: x for limit, x in scope.left_limits.items() if x.name in scope.derivatives}
+    residuals = [builder.substitute(r, memo) for r in residuals]
+    initial = tuple(builder.substitute(r, memo) for r in initial)
+    outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
+    driven = {builder.symbol(v.name) for v in inputs}
+    for limit, x in scope.left_limits.items():
+        if x in driven or limit in outside:
+            raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
     return System(
         model.name,
         builder,
@@ -135,9 +141,45 @@ def translate(model: FlatModel) -> System:
             tuple(events.samplings.values()),
             _assertions(model, scope),
             before,
+            scope.left_limits,
         ),
         scope.derivatives,
     )
+
+
+def _solved_at_start(model: FlatModel) -> FlatModel:
+    """Parameters that the initial equations determine (``fixed = false``) become states that stay as they start.
+
+    Parameters that follow from them become variables.
+    """
+    open_ = {
+        v.name for v in model.variables if v.variability == "parameter" and v.attributes.get("fixed") == Number(0.0)
+    }
+    if not open_:
+        return model
+    follow = set(open_)
+    grown = True
+    while grown:
+        more = {
+            v.name
+            for v in model.variables
+            if v.variability == "parameter" and v.name not in follow and v.binding is not None
+            and names_in(v.binding) & follow
+        }  # fmt: skip
+        follow |= more
+        grown = bool(more)
+    variables, equations = [], []
+    for v in model.variables:
+        if v.name not in follow:
+            variables.append(v)
+            continue
+        if v.name in open_:
+            equations.append(FlatEquation(Call("der", (Name(v.name),)), Number(0.0), "added", place=v.place))
+        elif v.binding is not None:
+            equations.append(FlatEquation(Name(v.name), v.binding, "binding", place=v.place))
+        attributes = {k: t for k, t in v.attributes.items() if k != "fixed"}
+        variables.append(replace(v, variability="continuous", binding=None, attributes=attributes))
+    return replace(model, variables=tuple(variables), equations=(*model.equations, *equations))
 
 
 def _initial(

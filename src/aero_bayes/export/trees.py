@@ -8,29 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aero_bayes.errors import InputError
+from aero_bayes.export import syntax
 from aero_bayes.export.flat import Place
-from aero_bayes.export.syntax import (
-    All,
-    Array,
-    AssertStatement,
-    Assign,
-    Call,
-    Comprehension,
-    Expression,
-    Field,
-    ForStatement,
-    If,
-    IfStatement,
-    Index,
-    Name,
-    Number,
-    Range,
-    Refused,
-    ReinitStatement,
-    Statement,
-    Text,
-    WhenStatement,
-)
 
 Json = dict[str, Any]
 
@@ -72,89 +51,91 @@ class TreeReader:
     def fail(self, what: str) -> InputError:
         return InputError(f"{self.here or self.name}: the embedded exporter cannot translate {what}")
 
-    def target(self, t: Any) -> Name:
+    def target(self, t: Any) -> syntax.Name:
         if isinstance(t, str):
-            return Name(t)
+            return syntax.Name(t)
         if "name" in t:
-            return Name(str(t["name"]))
+            return syntax.Name(str(t["name"]))
         tree = self.expression(t) if "VarRef" in t else self.reference(t)
-        if not isinstance(tree, Name):
+        if not isinstance(tree, syntax.Name):
             raise self.fail("the target of an assignment")
         return tree
 
     # statements
 
-    def statements(self, body: Sequence[Json]) -> tuple[Statement, ...]:
+    def statements(self, body: Sequence[Json]) -> tuple[syntax.Statement, ...]:
         return tuple(s for item in body for s in self.statement(item))
 
-    def statement(self, s: Json | str) -> tuple[Statement, ...]:
+    def statement(self, s: Json | str) -> tuple[syntax.Statement, ...]:
         if isinstance(s, str):
             if s == "Empty":
                 return ()
-            return (Refused(f"the statement {s.lower()!r}"),)
+            return (syntax.Refused(f"the statement {s.lower()!r}"),)
         kind, d = next(iter(s.items()))
         match kind:
             case "Empty":
                 return ()
             case "Assignment":
-                return (Assign((self.reference(d["comp"]),), self.expression(d["value"])),)
+                return (syntax.Assign((self.reference(d["comp"]),), self.expression(d["value"])),)
             case "FunctionCall":
-                call = Call(self.function_name(d["comp"]), tuple(map(self.expression, d["args"])))
+                call = syntax.Call(self.function_name(d["comp"]), tuple(map(self.expression, d["args"])))
                 targets = tuple(self.optional(o) for o in d["outputs"])
-                return (Assign(targets, call),)
+                return (syntax.Assign(targets, call),)
             case "If":
                 branches = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["cond_blocks"])
-                return (IfStatement(branches, self.statements(d.get("else_block") or ())),)
+                return (syntax.IfStatement(branches, self.statements(d.get("else_block") or ())),)
             case "For":
                 inner = self.statements(d["equations"])
                 for index in reversed(d["indices"]):
-                    inner = (ForStatement(_ident(index["ident"]), self.expression(index["range"]), inner),)
+                    inner = (syntax.ForStatement(_ident(index["ident"]), self.expression(index["range"]), inner),)
                 return inner
             case "When":
                 blocks = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["blocks"])
-                return (WhenStatement(blocks),)
+                return (syntax.WhenStatement(blocks),)
             case "Reinit":
-                return (ReinitStatement(self.target(d.get("variable") or d["state"]), self.expression(d["value"])),)
+                return (
+                    syntax.ReinitStatement(self.target(d.get("variable") or d["state"]), self.expression(d["value"])),
+                )
             case "Assert":
-                return (AssertStatement(self.expression(d["condition"]), message_of(d["message"])),)
-        return (Refused(f"the statement {kind.lower()!r}"),)
+                return (syntax.AssertStatement(self.expression(d["condition"]), message_of(d["message"])),)
+        return (syntax.Refused(f"the statement {kind.lower()!r}"),)
 
-    def optional(self, o: Any) -> Name | None:
+    def optional(self, o: Any) -> syntax.Name | None:
         if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
             return None
         return self.target(o)
 
     def function_name(self, comp: Json) -> str:
-        return ".".join(_ident(p["ident"]) for p in comp["parts"])
+        return str(comp["name"]) if "name" in comp else ".".join(_ident(p["ident"]) for p in comp["parts"])
 
-    def reference(self, comp: Json) -> Name:
+    def reference(self, comp: Json) -> syntax.Name:
         parts = comp["parts"]
         words = []
         for p in parts[:-1]:
             inner = [self.subscript(x) for x in p.get("subs") or ()]
-            if any(not isinstance(x, Number) for x in inner):
+            if any(not isinstance(x, syntax.Number) for x in inner):
                 raise self.fail("a component that a loop variable selects in an algorithm")
             words.append(
                 _ident(p["ident"])
-                + (f"[{','.join(f'{x.value:g}' for x in inner if isinstance(x, Number))}]" if inner else "")
+                + (f"[{','.join(f'{x.value:g}' for x in inner if isinstance(x, syntax.Number))}]" if inner else "")
             )
         words.append(_ident(parts[-1]["ident"]))
-        return Name(".".join(words), tuple(self.subscript(x) for x in parts[-1].get("subs") or ()))
+        return syntax.Name(".".join(words), tuple(self.subscript(x) for x in parts[-1].get("subs") or ()))
 
     # expressions
 
-    def subscript(self, s: Json) -> Expression:
+    def subscript(self, s: Json) -> syntax.Expression:
         kind, d = next(iter(s.items()))
         match kind:
             case "Index":
-                return Number(float(d["value"]))
+                return syntax.Number(float(d["value"]))
             case "Expr":
                 return self.expression(d["expr"])
             case "Colon":
-                return All()
+                return syntax.All()
         raise self.fail(f"a subscript of the kind {kind!r}")
 
-    def expression(self, e: Json) -> Expression:
+    def expression(self, e: Json) -> syntax.Expression:
         kind, d = next(iter(e.items()))
         match kind:
             case "Literal":
@@ -164,68 +145,68 @@ class TreeReader:
             case "Binary":
                 if d["op"] not in _BINARY:
                     raise self.fail(f"the operator {d['op']!r}")
-                return Call(_BINARY[d["op"]], (self.expression(d["lhs"]), self.expression(d["rhs"])))
+                return syntax.Call(_BINARY[d["op"]], (self.expression(d["lhs"]), self.expression(d["rhs"])))
             case "Unary":
                 inner = self.expression(d["rhs"])
                 if d["op"] in ("Plus", "DotPlus"):
                     return inner
-                return Call(_UNARY[d["op"]], (inner,))
+                return syntax.Call(_UNARY[d["op"]], (inner,))
             case "BuiltinCall":
                 name = d["function"][0].lower() + d["function"][1:]
-                return Call(name, tuple(map(self.expression, d["args"])))
+                return syntax.Call(name, tuple(map(self.expression, d["args"])))
             case "FunctionCall":
                 self.here = self.place(d.get("span")) or self.here
-                return Call(str(d["name"]["name"]), tuple(map(self.expression, d["args"])))
+                return syntax.Call(str(d["name"]["name"]), tuple(map(self.expression, d["args"])))
             case "If":
                 tree = self.expression(d["else_branch"])
                 for condition, value in reversed(d["branches"]):
-                    tree = If(self.expression(condition), self.expression(value), tree)
+                    tree = syntax.If(self.expression(condition), self.expression(value), tree)
                 return tree
             case "Array":
                 items = tuple(map(self.expression, d["elements"]))
                 joined = {"Horizontal": "[,]", "Vertical": "[;]"}.get(d.get("kind"))
-                return Array(items) if joined is None else Call(joined, items)
+                return syntax.Array(items) if joined is None else syntax.Call(joined, items)
             case "Tuple":
-                return Array(tuple(map(self.expression, d["elements"])))
+                return syntax.Array(tuple(map(self.expression, d["elements"])))
             case "Range":
                 step = self.expression(d["step"]) if d.get("step") is not None else None
-                return Range(self.expression(d["start"]), step, self.expression(d["end"]))
+                return syntax.Range(self.expression(d["start"]), step, self.expression(d["end"]))
             case "ArrayComprehension":
                 return self.comprehension(d)
             case "Index":
-                return Index(self.expression(d["base"]), tuple(map(self.subscript, d["subscripts"])))
+                return syntax.Index(self.expression(d["base"]), tuple(map(self.subscript, d["subscripts"])))
             case "FieldAccess":
-                return Field(self.expression(d["base"]), str(d["field"]))
+                return syntax.Field(self.expression(d["base"]), str(d["field"]))
         raise self.fail(f"an expression of the kind {kind!r}")
 
-    def comprehension(self, d: Json) -> Expression:
+    def comprehension(self, d: Json) -> syntax.Expression:
         if d.get("filter") is not None:
             raise self.fail("a filter in an array comprehension")
         tree = self.expression(d["expr"])
         for index in reversed(d["indices"]):
-            tree = Comprehension(tree, str(index["name"]), self.expression(index["range"]))
+            tree = syntax.Comprehension(tree, str(index["name"]), self.expression(index["range"]))
         return tree
 
-    def literal(self, value: Json) -> Expression:
+    def literal(self, value: Json) -> syntax.Expression:
         kind, v = next(iter(value.items()))
         match kind:
             case "Real" | "Integer" | "Boolean":
-                return Number(float(v))
+                return syntax.Number(float(v))
             case "String":
-                return Text(str(v))
+                return syntax.Text(str(v))
         raise self.fail(f"a literal of the kind {kind!r}")
 
-    def variable_reference(self, d: Json) -> Expression:
+    def variable_reference(self, d: Json) -> syntax.Expression:
         name = str(d["name"]["name"])
         subscripts = tuple(map(self.subscript, d["subscripts"]))
         if self.binders:
             if name in self.binders and not subscripts:
-                return Number(float(self.binders[name]))
+                return syntax.Number(float(self.binders[name]))
             for binder, value in self.binders.items():
                 name = re.sub(rf"(?<=[\[,]){re.escape(binder)}(?=[\],])", str(value), name)
         if name in self.enumerations and name not in self.flat["variables"]:
-            return Number(float(self.enumerations[name]))
-        return Name(name, subscripts)
+            return syntax.Number(float(self.enumerations[name]))
+        return syntax.Name(name, subscripts)
 
 
 def message_of(tree: Json) -> str:

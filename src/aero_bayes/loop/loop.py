@@ -24,6 +24,7 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
+from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.kin import Family
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.rig import RigFamily
@@ -52,7 +53,7 @@ def close_loop(
     train, test : sequences of Recording
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
-        A Modelica class.
+        A Modelica class, or the path of an FMU (``.fmu``) with Model Exchange, around which laws are put.
     sources : sequence of Path
         Files and package folders that the class is loaded from.
     workers : int, optional
@@ -103,9 +104,12 @@ def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSet
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     family: ModelFamily | RigFamily
-    if model.partition(".")[2] in declaration_of(model, sources).systems:
+    given = tuple(sources), folder, settings.libraries, narrowed
+    if (fmu := Path(model)).suffix == ".fmu":
+        family = FmuFamily(fmu.stem, *given, fmu=fmu)
+    elif model.partition(".")[2] in declaration_of(model, sources).systems:
         family = ModelFamily(model, folder, narrowed=narrowed, sources=tuple(sources))
     else:
-        family = RigFamily(model, tuple(sources), folder, settings.libraries, narrowed)
+        family = RigFamily(model, *given)
     family.check()
     return family

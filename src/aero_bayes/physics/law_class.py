@@ -44,6 +44,7 @@ def class_text(
     public: list[str] = []
     hidden: list[str] = []
     laws: list[str] = []
+    starts: list[str] = []
     for cls, text in ((law.base, law.base_text), (law.cls, law.text)):
         offset = law.cls.start if cls is law.cls else 0
         for statement, components in _declared(cls):
@@ -56,9 +57,13 @@ def class_text(
         for s in cls.equations:
             if not any(t.word in without for t in s.tokens):
                 laws.append(one_line(text[s.start - offset : s.end - offset]))
+        initial = (s for s in cls.statements if s.section == "initial equation")
+        starts += [one_line(text[s.start - offset : s.end - offset]) for s in initial]
     lines += [f"  {line}" for line in public]
     if hidden:
         lines += ["protected", *(f"  {line}" for line in hidden)]
+    if starts:
+        lines += ["initial equation", *(f"  {line}" for line in starts)]
     lines += ["equation", *(f"  {line}" for line in (*equations, *laws))]
     note = _documentation(law)
     lines += [f"  {line}" for line in note]

@@ -15,7 +15,7 @@ from aero_bayes.physics.edit import apply, replace_names
 from aero_bayes.physics.terms import Term, dimension, evaluate, parse_term, unit_factors, unit_text
 from aero_bayes.physics.tokens import Token
 
-Kind = Literal["input", "output", "motion", "storage", "overflow", "exchange", "electrical"]
+Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
@@ -35,6 +35,7 @@ class Shape:
 SHAPES: Mapping[str, Shape] = {
     "InputLaw": Shape("input", "y", ("u",), {"u_n": "u"}),
     "OutputLaw": Shape("output", "y", ("u",), {"u_n": "u"}),
+    "ReadingLaw": Shape("reading", "y", ("u",), {"u_n": "u"}),
     "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x"}),
     "StorageLaw": Shape("storage", "q", ("h",), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
     "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),

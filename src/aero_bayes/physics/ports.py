@@ -10,7 +10,7 @@ from aero_bayes.export.flat import Place
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import Law
 
-PortKind = Literal["input", "output", "motion", "storage", "electrical"]
+PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
 Via = Literal["input", "output", "equation", "node", "series"]
 
 #: Units of a temperature.
@@ -27,7 +27,8 @@ class Port:
         The input, output or state; at a connection the connector. An output that is a state itself is
         ``output_<name>``, because the name stands for the balance.
     kind : str
-        What acts there: ``input``, ``output``, ``motion``, ``storage`` or ``electrical``.
+        What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
+        ``storage`` or ``electrical``.
     via : str
         How a law is tied in: at an ``input`` or ``output``, as a term in an ``equation``, as an element at a ``node``
         or in ``series`` in a connection.
@@ -73,7 +74,8 @@ def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
     if law.kind in ("overflow", "exchange"):
         return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))
-    if law.kind != port.kind or not law.uses <= port.signals.keys():
+    same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.takes_rate)
+    if not same or not law.uses <= port.signals.keys():
         return False
     return all(
         port.units.get(signal) == unit or (unit == "K" and port.units.get(signal) in KELVIN)

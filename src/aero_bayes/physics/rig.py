@@ -23,6 +23,7 @@ from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved
 from aero_bayes.physics.laws import Law, general_laws, laws_of
 from aero_bayes.physics.narrowed import Narrowed
+from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.structure import structure_of
@@ -35,6 +36,8 @@ from aero_bayes.simulation import Model
 SIZES, SIZES_ALONE = (1.0, 0.2, 5.0), (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0)
 #: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
 LEVELS, NARROW = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
+#: Sizes of ports by their ids.
+Sizes = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -100,17 +103,27 @@ class RigFamily:
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every law at every port that it fits."""
-        every = [c for c in candidates(self.ports, self.laws) if self.narrowed.keeps(c.id, c.law.id, c.port.id)]
+        every = [c for c in self._candidates(calibration) if self.narrowed.keeps(c.id, c.law.id, c.port.id)]
         if not every:
             raise InputError(f"{self.base}: no law is left to try; [loop] exclude, ports and laws leave none")
-        sizes = port_sizes(self.flat, self.ports, calibration, fit, open_simulator)
-        taken = {v.name for v in self.flat.variables}
+        sizes = self._sizes(calibration, fit, open_simulator)
+        taken = self._taken()
         self._uses.clear()
         for c in every:
             use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
             taken |= {use.instance, *use.names.values()}
             self._uses[use.id] = use
         return tuple(self._uses)
+
+    def _candidates(self, calibration: Calibration) -> Sequence[Trial]:
+        return candidates(self.ports, self.laws)
+
+    def _sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Sizes:
+        return port_sizes(self.flat, self.ports, calibration, fit, open_simulator)
+
+    def _taken(self) -> set[str]:
+        """Names that the model has."""
+        return {v.name for v in self.flat.variables}
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Laws without states together; those with states, which slow a simulation down, by port."""
@@ -129,9 +142,12 @@ class RigFamily:
     def offer(self, ids: Collection[str]) -> Offer:
         """The model with some laws, switched off."""
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids)
-        model = self._export(compose_laws(self.flat, uses, self.law_models), "offer")
+        model = self._with(uses)
         own = [(Candidate(u.id, u.port.id, _starts(u)), _parameters(u)) for u in uses]
         return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
+
+    def _with(self, uses: Sequence[Use]) -> Model:
+        return self._export(compose_laws(self.flat, uses, self.law_models), "offer")
 
     def _ordered(self, ids: Iterable[str]) -> list[Use]:
         """Uses in the order in which they are composed: laws that need the rate of a reading are the innermost."""
@@ -139,7 +155,7 @@ class RigFamily:
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The model with chosen laws, written into a copy of its source."""
-        taken = {v.name for v in self.flat.variables}
+        taken = self._taken()
         uses: list[Use] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
@@ -148,17 +164,17 @@ class RigFamily:
             taken |= {use.instance, *use.names.values()}
             uses.append(use)
             names[old.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
-        written = write_law(self.sources, self.base, self.flat, uses, folder)
+        written, model = self._write(uses, values, folder)
         parameters = tuple(p for use in uses for p in _parameters(use))
         return Extension(
-            written.name, written.path, written.text, written.diff, self._written(written), parameters, names,
-            {id_: {} for id_ in ids},
-        )  # fmt: skip
+            written.name, written.path, written.text, written.diff, model, parameters, names, {id_: {} for id_ in ids}
+        )
 
-    def _written(self, written: Written) -> Model:
-        """The FMU of a written model."""
+    def _write(self, uses: Sequence[Use], values: Mapping[str, float], folder: Path) -> tuple[Written, Model]:
+        """The written model and its FMU; ``values`` are those of the fit, by the names of the offers."""
+        written = write_law(self.sources, self.base, self.flat, uses, folder)
         flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
-        return self._export(flat, written.name)
+        return written, self._export(flat, written.name)
 
     def on(self, calibration: Calibration, model: Model) -> Calibration:
         """The calibration on a relative: a state takes the name of what it equals there."""

@@ -45,7 +45,7 @@ def port_sizes(
         seen[port.id] = {signal: watched.of(Name(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     found = watched.run(calibration, fit, open_simulator)
-    time = _typical_time(calibration, fit)
+    time = typical_time(calibration, fit)
     return {port.id: _sizes(port, found, seen[port.id], acting[port.id], time, calibration) for port in ports}
 
 
@@ -99,7 +99,8 @@ def _summands(tree: Expression) -> list[Expression]:
     return [tree]
 
 
-def _size(parts: Sequence[FloatArray]) -> float:
+def signal_size(parts: Sequence[FloatArray]) -> float:
+    """What nearly all magnitudes are within; 0 where there are none."""
     return float(np.quantile(np.abs(np.concatenate(parts)), MOST)) if parts else 0.0
 
 
@@ -111,11 +112,11 @@ def _sizes(
     time: float,
     calibration: Calibration,
 ) -> dict[str, float]:
-    own = {signal: _size(found[name]) for signal, name in seen.items()}
-    act = max((_size(found[name]) for name in acting), default=0.0)
+    own = {signal: signal_size(found[name]) for signal, name in seen.items()}
+    act = max((signal_size(found[name]) for name in acting), default=0.0)
     if port.kind in ("input", "output"):
         inputs = [s.values for e in calibration.experiments for s in e.inputs if s.name == port.id]
-        sizes = {"u_n": _size(inputs) if port.kind == "input" else own.get("u", 0.0)}
+        sizes = {"u_n": signal_size(inputs) if port.kind == "input" else own.get("u", 0.0)}
     elif port.kind == "motion":
         sizes = {"f_n": act, "v_n": own.get("v", 0.0), "x_n": own.get("x", 0.0)}
     elif port.kind == "electrical":
@@ -129,7 +130,7 @@ def _sizes(
     return sizes | {"t_n": time}
 
 
-def _typical_time(calibration: Calibration, fit: Optimum) -> float:
+def typical_time(calibration: Calibration, fit: Optimum) -> float:
     """How long the fastest output takes to change by its own size, in s."""
     times = []
     for experiment in calibration.experiments:

@@ -36,9 +36,11 @@ from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
 
 TODO = 255
+NONSENSE = -2
 _SLOT_BYTES = 64
 _SLOTS_AT = 0  # slots come first in the arena
 _FIRST_ARENA = 1 << 20
+SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
 
 
 @cache
@@ -341,7 +343,9 @@ class WorkerPool:
                 task, _ = self._slot(index, outcomes.size)
                 started = int(self._slots[index, 1])
                 if task < 0:
-                    if now - silent.setdefault(index, now) < max(6e10, 2.0 * allowed):
+                    # nonsense is a model's writing, which runs no longer than any other
+                    patient = allowed if task == NONSENSE else max(1e9 * SILENCE, 2.0 * allowed)
+                    if now - silent.setdefault(index, now) < patient:
                         continue
                 else:
                     silent.pop(index, None)
@@ -354,6 +358,6 @@ class WorkerPool:
         outcomes[lost] = Outcome.CRASHED
 
     def _slot(self, index: int, tasks: int) -> tuple[int, bool]:
-        """The task that a worker is at, -1 for none, -2 for nonsense; and whether it has never been at one."""
+        """The task that a worker is at, -1 for none, or NONSENSE; and whether it has never been at one."""
         task, started = (int(v) for v in self._slots[index, :2])
-        return (task if -1 <= task < tasks else -2), (task, started) == (-1, 0)
+        return (task if -1 <= task < tasks else NONSENSE), (task, started) == (-1, 0)

@@ -38,7 +38,7 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
     return close_loop(
         job.recordings,
         job.tests,
-        model=job.name,
+        model=job.name if job.modelica else str(job.model.path),
         sources=job.config.model.sources,
         settings=settings,
         workers=job.options.workers,
@@ -53,8 +53,8 @@ def loop_settings(job: Job) -> LoopSettings:
     Raises
     ------
     InputError
-        If the job asks for what a loop cannot do: an FMU, whose source cannot be extended, another engine than the
-        native one, or a fit that leaves no evidence to compare.
+        If the job asks for what a loop cannot do: another engine than the native one, or a fit that leaves no evidence
+        to compare.
     """
     _check(job)
     section, asked, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
@@ -92,11 +92,6 @@ def loop_settings(job: Job) -> LoopSettings:
 
 def _check(job: Job) -> None:
     asked = job.config.fit
-    if not job.modelica:
-        raise InputError(
-            f"{job.model.path}: the loop writes the missing effect into Modelica source; "
-            "expected --model to name a Modelica class, not an FMU"
-        )
     if job.engine != "native":
         raise InputError(f"the loop runs on the native engine only, not on {job.engine}")
     if asked.cost != "posterior":
@@ -118,9 +113,11 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
     if not added:
         return job
     out = job.options.out
-    sources = [*job.config.model.sources, out / loop.modelica_path]
-    libraries = job.config.model.libraries
-    model = Model.load(export_fmu(loop.model, out / f"{loop.model}.fmu", sources=sources, libraries=libraries))
+    fmu = out / f"{loop.model}.fmu"
+    if job.modelica:
+        sources = [*job.config.model.sources, out / loop.modelica_path]
+        export_fmu(loop.model, fmu, sources=sources, libraries=job.config.model.libraries)
+    model = Model.load(fmu)
     parameters = job.parameters.extended(loop.added)
     found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
     return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))

@@ -23,6 +23,7 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Number
 from aero_bayes.physics.compose import probe
+from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.ports import Port, PortKind, port_table
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.sizes import port_sizes
@@ -48,7 +49,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     Raises
     ------
     InputError
-        For an FMU, whose equations are not known, and for recordings beside a model whose effects its package declares.
+        For recordings beside an FMU, whose equations are not known, or a model whose effects its package declares.
     """
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
@@ -59,7 +60,12 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is not None:
-        raise InputError(f"{fmu}: ports are found in Modelica source; expected --model to name a class, not an FMU")
+        if data:
+            raise InputError(f"{fmu}: --data needs the source; the ports of an FMU are its inputs and outputs")
+        section = load_config(options.config).model
+        family = FmuFamily(fmu.stem, section.sources, options.out, section.libraries, fmu=fmu)
+        family.check()
+        return port_table(family.ports)
     declared = declaration_of(name, config.model.sources)
     if name.partition(".")[2] in declared.systems:
         if data:

@@ -128,17 +128,6 @@ static const int moved = FRESH_DX | FRESH_Y | FRESH_JX | FRESH_JP | FRESH_W;
 static inline void need_k(Model *m) {
     if (!(m->fresh & FRESH_K)) { INFO.k(m); m->fresh |= FRESH_K; }
 }
-static inline void need_w(Model *m) {
-    if (m->fresh & FRESH_W) return;
-    need_k(m);
-    for (int i = 0; i < INFO.blocks; i++)
-        if (!solve_block(m, INFO.block + i, group(m, W) + INFO.block[i].first)) {
-            m->failed = 1;
-            for (int k = 0; k < INFO.nw; k++) group(m, W)[k] = NAN;
-            break;
-        }
-    m->fresh |= FRESH_W;
-}
 /* A loop without a solution says so to the importer, and the next attempt starts from the start values. */
 static int failed(Model *m) {
     if (!m->failed) return 0;
@@ -151,6 +140,18 @@ static int failed(Model *m) {
         free(other);
     }
     return 1;
+}
+static inline void need_w(Model *m) {
+    if (m->fresh & FRESH_W) return;
+    need_k(m);
+    failed(m); /* with other relations than before it may have one */
+    for (int i = 0; i < INFO.blocks; i++)
+        if (!solve_block(m, INFO.block + i, group(m, W) + INFO.block[i].first)) {
+            m->failed = 1;
+            for (int k = 0; k < INFO.nw; k++) group(m, W)[k] = NAN;
+            break;
+        }
+    m->fresh |= FRESH_W;
 }
 static inline void need_dx(Model *m) {
     if (!(m->fresh & FRESH_DX)) { need_w(m); INFO.dx(m); m->fresh |= FRESH_DX; }
@@ -752,13 +753,14 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
     double h = m->step > 0 ? m->step : size * 1e-3;
     if (nz) indicate(m, z);
     for (long count = 0; (NX > 0 || nz || isfinite(m->next_event)) && t < end && status >= 0; count++) {
-        double stop = fmin(end, m->next_event), left = stop - t;
+        /* an event due at the end belongs to this step: its values are those after it */
+        double due = m->next_event, stop = fmin(end, due), left = stop - t;
         int last = h >= left * (1 - 1e-12) || NX == 0;
         double now = last ? left : h > 0.5 * left ? 0.5 * left : h;
         double e = NX ? rodas(m, t, x, now, y) : 0;
         double grow = e < 0 ? 0.1 : fmin(5, fmax(0.2, 0.9 * pow(fmax(e, 1e-10), -0.25)));
         if (e >= 0 && e <= 1) {
-            int at_event = last && stop < end, found = 0;
+            int at_event = last && due <= end + 1e-12 * fmax(1, fabs(end)), found = 0;
             double taken = now;
             if (nz) {
                 go(m, t + now, y);

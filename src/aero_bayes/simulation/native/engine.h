@@ -1,7 +1,8 @@
 /* Types shared by the engine's files. One idea a file:
  *   spec.c         reads a problem written by Python (spec.py)
- *   fmu.c          loads an FMU's binary and speaks FMI 2.0 Model Exchange to it
- *   fmi3.c         the same to FMI 3.0
+ *   bind.c         loads an FMU's binary and finds the functions of FMI 2.0
+ *   fmi3.c         the same of FMI 3.0
+ *   fmu.c          speaks Model Exchange to it
  *   inputs.c       input signals, their delay, and the times at which they break
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -212,9 +213,15 @@ typedef struct Run {
 Problem *problem_open(const char *path, char *error, size_t size);
 void problem_close(Problem *);
 
+/* bind.c */
+Fmu *fmu_open(const char *path, int version);
+void fmu_shut(Fmu *);
+int fmu_symbol(Fmu *, const char *name, void *where);
+void fmu_quiet(fmi_environment, const char *name, int status, const char *category, const char *message, ...);
+int worse(int status);
+
 /* fmu.c */
 int fmu_ready(Problem *);
-int fmu_symbol(Fmu *, const char *name, void *where);
 void fmu_discard(Fmu *);
 int fmu_begin(Run *);
 int read_nominals(Run *);
@@ -222,7 +229,6 @@ int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
 int directional_column(Run *, fmi_reference known, double *column);
-int worse(int status);
 
 /* fmi3.c */
 int fmi3_bind(Fmu *);

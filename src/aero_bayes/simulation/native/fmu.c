@@ -1,70 +1,17 @@
 /* One FMU in this process: its library, its single instance, and the calls of Model Exchange. The instance is
  * reset and reused, since some FMUs die after about a thousand instantiations. */
-#include <dlfcn.h>
 #include <float.h>
 
 #include "engine.h"
 
 static Fmu *loaded; /* a library is loaded once and serves every problem on it */
 
-static void quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
-{
-    (void)e, (void)name, (void)status, (void)category, (void)message;
-}
-
-int worse(int status) { return status != FMI_OK && status != FMI_WARNING; }
-
-int fmu_symbol(Fmu *f, const char *name, void *where)
-{
-    void *s = dlsym(f->library, name);
-    memcpy(where, &s, sizeof s);
-    return s == NULL;
-}
-
-static int fmi2_bind(Fmu *f)
-{
-    int bad = 0;
-#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
-    FIND(instantiate, "Instantiate");
-    FIND(free_instance, "FreeInstance");
-    FIND(setup, "SetupExperiment");
-    FIND(enter_initialization, "EnterInitializationMode");
-    FIND(exit_initialization, "ExitInitializationMode");
-    FIND(enter_event, "EnterEventMode");
-    FIND(enter_continuous, "EnterContinuousTimeMode");
-    FIND(reset, "Reset");
-    FIND(terminate, "Terminate");
-    FIND(get_real, "GetReal");
-    FIND(set_real, "SetReal");
-    FIND(new_discrete, "NewDiscreteStates");
-    FIND(completed, "CompletedIntegratorStep");
-    FIND(set_time, "SetTime");
-    FIND(set_states, "SetContinuousStates");
-    FIND(get_derivatives, "GetDerivatives");
-    FIND(get_indicators, "GetEventIndicators");
-    FIND(get_states, "GetContinuousStates");
-    FIND(get_nominals, "GetNominalsOfContinuousStates");
-#undef FIND
-    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
-    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
-    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
-    return bad;
-}
-
 static Fmu *fmu_load(const char *path, int version)
 {
     for (Fmu *f = loaded; f; f = f->next)
         if (!strcmp(f->path, path)) return f;
-    Fmu *f = calloc(1, sizeof *f);
-    f->path = strdup(path);
-    f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (!f->library || (version == 3 ? fmi3_bind(f) : fmi2_bind(f))) {
-        if (f->library) dlclose(f->library);
-        free(f->environment);
-        free(f->path);
-        free(f);
-        return NULL;
-    }
+    Fmu *f = fmu_open(path, version);
+    if (!f) return NULL;
     f->next = loaded;
     loaded = f;
     return f;
@@ -80,7 +27,7 @@ void fmu_discard(Fmu *f)
 static int fmu_instantiate(Problem *p)
 {
     Fmu *f = p->fmu;
-    f->callbacks = (fmi_callbacks){quiet, calloc, free, NULL, f->environment};
+    f->callbacks = (fmi_callbacks){fmu_quiet, calloc, free, NULL, f->environment};
     f->instance = f->instantiate(p->name, FMI_MODEL_EXCHANGE, p->guid, p->resources, &f->callbacks, 0, 0);
     f->used = 0;
     if (!f->instance && f->instantiated) f->spent = 1;

@@ -1,0 +1,83 @@
+"""modelDescription.xml of FMI 3.0 from that of FMI 2.0 for the same model.
+
+The same variables under the same value references; behind them the time and the event indicators, which are variables
+there.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+_SAME = ("UnitDefinitions", "LogCategories", "DefaultExperiment")
+_UNKNOWNS = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
+
+
+def as_fmi3(description: bytes, indicators: int) -> bytes:
+    """The description in the terms of FMI 3.0; names that share another variable's reference are left out.
+
+    Parameters
+    ----------
+    description : bytes
+        Of an exported model, whose variables are all Real.
+    indicators : int
+        How many event indicators there are.
+    """
+    old = ET.fromstring(description)
+    scalars = list(old.iterfind("ModelVariables/ScalarVariable"))
+    references = [s.get("valueReference", "") for s in scalars]
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="3.0", modelName=old.get("modelName", ""),
+        instantiationToken=old.get("guid", ""), generationTool="aero-bayes", variableNamingConvention="structured",
+    )  # fmt: skip
+    for tag in ("ModelExchange", "CoSimulation"):
+        interface = old.find(tag)
+        assert interface is not None
+        common = {
+            "modelIdentifier": interface.get("modelIdentifier", ""), "canGetAndSetFMUState": "true",
+            "canSerializeFMUState": "true", "providesDirectionalDerivatives": "true",
+        }  # fmt: skip
+        if tag == "CoSimulation":
+            common["canHandleVariableCommunicationStepSize"] = "true"
+        ET.SubElement(root, tag, common)
+    root.extend(e for tag in _SAME if (e := old.find(tag)) is not None)
+    group = ET.SubElement(root, "ModelVariables")
+    seen: set[str] = set()
+    for scalar, reference in zip(scalars, references, strict=True):
+        real = scalar.find("Real")
+        assert real is not None
+        if reference in seen:
+            continue
+        seen.add(reference)
+        given = {
+            "name": scalar.get("name", ""),
+            "valueReference": reference,
+            **dict(scalar.items()),
+            **dict(real.items()),
+        }
+        if "derivative" in given:
+            given["derivative"] = references[int(given["derivative"]) - 1]
+        ET.SubElement(group, "Float64", given)
+    first = max((int(r) for r in references), default=-1) + 1
+    ET.SubElement(
+        group, "Float64", name="time", valueReference=str(first), causality="independent", variability="continuous"
+    )
+    for k in range(indicators):
+        ET.SubElement(
+            group, "Float64", name=f"event_indicator[{k + 1}]", valueReference=str(first + 1 + k), causality="local",
+            variability="continuous", initial="calculated",
+        )  # fmt: skip
+    structure = ET.SubElement(root, "ModelStructure")
+    for above, tag in _UNKNOWNS.items():
+        done: set[str] = set()
+        for unknown in old.iterfind(f"ModelStructure/{above}/Unknown"):
+            reference = references[int(unknown.get("index", "0")) - 1]
+            if reference not in done:
+                done.add(reference)
+                new = ET.SubElement(structure, tag, valueReference=reference)
+                on = unknown.get("dependencies")
+                if on is not None:
+                    new.set("dependencies", " ".join(references[int(i) - 1] for i in on.split()))
+    for k in range(indicators):
+        ET.SubElement(structure, "EventIndicator", valueReference=str(first + 1 + k))
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()

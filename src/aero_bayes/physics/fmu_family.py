@@ -1,0 +1,156 @@
+"""An FMU without its source and its relatives: laws around it, at its inputs, at its outputs, at forces."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.files import whole_file
+from aero_bayes.physics.around import Seam, Surroundings
+from aero_bayes.physics.coupled import couple, state_name
+from aero_bayes.physics.edit import unified_diff
+from aero_bayes.physics.kin import OpenSimulator, moved
+from aero_bayes.physics.ports import Candidate, Port, candidates
+from aero_bayes.physics.rig import RigFamily, Sizes
+from aero_bayes.physics.sizes import signal_size, typical_time
+from aero_bayes.physics.use import Use
+from aero_bayes.physics.wrapper import modelica_text, write_ssp
+from aero_bayes.physics.write import Written
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import Outcome
+
+
+@dataclass(frozen=True)
+class FmuFamily(RigFamily):
+    """An FMU and its relatives.
+
+    Parameters
+    ----------
+    base : str
+        The name to call it by.
+    sources : tuple of Path
+        Modelica files whose laws count beside the shipped ones.
+    folder : Path
+        Where FMUs are kept.
+    fmu : Path
+    """
+
+    fmu: Path = Path()
+    _held: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def inner(self) -> Model:
+        return Model.load(self.fmu)
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        return Surroundings(self.inner, self.laws)
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        return self.surroundings.ports
+
+    def plain(self) -> Model:
+        """The FMU itself."""
+        return self.inner
+
+    def check(self) -> None:
+        """Raise InputError for an FMU that laws cannot be put around, and as for any model."""
+        if self.inner.interface != "model exchange":
+            raise InputError(f"{self.fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
+        super().check()
+
+    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
+        """Every law at every port that it fits."""
+        self._held.clear()
+        self._held.update(calibration.fixed)
+        return super().prepare(calibration, fit, open_simulator)
+
+    def _taken(self) -> set[str]:
+        inner = self.inner
+        every = (*inner.parameters, *inner.inputs, *inner.outputs, *inner.states)
+        return {v.name for v in every} | set(self.surroundings.names.values())
+
+    def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
+        """Of an input that no recording has, only what acts without it."""
+        driven = {s.name for e in calibration.experiments for s in e.inputs}
+        return [
+            c
+            for c in candidates(self.ports, self.laws)
+            if c.port.kind != "input" or c.port.id in driven or c.law.id == "offset"
+        ]
+
+    def _sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Sizes:
+        """As the fit has them; a force is sized by its recording, or by its nominal value."""
+        inner = self.inner
+        names = {v.name for v in inner.outputs if v.kind == "real"}
+        names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
+        wanted = tuple(sorted(names))
+        experiments = tuple(replace(e, outputs=wanted, measured=None) for e in calibration.experiments)
+        values = calibration.parameters.from_search(fit.coordinates)
+        with open_simulator(replace(calibration, experiments=experiments).problem()) as simulator:
+            run = simulator.simulate(values[None])
+        if np.any(run.outcomes != Outcome.OK):
+            raise InputError(f"{self.fmu}: cannot be simulated at its fit")
+        seen = {name: signal_size([y[0, :, k] for y in run.outputs]) or 1.0 for k, name in enumerate(wanted)}
+        given: dict[str, float] = {}
+        for v in inner.inputs:
+            recorded = [s.values for e in calibration.experiments for s in e.inputs if s.name == v.name]
+            given[v.name] = signal_size(recorded) or v.nominal or 1.0
+        time = typical_time(calibration, fit)
+        found: dict[str, Mapping[str, float]] = {}
+        for port in self.ports:
+            if port.kind == "motion":
+                assert port.entrance is not None
+                force = given[inner.inputs[port.entrance.equation].name]
+                speed, position = (seen[s] for s in (port.states[0], port.states[-1]))
+                found[port.id] = {"f_n": force, "v_n": speed, "x_n": position, "t_n": time}
+            else:
+                size = given[port.id] if port.kind == "input" else seen[port.id.removeprefix("output_")]
+                found[port.id] = {"u_n": size, "t_n": time}
+        return found
+
+    def _with(self, uses: Sequence[Use]) -> Model:
+        seam = self._seam(uses)
+        key = hashlib.sha256(f"{seam!r}{self.inner.sha256}".encode()).hexdigest()[:16]
+        out = self.folder / f"{self.title}-offer-{key}.fmu"
+        if not out.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            couple(self.inner, seam, out, self.folder / f"{self.title}-laws-{key}.fmu")
+        return Model.load(out)
+
+    def _seam(self, uses: Sequence[Use]) -> Seam:
+        return self.surroundings.seam(uses, self.law_models)
+
+    def _write(self, uses: Sequence[Use], values: Mapping[str, float], folder: Path) -> tuple[Written, Model]:
+        """``NAME.mo`` and ``NAME.ssp`` for other tools, ``NAME.fmu`` for this one."""
+        name = "_".join([self.title, *(u.instance for u in uses)])
+        seam, none = self._seam(uses), self._seam(())
+        values = {**self._held, **values}
+        text = modelica_text(self.inner, seam, uses, values, name)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.mo"
+        with whole_file(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        laws = self.folder / f"{name}-laws.fmu"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        couple(self.inner, seam, folder / f"{name}.fmu", laws)
+        write_ssp(self.inner, laws, seam, values, folder / f"{name}.ssp")
+        before = modelica_text(self.inner, none, (), values, name)
+        return Written(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
+            folder / f"{name}.fmu"
+        )
+
+    def on(self, calibration: Calibration, model: Model) -> Calibration:
+        """The calibration on a relative, where a state that is an unread output has another name."""
+        there = {s.name for s in model.states}
+        names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
+        return moved(calibration, model, names)

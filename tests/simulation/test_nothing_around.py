@@ -1,0 +1,72 @@
+"""With a law around it that is off an FMU stays what it is, whatever its tool leaves unsaid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.physics.around import Surroundings
+from aero_bayes.physics.compose import Models, law_models
+from aero_bayes.physics.coupled import couple
+from aero_bayes.physics.laws import Law, general_laws
+from aero_bayes.physics.use import use_of
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    Model,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    open_simulator,
+)
+
+TIME = np.linspace(0.0, 2.0, 81)
+DRIVE = InputSignal("u", np.array([0.0, 0.7]), np.array([0.5, -1.0]))
+#: Model, what it does as other tools' do, output, targets with their values.
+CASES = [
+    ("Dahlquist", True, (), "y", {"k": 1.3, "c": 0.5, "x": 0.8}),
+    ("Dahlquist", True, ("FMI3",), "y", {"k": 1.3, "c": 0.5, "x": 0.8}),
+    ("Dahlquist", False, (), "y", {"k": 1.3}),
+    ("BouncingBall", True, ("SILENT",), "h", {"e": 0.6}),
+    ("Loop", True, (), "z", {"c": 0.3}),
+    ("Copies", True, ("FIXED",), "driven", {"w": 2.0, "_D_outputAlias_h": 0.4}),
+    ("Stair", True, (), "counter", {}),
+    ("Stepping", True, (), "x", {"b": 0.7}),
+    ("Feedthrough", True, (), "resource", {}),
+]
+
+
+@pytest.fixture(scope="module")
+def gain() -> tuple[Law, Models]:
+    law = next(law for law in general_laws() if (law.kind, law.id) == ("output", "gain"))
+    return law, law_models([law])
+
+
+@pytest.mark.parametrize(("name", "directional", "defines", "output", "values"), CASES)
+def test_a_law_that_is_off_changes_nothing(
+    test_fmu, here, gain, tmp_path: Path, name, directional, defines, output, values
+) -> None:
+    inner = test_fmu(name, directional=directional, defines=defines)
+    around, (law, models) = Surroundings(inner), gain
+    port = max((p for p in around.ports if p.kind == "reading"), key=lambda p: p.id == output)
+    seam = around.seam([use_of(law, port, around.names.values())], models)
+    couple(inner, seam, tmp_path / "around.fmu", tmp_path / "laws.fmu")
+    drive = (DRIVE,) if any(v.name == "u" for v in inner.inputs) else ()
+    states = {s.name for s in inner.states}
+    found = []
+    for model in (inner, Model.load(tmp_path / "around.fmu")):
+        there = {s.name for s in model.states}
+        targets = tuple(
+            ParameterTarget(n) if n not in states else StartTarget(n if n in there else f"{n}_unread") for n in values
+        )
+        experiment = Experiment(TIME, (output,), drive)
+        problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9))
+        with open_simulator(problem, pool=here) as simulator:
+            found.append(simulator.simulate(np.array([list(values.values())]), active=range(len(values))))
+        assert found[-1].outcomes[0, 0] == Outcome.OK
+    np.testing.assert_allclose(found[1].outputs[0], found[0].outputs[0], atol=1e-8)
+    np.testing.assert_allclose(found[1].sensitivities[0], found[0].sensitivities[0], atol=1e-4)
