@@ -30,6 +30,7 @@ from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, ripples
+from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -37,8 +38,8 @@ FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
 
-@dataclass(frozen=True)
-class FitSettings:
+@dataclass(frozen=True, repr=False)
+class FitSettings(Settings):
     """How a fit is done.
 
     Parameters

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.data import Recording
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.aero import FIXED
 from aero_bayes.estimate.ascent import StageEnd
@@ -24,7 +25,12 @@ from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
+from aero_bayes.show import table_html
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, object]
@@ -278,6 +284,91 @@ class Fit:
             "seconds": self.seconds,
         }
 
+    def simulate(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> Recording:
+        """Run the fitted model on other inputs.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            A recording, whose readings only say where it starts; or ``time`` in s and every input in its SI unit. A
+            recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
+            were, and starts at its own first readings, off by as much as theirs were; without readings, where the
+            model starts.
+        parameters : mapping of str to float, optional
+            Other values of parameters of the model, in SI units.
+        start : mapping of str to float, optional
+            Initial values of states, in SI units.
+
+        Returns
+        -------
+        Recording
+            The inputs, and the fit's outputs as simulated, without noise.
+
+        Raises
+        ------
+        InputError
+            For inputs, parameters or states that the model does not have, or an input that is missing.
+        CannotFinishError
+            If the model cannot be simulated so.
+
+        Examples
+        --------
+        >>> time = np.linspace(0.0, 2.0, 201)
+        >>> pushed = fit.simulate({"time": time, "F": 2.0 * (time > 0.5)}, parameters={"k": 100.0})
+        >>> pushed.rows, list(pushed.outputs)
+        (201, ['position'])
+        """
+        from aero_bayes.predict import simulate
+
+        return simulate(self, inputs, parameters=parameters, start=start)
+
+    def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw a recording, what the fit makes of it, and what is left.
+
+        Parameters
+        ----------
+        recording : str, optional
+            Name of a fitted recording; the first by default.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Dashed lines: twice the noise floor, between which noise alone leaves 95 % of samples.
+
+        Raises
+        ------
+        InputError
+            For a recording that was not fitted.
+
+        Examples
+        --------
+        >>> len(fit.plot().axes)  # the force, the position, what is left of it
+        3
+        """
+        from aero_bayes.plots import fit_figure
+
+        return fit_figure(self, recording, figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        Examples
+        --------
+        >>> fit.to_frame().loc["k", ["unit", "status"]].to_list()
+        ['N/m', 'identified']
+        """
+        return estimates_frame(self.parameters)
+
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
 
@@ -348,11 +439,16 @@ def structure_warnings(
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:
     """A parameter table for a notebook."""
-    head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "90 % interval", "unit", "status", "prior"))
     rows = []
     for e in table.values():
         span = "" if e.q05 is None or e.q95 is None else f"{e.q05:.4g} to {e.q95:.4g}"
-        cells = (e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior)
-        rows.append("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in cells) + "</tr>")
-    notes = "".join(f"<p><strong>{escape(w)}</strong></p>" for w in warnings)
-    return f"<table><caption>{escape(caption)}</caption><tr>{head}</tr>{''.join(rows)}</table>{notes}"
+        rows.append((e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior))
+    return table_html(("parameter", "value", "90 % interval", "unit", "status", "prior"), rows, caption, warnings)
+
+
+def estimates_frame(table: Mapping[str, Estimate]) -> pandas.DataFrame:
+    """A parameter table as a data frame, a row a parameter."""
+    import pandas
+
+    rows = {name: {**e.to_dict(), "status": str(e.status)} for name, e in table.items()}
+    return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")

@@ -10,6 +10,7 @@ from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import SolverSettings
 
 
@@ -33,8 +34,8 @@ class AttributeSettings:
     require: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class LoopSettings:
+@dataclass(frozen=True, repr=False)
+class LoopSettings(Settings):
     """How the loop works.
 
     Parameters

@@ -66,6 +66,8 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
         added=written.parameters if written is not None else (),
         drawn=names[probing.recording] if probing is not None else names[0],
+        recordings=bench.recordings,
+        plain=bench.family.plain(),
     )
 
 

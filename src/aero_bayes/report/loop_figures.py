@@ -24,11 +24,9 @@ _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 
 
-def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
-    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
+    """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
     steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
-    if not steps:
-        return None
     best: dict[str, float] = {}
     for step in steps:
         for c in step.candidates:
@@ -36,7 +34,14 @@ def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
     taken = [step.chosen for step in steps if step.chosen in best]
     rest = sorted((id_ for id_ in best if id_ not in taken), key=lambda id_: -best[id_])
     ids = [*dict.fromkeys(taken), *rest]
-    shown = [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
+    return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
+
+
+def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
+    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+    steps, ids, shown = rounds(loop)
+    if not steps:
+        return None
     alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} rounds. " + " ".join(
         f"Round {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )

@@ -22,12 +22,13 @@ from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.sample.stopping import Verdict, judge
 from aero_bayes.sample.tuning import Density, Tuned
 from aero_bayes.sample.walk import MakeMoves, Walk, standard_moves
+from aero_bayes.show import Settings
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SampleSettings:
+@dataclass(frozen=True, repr=False)
+class SampleSettings(Settings):
     """How long and with what to sample.
 
     Parameters

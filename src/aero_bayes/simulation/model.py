@@ -6,10 +6,14 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from aero_bayes.errors import InputError
+from aero_bayes.show import table_html
 from aero_bayes.simulation import archive
+
+if TYPE_CHECKING:
+    import pandas
 
 BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
 
@@ -150,6 +154,36 @@ class Model:
                 return variable
         raise InputError(f"{self.path.name}: no {what} {name!r} ({what}s: {_listed(variables)})")
 
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter, input, output and state: kind, unit, start, min, max (SI), description.
+
+        Examples
+        --------
+        >>> model.to_frame().query("kind == 'input'").index.to_list()
+        ['F']
+        """
+        import pandas
+
+        rows = [
+            (v.name, kind, v.unit, v.start, v.minimum, v.maximum, v.description)
+            for kind, variables in (
+                ("parameter", self.parameters), ("input", self.inputs), ("output", self.outputs), ("state", self.states)
+            )
+            for v in variables
+        ]  # fmt: skip
+        columns = ["name", "kind", "unit", "start", "min", "max", "description"]
+        return pandas.DataFrame(rows, columns=columns).set_index("name")
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.parameters)} parameters, {len(self.states)} states"
+        signals = f"{_listed(self.inputs)} -> {_listed(self.outputs)}"
+        return f"<Model {self.name}: {signals}; {counts}; FMI {self.fmi_version}, {self.interface}>"
+
+    def _repr_html_(self) -> str:
+        frame = self.to_frame()
+        rows = [(name, r["kind"], r["unit"], _number(r["start"]), r["description"]) for name, r in frame.iterrows()]
+        return table_html(("name", "kind", "unit", "start", "description"), rows, repr(self).strip("<>"))
+
     def unpack(self, folder: Path) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
         archive.unpack(self.path, folder)
@@ -158,6 +192,10 @@ class Model:
     def binary_in(self, folder: Path) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
         return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or value != value else f"{value:g}"
 
 
 def _listed(variables: Sequence[Variable]) -> str:
