@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from aero_bayes.export import export_fmu
     from aero_bayes.library import load_model, open_run
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
-    from aero_bayes.predict import Forecast
+    from aero_bayes.predict import RecordingPrediction
     from aero_bayes.report import write_report
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.sample import Posterior, SampleSettings, sample
@@ -66,7 +66,7 @@ _HOME = {
     "sample": "sample",
     "load_model": "library",
     "open_run": "library",
-    "Forecast": "predict",
+    "RecordingPrediction": "predict",
     "RunDirectory": "report.run_directory",
     "write_report": "report",
     "Model": "simulation",
@@ -76,13 +76,13 @@ __all__ = [
     "CannotFinishError",
     "Fit",
     "FitSettings",
-    "Forecast",
     "InputError",
     "LoopResult",
     "LoopSettings",
     "Model",
     "Posterior",
     "Recording",
+    "RecordingPrediction",
     "RunDirectory",
     "SampleSettings",
     "close_loop",

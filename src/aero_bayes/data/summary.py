@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from aero_bayes.data.noise import NoiseFloor, noise_floor, quantisation_step
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.ripple import input_jumps, ripple
+from aero_bayes.show import table_html
 
 FloatArray = NDArray[np.float64]
 #: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
@@ -110,9 +110,11 @@ class Summary:
     def __str__(self) -> str:
         return "\n".join(self.lines)
 
+    def __repr__(self) -> str:
+        return f"<Summary {self.lines[0]}>"
+
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{escape(line.strip())}</li>" for line in self.lines[1:])
-        return f"<p>{escape(self.lines[0])}</p><ul>{items}</ul>"
+        return table_html(("column",), [(one.text,) for one in (*self.inputs, *self.outputs)], self.lines[0])
 
 
 def summarise(recording: Recording) -> Summary:

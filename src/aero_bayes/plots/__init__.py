@@ -3,8 +3,8 @@
 from aero_bayes.plots.curves import (
     bands_figure,
     fit_figure,
-    forecast_figure,
     loop_figure,
+    prediction_figure,
     recording_figure,
     run_figure,
     scene_figure,
@@ -16,10 +16,10 @@ from aero_bayes.plots.style import palette
 __all__ = [
     "bands_figure",
     "fit_figure",
-    "forecast_figure",
     "loop_figure",
     "pairs_figure",
     "palette",
+    "prediction_figure",
     "recording_figure",
     "rounds_figure",
     "run_figure",

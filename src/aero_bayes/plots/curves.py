@@ -11,7 +11,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plots.figure import draw_panels
 from aero_bayes.plots.view import fit_view, loop_view, posterior_view, view
-from aero_bayes.predict.forecast import Forecast
+from aero_bayes.predict.prediction import RecordingPrediction
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.sample.posterior import Posterior
@@ -37,16 +37,16 @@ def bands_figure(
     return run_figure(posterior_view(posterior), recording, figure=figure, dark=dark)
 
 
-def forecast_figure(forecast: Forecast, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def prediction_figure(prediction: RecordingPrediction, *, figure: Figure | None = None, dark: bool = False) -> Figure:
     """A prediction with its 90 % band, over what was read if anything was."""
-    name, part = forecast.recording.name, forecast.predictive
-    series = band_series([name], forecast.outputs, [part.lower], [part.upper])
-    series |= {f"fitted/{name}/{o}": part.median[:, k] for k, o in enumerate(forecast.outputs)}
-    recording = forecast.recording
-    unread = {o: np.full(recording.rows, np.nan) for o in forecast.outputs if o not in recording.outputs}
-    shown = view([(recording, "test")], series, forecast.model)
+    name, part = prediction.recording.name, prediction.predictive
+    series = band_series([name], prediction.outputs, [part.lower], [part.upper])
+    series |= {f"fitted/{name}/{o}": part.median[:, k] for k, o in enumerate(prediction.outputs)}
+    recording = prediction.recording
+    unread = {o: np.full(recording.rows, np.nan) for o in prediction.outputs if o not in recording.outputs}
+    shown = view([(recording, "test")], series, prediction.model)
     shown = RunDirectory(shown.path, shown.result, {**series, **shown.series}, {})
-    read = [o for o in forecast.outputs if o not in unread]
+    read = [o for o in prediction.outputs if o not in unread]
     return _figure(shown, name, [*read, *unread], figure, dark)
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from aero_bayes.predict import Forecast
+    from aero_bayes.predict import RecordingPrediction
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, str], None]
@@ -210,7 +210,7 @@ class Posterior:
         draws: int = 200,
         seed: int = 1,
         workers: int | None = 0,
-    ) -> Forecast:
+    ) -> RecordingPrediction:
         """What new readings would be, for a recording whether it was fitted or not.
 
         Parameters
@@ -226,7 +226,7 @@ class Posterior:
 
         Returns
         -------
-        Forecast
+        RecordingPrediction
             Median, 90 % bands with noise and without, and how the readings lie in them.
 
         Raises

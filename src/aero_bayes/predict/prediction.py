@@ -30,7 +30,7 @@ _STORED, _BLOCKS = 600, 60
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class RecordingPrediction:
     """What a posterior predicts for one recording.
 
     Parameters
@@ -44,8 +44,8 @@ class Forecast:
 
     Examples
     --------
-    >>> forecast = posterior.predict(test)
-    >>> forecast.predictive.median.shape == (test.rows, 1)
+    >>> prediction = posterior.predict(test)
+    >>> prediction.predictive.median.shape == (test.rows, 1)
     True
     """
 
@@ -97,11 +97,11 @@ class Forecast:
 
         Examples
         --------
-        >>> posterior.predict(test).plot().savefig("forecast.png")
+        >>> posterior.predict(test).plot().savefig("prediction.png")
         """
-        from aero_bayes.plots import forecast_figure
+        from aero_bayes.plots import prediction_figure
 
-        return forecast_figure(self, figure=figure, dark=dark)
+        return prediction_figure(self, figure=figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
@@ -123,7 +123,7 @@ class Forecast:
 
     def __repr__(self) -> str:
         errors = "; ".join(f"{o}: RMS {r:.3g}, {self.coverage[o]:.0%} in the 90 % band" for o, r in self.rms.items())
-        return f"<Forecast of {self.recording.name}: {errors or ', '.join(self.outputs)}>"
+        return f"<RecordingPrediction of {self.recording.name}: {errors or ', '.join(self.outputs)}>"
 
     def _repr_html_(self) -> str:
         units = {v.name: v.unit for v in self.model.outputs}
@@ -138,7 +138,7 @@ def predict(
     draws: int = 200,
     seed: int = 1,
     workers: int | None = 0,
-) -> Forecast:
+) -> RecordingPrediction:
     """Outputs with their noise for draws of a posterior; :meth:`aero_bayes.Posterior.predict` says how."""
     fit, calibration = posterior.fit, posterior.calibration
     recording = as_recording(inputs, calibration)
@@ -158,4 +158,4 @@ def predict(
     density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
     rng = np.random.default_rng(seed)
     part = summarise(recording.time, outputs.astype(np.float32), noise, density, rng, _STORED, _BLOCKS)
-    return Forecast(calibration.model, recording, fit.outputs, part)
+    return RecordingPrediction(calibration.model, recording, fit.outputs, part)
