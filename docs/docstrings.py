@@ -29,7 +29,8 @@ class Docstring:
     def of(cls, thing: object) -> Docstring:
         """Read the docstring of anything that has one."""
         parts = re.split(rf"^({'|'.join(SECTIONS)})\n-+\n", inspect.getdoc(thing) or "", flags=re.M)
-        return cls(parts[0].strip(), {name: body.strip("\n") for name, body in zip(parts[1::2], parts[2::2])})
+        named = zip(parts[1::2], parts[2::2], strict=True)
+        return cls(parts[0].strip(), {name: body.strip("\n") for name, body in named})
 
     def entries(self, section: str) -> list[tuple[tuple[str, ...], str, str]]:
         """Names, type and meaning of each entry of a section."""
@@ -79,7 +80,7 @@ def public() -> Iterator[Public]:
         home = __import__(f"aero_bayes.{room}", fromlist=[name]) if room else aero_bayes
         thing = getattr(home, name)
         yield Public(path, thing)
-        if isinstance(thing, type):
-            for member, value in vars(thing).items():
-                if not member.startswith("_") and (callable(value) or isinstance(value, property | classmethod)):
-                    yield Public(f"{path}.{member}", value if isinstance(value, property) else getattr(thing, member), thing)
+        for member, value in vars(thing).items() if isinstance(thing, type) and not room else ():
+            if not member.startswith("_") and (callable(value) or isinstance(value, property | classmethod)):
+                own = value if isinstance(value, property) else getattr(thing, member)
+                yield Public(f"{path}.{member}", own, thing)

@@ -41,6 +41,24 @@ class Recording:
         Hash of the file's bytes, or of the arrays where there is no file.
     path : Path, optional
         Where it was read from.
+
+    Examples
+    --------
+    >>> recording
+    <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
+    >>> recording.rows, recording.duration, round(recording.rate_hz)
+    (2001, 40.0, 50)
+    >>> recording.measured(("position",)).shape
+    (2001, 1)
+    >>> early, late = recording.split(0.7)
+    >>> early.rows, late.rows, recording.slice(10.0, 20.0).rows
+    (1400, 601, 500)
+    >>> int(np.isfinite(recording.without(after=30.0).outputs["position"]).sum())
+    1500
+    >>> int(np.isfinite(recording.thin(4).outputs["position"]).sum())
+    501
+    >>> sorted(recording.to_dict())
+    ['file', 'rate_hz', 'rows', 'sha256']
     """
 
     name: str

@@ -164,6 +164,17 @@ def propose_experiment(
         For a target that is no parameter of the fit, or a duration too short to sample.
     CannotFinishError
         If every candidate leaves the travel.
+
+    Examples
+    --------
+    >>> from aero_bayes.design import Limits
+    >>> from aero_bayes.design.optimise import SearchSettings
+    >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
+    >>> allowed = Limits(amplifier=5.0, travel={"position": 0.3})  # N, m
+    >>> aero_bayes.propose_experiment(
+    ...     fit, duration=8.0, targets=["d"], limits=allowed, settings=little, workers=0
+    ... ).targets
+    ('d',)
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = sample_times(fit, duration, rate_hz)

@@ -93,7 +93,9 @@ class Fit:
     free : tuple of int
         Columns that were fitted; the others keep their start.
     optimum : Optimum
-        Where the search ended, over the free columns; ``series`` are those of its objective.
+        Where the search ended, over the free columns.
+    series : tuple of Series
+        What was compared, by recording and output, in the order of ``optimum``.
     identifiability : Identifiability
     laplace : Laplace
         Gaussian approximation of the posterior of free and noise parameters in search coordinates.
@@ -102,13 +104,42 @@ class Fit:
     log_posterior : float
     fitted, residuals : tuples of ndarray, shape (n, m)
         Outputs at the fit, and measured minus fitted, of each recording.
+    stages : tuple of StageReport
+        Where each stage of the local search ended.
+    swarm : SwarmResult, optional
+    iterations : int
+        Of the local search.
     outcomes : mapping of Outcome to int
         How many simulations ended how.
     warnings : tuple of str
         What a reader must know before trusting an interval.
     seconds : float
+    engine : str
+        What simulated.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
+
+    Examples
+    --------
+    >>> fit.parameters["k"].unit, fit.parameters["k"].q05 < fit.value("k") == fit.named["k"]
+    ('N/m', True)
+    >>> fit.outputs, fit.held, fit.warnings[0].split(":")[0]
+    (('position',), (), 'The model does not explain position')
+    >>> fit.rms == {"position": fit.rms_by_recording["train"]["position"]}  # m
+    True
+    >>> bool(np.isclose(fit.cost_eq6, recording.rows * fit.rms["position"] ** 2))
+    True
+    >>> fit.noise["position"].sd == fit.noise_table()["position"]["sd"] == fit.to_dict()["noise"]["position"]["sd"]
+    True
+    >>> fit.bic > -2 * fit.log_likelihood and fit.failures["completed"] > 0
+    True
+    >>> fit.reason.name, str(fit.status(0)), fit.note(0), fit.own_recording(0)
+    ('CONVERGED', 'identified', '', '')
+    >>> from aero_bayes.simulation import open_simulator
+    >>> with open_simulator(fit.calibration.problem(), workers=0) as simulator:
+    ...     target, joint = fit.target(simulator), fit.joint_target(simulator)
+    ...     target.free, joint.target.free
+    ((0, 1, 2, 3), (0, 1, 2, 3))
     """
 
     calibration: Calibration
@@ -133,6 +164,7 @@ class Fit:
 
     @property
     def outputs(self) -> tuple[str, ...]:
+        """Outputs that were fitted, length m."""
         return self.calibration.outputs
 
     @property
@@ -142,6 +174,7 @@ class Fit:
 
     @property
     def log_likelihood(self) -> float:
+        """Natural logarithm of the likelihood at the fit."""
         return self.optimum.log_likelihood
 
     @property
@@ -154,7 +187,7 @@ class Fit:
         return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
 
     def joint_target(self, simulator: Simulator) -> JointTarget:
-        """The log-posterior over the free and the noise parameters."""
+        """The log-posterior over the free and the noise parameters, through a ``simulator`` of the same problem."""
         return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
 
     @property
@@ -169,6 +202,7 @@ class Fit:
 
     @property
     def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
+        """Root mean square error in the output's SI unit, by recording and output."""
         return costs.rms_table(self.residuals, self.calibration.names, self.outputs)
 
     @property
@@ -182,7 +216,7 @@ class Fit:
         return {outcome.key: count for outcome, count in self.outcomes.items()}
 
     def value(self, name: str) -> float:
-        """SI value of a parameter."""
+        """SI value of a parameter by its ``name``; InputError for one that is not there."""
         return float(self.values[self.calibration.parameters.index(name)])
 
     @property
@@ -210,7 +244,7 @@ class Fit:
         return tuple(name for column, name in enumerate(names) if column not in self.free)
 
     def own_recording(self, index: int | None) -> str:
-        """Name of the recording that a parameter belongs to alone; empty for all, and where there is only one."""
+        """Name of the recording with an ``index`` that a parameter has to itself; empty for all, or the only one."""
         names = self.calibration.names
         return names[index] if index is not None and len(names) > 1 else ""
 

@@ -91,10 +91,68 @@ class FoundEffect:
 class LoopResult:
     """The outcome of a closed loop.
 
-    ``sentence`` says why in words. ``before`` and ``after`` are predictions of the model as it stood and of the one
-    that came out (the same where nothing was added). ``signals`` are the inferred port signals, ``states`` the fitted
-    states on the signals' times that they may be drawn against. ``recordings`` and ``plain``, the model as it stood,
-    are there for figures.
+    Parameters
+    ----------
+    outcome : {"adequate", "extended", "unexplained"}
+    sentence : str
+        Why, in words.
+    base, model : str
+        Class of the model as it stood, and of the one that came out.
+    effects : tuple of FoundEffect
+        What was added.
+    equivalent : tuple of tuples of str
+        Ids that the data do not tell apart.
+    before, after : Prediction
+        Of the model as it stood and of the one that came out (the same where nothing was added).
+    floors : mapping of (str, str) to float
+        Noise floor by recording and output, in the output's SI unit.
+    residual_before, residual_after : tuple of ResidualReport
+    rounds : tuple of Round
+    signals : mapping of str to PortSignal
+        What was inferred at ports.
+    ports, tied_ports : tuple of str
+        Where something is missing, and where it may be as well.
+    states : mapping of str to (ndarray, ndarray), shape (k,) each
+        Times and fitted states that the signals may be drawn against.
+    moment : Moment, optional
+        A disturbance that belongs to a time.
+    shifts : tuple of Shift
+        How far parameters moved when the effects came in.
+    parameters : mapping of str to NewParameter
+        Of the model that came out; ``added`` are the new ones as they were searched.
+    noise : mapping of str to OutputNoise
+    modelica, modelica_path, diff : str
+        The extended model's source, the name of its file, and the change.
+    separate, story : tuple of str
+        Experiments that would tell equivalent effects apart, and what was done, in sentences.
+    simulations, failures : int
+    seconds : mapping of str to float
+        By phase.
+    added : tuple of Parameter
+    words : mapping of str to str
+        What candidates are, by id.
+    drawn : str
+        Recording whose port signals are drawn.
+    data_notes : tuple of str
+    recordings : Recordings, optional
+        What was fitted and predicted.
+    plain : Model, optional
+        The model as it stood.
+
+    Examples
+    --------
+    >>> loop.outcome, loop.effects[0].id
+    ('extended', 'coulomb_friction@v')
+    >>> friction = loop.effects[0].parameters[0]
+    >>> friction.unit, bool(friction.q05 < friction.value < friction.q95)  # the truth is 0.4 N
+    ('N', True)
+    >>> print(loop.diff[:30].splitlines()[0][:3])
+    ---
+    >>> loop.to_dict()["outcome"], loop.story_recording, list(loop.residual_dict())
+    ('extended', 'train', ['train'])
+    >>> curves = loop.series({r.name: r.time for r in (recording, test)})
+    >>> curves["before/test/position"].shape == (test.rows,)
+    True
     """
 
     outcome: LoopOutcome

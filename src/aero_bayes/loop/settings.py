@@ -44,7 +44,9 @@ class LoopSettings(Settings):
     effects : tuple of str, optional
         Ids of the catalogue to consider; all by default.
     exclude : tuple of str
-        Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
+        Ids, ports or laws that are not considered.
+    ports, laws : tuple of str, optional
+        The only ones that are; all by default.
     libraries : tuple of Path
         Folders that hold packages which the model uses.
     ripple : bool
@@ -69,6 +71,12 @@ class LoopSettings(Settings):
     astray : float
         How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
         named.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), exclude=("F",))
+    >>> settings, settings.allows("F"), settings.allows("v")
+    (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
     """
 
     attribute: AttributeSettings = field(default_factory=AttributeSettings)

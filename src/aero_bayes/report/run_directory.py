@@ -46,6 +46,13 @@ class RunDirectory:
     ('close-loop', 'N/m')
     >>> run.result.loop.effects[0].id
     'coulomb_friction@v'
+    >>> aero_bayes.RunDirectory.read("out/loop").recordings()
+    ('train', 'test')
+    >>> run.span("test"), run.unseen("test"), run.unseen("train")
+    ((0.0, 40.0), (0.0, 40.0), None)
+    >>> list(run.signals("fitted", "test")), run.time("test").shape
+    (['position'], (2001,))
+    >>> run.check("measured/test/position", "test")  # as long as its times
     """
 
     path: Path
@@ -171,7 +178,7 @@ class RunDirectory:
         return first + (1.0 - held_out) * (last - first), last
 
     def signals(self, group: str, recording: str) -> dict[str, FloatArray]:
-        """Signals of a group (``measured``, ``fitted``, ...) by name, each of shape (n,).
+        """Signals of a ``group`` (``measured``, ``fitted``, ...) of a ``recording`` by name, each of shape (n,).
 
         Raises
         ------
@@ -185,7 +192,7 @@ class RunDirectory:
         return found
 
     def check(self, key: str, recording: str) -> None:
-        """Raise InputError where a series is not as long as its recording's times."""
+        """Raise InputError where the series ``key`` is not as long as the times of its ``recording``."""
         rows = len(self.time(recording))
         if self.series[key].shape != (rows,):
             raise InputError(

@@ -36,8 +36,9 @@ class SampleSettings(Settings):
     ensembles, walkers : int
         At least four ensembles; twice the dimension plus two walkers by default (None).
     burn_in : tuple of int
-        Steps of each burn-in round, after each of which proposal and stand-in are fitted anew. Further rounds, each
-        half as long again, follow until they are good, at most ``extra_rounds``.
+        Steps of each burn-in round, after each of which proposal and stand-in are fitted anew.
+    extra_rounds : int
+        Most further rounds, each half as long again, that follow until these are good.
     settle : int
         Steps thrown away after the last of them.
     max_steps, time_limit : int, float
@@ -53,6 +54,11 @@ class SampleSettings(Settings):
         Draws over all ensembles that are simulated for the predictive bands.
     checkpoint_seconds : float
         Time between checkpoints.
+
+    Examples
+    --------
+    >>> aero_bayes.SampleSettings(ess=2000.0, time_limit=300.0)
+    SampleSettings(time_limit=300.0, ess=2000.0)
     """
 
     ensembles: int = 4

@@ -64,7 +64,33 @@ class Posterior:
     predictive : tuple of Predictive
         One a recording.
     converged : bool
-        False unless every criterion of the settings was met; ``reason`` says which was not.
+        False unless every criterion of the settings was met.
+    reason : str
+        Which was not.
+    acceptance : float
+        Share of proposals that were taken.
+    steps, walkers, evaluations : int
+        Steps of the kept chain, walkers of an ensemble, points at which the density was computed.
+    outcomes : mapping of Outcome to int
+        How many simulations ended how.
+    seconds : float
+    seed : int
+
+    Examples
+    --------
+    >>> posterior.samples("k").shape == (posterior.draws.shape[0] * posterior.draws.shape[1],)
+    True
+    >>> entry = posterior.parameters["k"]
+    >>> bool(entry.q05 < np.median(posterior.samples("k")) < entry.q95), entry.unit
+    (True, 'N/m')
+    >>> posterior.r_hat_max < 1.2 and min(posterior.ess_bulk_min, posterior.ess_tail_min) > 100 and posterior.tau > 0
+    True
+    >>> posterior.noise["position"].sd > 0, len(posterior.warnings) >= len(posterior.fit.warnings)
+    (True, True)
+    >>> posterior.calibration is fit.calibration, posterior.to_dict()["mcmc"]["ensembles"]
+    (True, 4)
+    >>> posterior.save(Path("posterior.nc")).name
+    'posterior.nc'
     """
 
     fit: Fit
@@ -86,6 +112,7 @@ class Posterior:
 
     @property
     def calibration(self) -> Calibration:
+        """What was fitted to what."""
         return self.fit.calibration
 
     @property
@@ -95,14 +122,17 @@ class Posterior:
 
     @property
     def r_hat_max(self) -> float:
+        """Largest rank-normalised R-hat of any parameter; at most 1.01 is asked for."""
         return max(d.r_hat for d in self.diagnoses.values())
 
     @property
     def ess_bulk_min(self) -> float:
+        """Fewest effective draws for the middle of any parameter."""
         return min(d.ess_bulk for d in self.diagnoses.values())
 
     @property
     def ess_tail_min(self) -> float:
+        """Fewest effective draws for the tails of any parameter."""
         return min(d.ess_tail for d in self.diagnoses.values())
 
     @property
@@ -112,7 +142,7 @@ class Posterior:
         return unfinished + self.fit.warnings
 
     def samples(self, name: str) -> FloatArray:
-        """Draws of one parameter over all ensembles, in its SI unit."""
+        """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
         return self.draws[:, :, self.names.index(name)].ravel()
 
     @property
@@ -351,6 +381,13 @@ def sample(
     ------
     CannotFinishError
         If no starting point of finite density can be found.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.SampleSettings(max_steps=20)  # too few to converge
+    >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
+    >>> short.converged, short.draws.shape[0]
+    (False, 4)
     """
     from aero_bayes.simulation import open_simulator
 

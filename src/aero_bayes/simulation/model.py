@@ -45,12 +45,45 @@ class Variable:
 class Model:
     """An FMU on disk and its description.
 
-    ``parameters`` are the Real parameters that may be set before initialisation (fixed or tunable), ``states`` the
-    continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
-    ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
-    ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
-    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to
-    copy a state with that state's position; see :meth:`copied_state`.
+    Parameters
+    ----------
+    path : Path
+    sha256 : str
+        Hash of the file.
+    name, guid, identifier : str
+        As the FMU has them.
+    parameters : tuple of Variable
+        Real parameters that may be set before initialisation (fixed or tunable).
+    inputs, outputs : tuple of Variable
+    states : tuple of Variable
+        Continuous states in the FMU's own order; none where it has co-simulation only.
+    event_indicators : int
+    has_directional_derivatives, needs_instance_per_process : bool
+    derivatives : tuple of int
+        Value references of the states' derivatives.
+    jacobian_pattern : tuple of tuples of int, optional
+        ``jacobian_pattern[j]``: the states whose derivative depends on state j; None where the FMU does not say.
+    wants_step_callback : bool
+    said_copies : tuple of (str, int)
+        Outputs that are said to copy a state, and that state's position; see :meth:`copied_state`.
+    fmi_version : {2, 3}
+    interface : {"model exchange", "co-simulation"}
+        The latter only where the FMU has no Model Exchange.
+    takes_any_step : bool
+        Whether a communication step of co-simulation may vary.
+
+    Examples
+    --------
+    >>> model.parameter("k").unit, model.input("F").unit, model.output("position").description
+    ('N/m', 'N', 'Position, as measured')
+    >>> model.state_index("v"), model.copied_state("position"), model.copied_state("F")
+    (1, 0, None)
+    >>> again = aero_bayes.Model.load(model.path)
+    >>> again == model
+    True
+    >>> Path("unpacked").mkdir()
+    >>> model.unpack(Path("unpacked")) == model.binary_in(Path("unpacked"))
+    True
     """
 
     path: Path
