@@ -18,6 +18,11 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
     )
 
 
+def with_unit(text: str, unit: str) -> str:
+    """A number with its unit behind it; none where it is dimensionless (``1``) or unknown."""
+    return text if unit in {"", "1", "-"} else f"{text} {unit}"
+
+
 class Settings:
     """Settings show what was changed from the defaults."""
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from aero_bayes.errors import InputError
+from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
@@ -116,7 +117,7 @@ class Uniform:
         return Uniform(max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+        return with_unit(f"uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ class LogUniform:
         return LogUniform(max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"log-uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+        return with_unit(f"log-uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
@@ -212,7 +213,7 @@ class Normal:
         return Normal(self.mean, self.sd, max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"normal, {self.mean:.4g} ± {self.sd:.2g} {unit}".rstrip()
+        return with_unit(f"normal, {self.mean:.4g} ± {self.sd:.2g}", unit)
 
 
 @dataclass(frozen=True)
@@ -281,6 +282,7 @@ class LogNormal:
         return LogNormal(self.median, self.sigma, max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
+        middle = with_unit(f"log-normal, {self.median:.4g}", unit)
         if self.sigma < 0.4:
-            return f"log-normal, {self.median:.4g} {unit} ± {100 * self.sigma:.2g} %"
-        return f"log-normal, {self.median:.4g} {unit} within a factor {math.exp(self.sigma):.2g}"
+            return f"{middle} ± {100 * self.sigma:.2g} %"
+        return f"{middle} within a factor {math.exp(self.sigma):.2g}"

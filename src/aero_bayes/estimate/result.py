@@ -25,7 +25,7 @@ from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
-from aero_bayes.show import table_html
+from aero_bayes.show import table_html, with_unit
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
 
 if TYPE_CHECKING:
@@ -407,7 +407,7 @@ class Fit:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
 
     def __repr__(self) -> str:
-        cells = ", ".join(f"{n}={e.value:.4g} {e.unit}".rstrip() for n, e in self.parameters.items())
+        cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
 
 

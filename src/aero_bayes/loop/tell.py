@@ -19,6 +19,7 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import Probing
 from aero_bayes.physics.locate import rank_ports
+from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 
@@ -94,10 +95,10 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
     worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    unit = units.get(worst, "")
     where = "data that was not fitted" if role == "test" else "the fitted data"
     verb = "falls" if second[worst] < first[worst] else "goes"
-    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {second[worst]:.3g} {unit}."
+    after_it = with_unit(f"{second[worst]:.3g}", units.get(worst, ""))
+    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {after_it}."
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:
@@ -125,7 +126,7 @@ def _story(
         lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
     lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
     for effect in conclusion.effects:
-        values = ", ".join(f"{p.name} = {p.value:.3g} {p.unit}".rstrip() for p in effect.parameters)
+        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
     return (*lines, conclusion.sentence)
 

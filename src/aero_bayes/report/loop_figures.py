@@ -22,6 +22,8 @@ PORT = 430.0
 STATES_SHOWN = 2
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
+#: Odds below which the number says no more.
+LEAST_ODDS = 1e-3
 
 
 def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
@@ -97,7 +99,7 @@ def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, 
     outline = f"M{left:.1f} {y + 4:.1f}h{max(length, 1.5):.1f}v10h-{max(length, 1.5):.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
-        odds = f", odds {significant(found.odds, 2)}" if found.odds is not None else ""
+        odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= LEAST_ODDS else ""
         canvas.text(
             left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5
         )
@@ -122,9 +124,14 @@ def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
         "" if found.refitted else "promised too little to be refitted",
-        "" if found.odds is None else f"odds {significant(found.odds, 3)}",
+        "" if found.odds is None else odds_text(found.odds),
     ]
     return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
+
+
+def odds_text(odds: float) -> str:
+    """Odds among all that a round tried; what is beyond belief is not counted out."""
+    return f"odds {significant(odds, 3)}" if odds >= LEAST_ODDS else f"odds below {LEAST_ODDS:g}"
 
 
 def gain_text(value: float | None) -> str:
