@@ -112,7 +112,7 @@ class Summary:
         return f"<Summary {self.lines[0]}>"
 
     def _repr_html_(self) -> str:
-        return table_html(("column",), [(one.text,) for one in (*self.inputs, *self.outputs)], self.lines[0])
+        return table_html(("column",), [(line.strip(),) for line in self.lines[1:]], self.lines[0])
 
 
 def summarise(recording: Recording) -> Summary:

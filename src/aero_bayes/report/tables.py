@@ -9,7 +9,17 @@ from typing import Literal
 
 from markupsafe import Markup, escape
 
-from aero_bayes.report.text import NOTHING, Quantity, key_label, pretty_unit, quantity, sentence, significant, symbol, tidy
+from aero_bayes.report.text import (
+    NOTHING,
+    Quantity,
+    key_label,
+    pretty_unit,
+    quantity,
+    sentence,
+    significant,
+    symbol,
+    tidy,
+)
 from aero_bayes.schema import ParameterResult, Quantiles
 
 _STATUS_WORDS = {

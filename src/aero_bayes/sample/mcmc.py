@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -173,13 +173,14 @@ def run(
         if kept >= walk.next_check or over:
             verdict = judge(walk.chain()[0], settings, coupled=walk.coupled)
             walk.next_check = verdict.next_check
-            if progress is not None and kept:
-                progress("sampling", min(1.0, kept / walk.next_check), verdict.line)
             if verdict.enough or over:
                 break
         walk.advance()
         if progress is not None and not walk.tuned.frozen:
             progress("burn-in", min(1.0, walk.rounds / len(settings.burn_in)), f"round {walk.rounds + 1}")
+        elif progress is not None:
+            words = verdict.line if verdict.diagnoses else f"{walk.kept} steps"
+            progress("sampling", min(1.0, walk.kept / walk.next_check), words)
         if checkpoint is not None and now - saved > settings.checkpoint_seconds:
             write_arrays(checkpoint, walk.state() | {"key": np.array(key)})
             saved = time.perf_counter()
@@ -195,4 +196,5 @@ def run(
 
 def settings_key(settings: SampleSettings) -> str:
     """What of the settings changes the chain (limits only end it)."""
-    return repr(replace(settings, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0))
+    kept = replace(settings, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0)
+    return repr(asdict(kept))
