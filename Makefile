@@ -45,7 +45,7 @@ $(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/s
 	touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[matlab,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[test]'
 	touch $@
 
 fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (default reports/OneDof.fmu)
