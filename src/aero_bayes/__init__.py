@@ -35,11 +35,14 @@ if TYPE_CHECKING:
     from aero_bayes.data import Recording, read_recording, summarise
     from aero_bayes.design import propose_experiment
     from aero_bayes.errors import CannotFinishError, InputError
-    from aero_bayes.estimate import Fit, FitSettings, fit
+    from aero_bayes.estimate import Fit, FitSettings
+    from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
-    from aero_bayes.library import load_model
+    from aero_bayes.library import load_model, open_run
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+    from aero_bayes.predict import RecordingPrediction
     from aero_bayes.report import write_report
+    from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.sample import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model
 
@@ -62,6 +65,9 @@ _HOME = {
     "fit": "estimate",
     "sample": "sample",
     "load_model": "library",
+    "open_run": "library",
+    "RecordingPrediction": "predict",
+    "RunDirectory": "report.run_directory",
     "write_report": "report",
     "Model": "simulation",
 }
@@ -76,11 +82,14 @@ __all__ = [
     "Model",
     "Posterior",
     "Recording",
+    "RecordingPrediction",
+    "RunDirectory",
     "SampleSettings",
     "close_loop",
     "export_fmu",
     "fit",
     "load_model",
+    "open_run",
     "propose_experiment",
     "read_recording",
     "sample",

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 
+#: In the output folder: where a posterior goes on from with ``--resume``.
+CHECKPOINT = "checkpoint.npz"
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
+INTERRUPTED = 130
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
@@ -32,6 +36,9 @@ class OneLineErrors(click.Group):
         except CannotFinishError as error:
             click.echo(f"could not finish: {error}", err=True)
             ctx.exit(COULD_NOT_FINISH)
+        except KeyboardInterrupt as stop:
+            click.echo(f"\ninterrupted{': ' if stop.args else ''}{' '.join(map(str, stop.args))}", err=True)
+            ctx.exit(INTERRUPTED)
 
 
 @click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -55,7 +62,23 @@ def run_options(command: Command) -> Command:
         click.option("--out", type=FOLDER, required=True, help="Folder for result.json, report.html, posterior.nc."),
     ):
         command = option(command)
-    return command
+    return _says_how_to_resume(command)
+
+
+def _says_how_to_resume(command: Command) -> Command:
+    """What interrupts the command tells how to go on from there."""
+
+    @wraps(command)
+    def guarded(**given: Any) -> Any:
+        try:
+            return command(**given)
+        except KeyboardInterrupt:
+            checkpoint = Path(given["out"]) / CHECKPOINT
+            if checkpoint.is_file():
+                raise KeyboardInterrupt(f"the same command with --resume goes on from {checkpoint}") from None
+            raise KeyboardInterrupt("nothing to resume from yet, the same command begins anew") from None
+
+    return cast(Command, guarded)
 
 
 def _options(**given: Any) -> Any:

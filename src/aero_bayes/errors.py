@@ -4,8 +4,22 @@ from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something the user gave is wrong; the message names what, where, and what was expected."""
+    """Something the user gave is wrong; the message names what, where, and what was expected.
+
+    Examples
+    --------
+    >>> recording.slice(90.0, 100.0)
+    Traceback (most recent call last):
+    aero_bayes.errors.InputError: train: no sample between 90 s and 100 s (it runs from 0 s to 40 s)
+    """
 
 
 class CannotFinishError(RuntimeError):
-    """The work could not be completed with valid input (exit status 3); the message says why."""
+    """The work could not be completed with valid input (exit status 3); the message says why.
+
+    Examples
+    --------
+    >>> fit.simulate({"time": [0.0, 1.0], "F": 0.0}, parameters={"m": 0.0})  # a cart without mass
+    Traceback (most recent call last):
+    aero_bayes.errors.CannotFinishError: Rig could not be simulated: ...
+    """

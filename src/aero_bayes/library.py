@@ -1,4 +1,4 @@
-"""A model by name: what a notebook calls before it fits."""
+"""A model by name, a finished run by its folder: where a notebook begins."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from aero_bayes.export import export_fmu
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model
 
@@ -38,6 +39,12 @@ def load_model(
     ------
     InputError
         For an FMU that cannot be used, or Modelica that cannot be translated.
+
+    Examples
+    --------
+    >>> model = aero_bayes.load_model("Rig", sources=[Path("Rig.mo")])
+    >>> model
+    <Model Rig: F -> position; 3 parameters, 2 states; FMI 2, model exchange>
     """
     if str(name).endswith(".fmu"):
         return Model.load(Path(name))
@@ -45,3 +52,30 @@ def load_model(
     target.mkdir(parents=True, exist_ok=True)
     built = export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources, libraries=libraries)
     return Model.load(built)
+
+
+def open_run(directory: Path | str) -> RunDirectory:
+    """Open what a command left in its output folder.
+
+    Parameters
+    ----------
+    directory : path
+        What was given as ``--out``.
+
+    Returns
+    -------
+    RunDirectory
+        ``result`` is result.json, typed; ``series`` are its curves, ``posterior`` its draws where there are any.
+
+    Raises
+    ------
+    InputError
+        No ``result.json`` there, or one of the files is damaged.
+
+    Examples
+    --------
+    >>> run = aero_bayes.open_run("out/loop")
+    >>> run.result.loop.outcome
+    'extended'
+    """
+    return RunDirectory.read(directory)

@@ -33,7 +33,7 @@ def test_sampling_input_and_gaps() -> None:
     assert theta.noise.sd == pytest.approx(1e-3, rel=0.1)
     json.dumps(summary.to_dict(), allow_nan=False)
     assert "made: 2,701 rows" in str(summary)
-    assert "<li>V_m: -9 to 18 V, 5 levels" in summary._repr_html_()
+    assert "<td>V_m: -9 to 18 V, 5 levels" in summary._repr_html_()
 
 
 def test_dropped_samples_and_jitter() -> None:

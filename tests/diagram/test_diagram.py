@@ -142,6 +142,17 @@ def test_a_model_of_equations_shows_inputs_states_and_outputs(files: list[Path],
     assert [part for part, found in parts.items() if found.marked] == ["x"]
 
 
+@pytest.mark.parametrize(("port", "terminal"), [("x", ""), ("output_x", "output"), ("u", "input")])
+def test_a_state_that_is_read_is_told_from_its_reading(fmu: Model, port: str, terminal: str) -> None:
+    """The mark stands in the box for a balance, at the arrow for a sensor or an input."""
+    read = dataclasses.replace(fmu, outputs=(fmu.states[1],))
+    (diagram,) = model_diagrams(read, "nobody.knows", ports=[port])
+    assert [part.terminal for part in diagram.components if part.name == "x"] == ["", "output"]
+    assert [(part.name, part.terminal) for part in diagram.components if part.marked] == [
+        (port.removeprefix("output_"), terminal)
+    ]
+
+
 def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None:
     library = read_library(files)
     assert look_up(library, "Motor", "Rig.Placed") == "Rig.Motor"

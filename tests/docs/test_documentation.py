@@ -48,7 +48,9 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
         assert name in re.sub(r"\d[\d.,]*", "#", printed), line
 
 
-@pytest.mark.parametrize("page", ["docs/howto/model.md", "docs/howto/data.md", "docs/howto/fmu.md"])
+@pytest.mark.parametrize(
+    "page", ["docs/howto/model.md", "docs/howto/data.md", "docs/howto/fmu.md", "docs/howto/recordings.md"]
+)
 def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
     commands = blocks(page, "bash")
     assert commands
@@ -83,6 +85,13 @@ def test_the_readmes_example_prints_what_it_says(cart: Path):
     done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.sub(r"\d[\d.,]*", "#", done.stdout) == re.sub(r"\d[\d.,]*", "#", said)
+
+
+def test_the_library_page_runs(cart: Path):
+    script = "".join(blocks("docs/howto/python.md", "python"))
+    done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (cart / "loop.png").is_file()
 
 
 def test_public_names_are_what_they_say_after_their_rooms_are_imported():

@@ -87,6 +87,11 @@ class Layout:
         Any of them may be; at least one must.
     rates : (float, float)
         Believable sample rates in Hz.
+
+    Examples
+    --------
+    >>> Layout.of(["F"], ["position"], {"F": "N", "position": "m"}).units
+    {'time': 's', 'F': 'N', 'position': 'm'}
     """
 
     inputs: tuple[Quantity, ...]

@@ -134,7 +134,7 @@ def _variables_hdf5(path: Path, opaque: list[str]) -> dict[str, Any]:
         import h5py
     except ImportError:
         raise InputError(
-            f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install 'aero-bayes[matlab]' (or save it with -v7)"
+            f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)"
         ) from None
     try:
         with h5py.File(path, "r") as file:

@@ -45,6 +45,12 @@ def read_recording(
     InputError
         One line that names file, row (the line of a CSV file, the header being 1; the sample of a MATLAB file), column
         and what was expected.
+
+    Examples
+    --------
+    >>> layout = Layout.of(["F"], ["position"])
+    >>> aero_bayes.read_recording("train.csv", layout=layout)
+    <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
     layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
     file = Path(path)
@@ -98,7 +104,20 @@ def read_recording(
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:
-    """Write a recording so that :func:`read_recording` returns the same numbers; gaps become empty cells."""
+    """Write a recording so that :func:`read_recording` returns the same numbers; gaps become empty cells.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path
+        The file; it appears whole or not at all.
+
+    Examples
+    --------
+    >>> from aero_bayes.data import write_csv
+    >>> write_csv(recording.slice(0.0, 10.0), "part.csv").name
+    'part.csv'
+    """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     columns = {"time": recording.time, **recording.inputs, **recording.outputs}

@@ -5,13 +5,18 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.show import table_html
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 
@@ -36,6 +41,24 @@ class Recording:
         Hash of the file's bytes, or of the arrays where there is no file.
     path : Path, optional
         Where it was read from.
+
+    Examples
+    --------
+    >>> recording
+    <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
+    >>> recording.rows, recording.duration, round(recording.rate_hz)
+    (2001, 40.0, 50)
+    >>> recording.measured(("position",)).shape
+    (2001, 1)
+    >>> early, late = recording.split(0.7)
+    >>> early.rows, late.rows, recording.slice(10.0, 20.0).rows
+    (1400, 601, 500)
+    >>> int(np.isfinite(recording.without(after=30.0).outputs["position"]).sum())
+    1500
+    >>> int(np.isfinite(recording.thin(4).outputs["position"]).sum())
+    501
+    >>> sorted(recording.to_dict())
+    ['file', 'rate_hz', 'rows', 'sha256']
     """
 
     name: str
@@ -112,13 +135,49 @@ class Recording:
         outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (1 in {every})", outputs=outputs, sha256="")
 
+    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw inputs and outputs over time.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A panel for each column, its SI unit (or a thousandth of it) at the axis.
+
+        Examples
+        --------
+        >>> len(recording.plot().axes)  # the force, the position
+        2
+        """
+        from aero_bayes.plots import recording_figure
+
+        return recording_figure(self, figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Every column by time (s), in SI units.
+
+        Examples
+        --------
+        >>> recording.to_frame().columns.to_list()
+        ['F', 'position']
+        """
+        import pandas
+
+        return pandas.DataFrame({**self.inputs, **self.outputs}, index=pandas.Index(self.time, name="time"))
+
     def to_dict(self) -> dict[str, str | int | float]:
         """The ``data`` entry of result.json: ``file``, ``sha256``, ``rows``, ``rate_hz``."""
         file = self.path.name if self.path else self.name
         return {"file": file, "sha256": self.sha256, "rows": self.rows, "rate_hz": round(self.rate_hz, 6)}
 
     def __repr__(self) -> str:
-        columns = ", ".join([*self.inputs, "->", *self.outputs])
+        columns = f"{', '.join(self.inputs)} -> {', '.join(self.outputs)}"
         return f"<Recording {self.name}: {columns}; {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz>"
 
     def _repr_html_(self) -> str:
@@ -127,11 +186,9 @@ class Recording:
             for name, values in columns.items():
                 seen = values[np.isfinite(values)]
                 span = f"{seen.min():.4g} to {seen.max():.4g}" if seen.size else "no reading"
-                cells = (name, kind, self.units.get(name, ""), span, f"{values.size - seen.size}")
-                rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-        caption = f"{escape(self.name)}: {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz"
-        head = "".join(f"<th>{title}</th>" for title in ("column", "kind", "unit", "range", "gaps"))
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{''.join(rows)}</table>"
+                rows.append((name, kind, self.units.get(name, ""), span, f"{values.size - seen.size}"))
+        caption = f"{self.name}: {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz"
+        return table_html(("column", "kind", "unit", "range", "gaps"), rows, caption)
 
     def _select(self, keep: NDArray[np.bool_], name: str) -> Recording:
         return replace(

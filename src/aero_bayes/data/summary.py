@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from aero_bayes.data.noise import NoiseFloor, noise_floor, quantisation_step
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.ripple import input_jumps, ripple
+from aero_bayes.show import table_html, with_unit
 
 FloatArray = NDArray[np.float64]
 #: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
@@ -35,12 +35,10 @@ class InputSummary:
     def text(self) -> str:
         """One line."""
         if self.levels == 1:
-            return f"{self.name}: constant at {self.lowest:.5g} {self.unit}"
+            return with_unit(f"{self.name}: constant at {self.lowest:.5g}", self.unit)
         what = f"{self.levels} levels" if self.levels <= 50 else "varies continuously"
-        return (
-            f"{self.name}: {self.lowest:.5g} to {self.highest:.5g} {self.unit}, {what}, {self.jumps} jumps, "
-            f"{self.at_largest:.0%} of the time at its largest size"
-        )
+        span = with_unit(f"{self.name}: {self.lowest:.5g} to {self.highest:.5g}", self.unit)
+        return f"{span}, {what}, {self.jumps} jumps, {self.at_largest:.0%} of the time at its largest size"
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class OutputSummary:
     def text(self) -> str:
         """One line."""
         noise = self.noise
-        parts = [f"{self.name}: {self.lowest:.4g} to {self.highest:.4g} {self.unit}", f"noise {noise.sd:.2g}"]
+        parts = [with_unit(f"{self.name}: {self.lowest:.4g} to {self.highest:.4g}", self.unit), f"noise {noise.sd:.2g}"]
         if noise.slow > 0.0:
             parts[-1] += f" (white {noise.white:.2g}, slow {noise.slow:.2g} over {noise.slow_time:.2g} s)"
         if noise.quantum is not None:
@@ -110,13 +108,33 @@ class Summary:
     def __str__(self) -> str:
         return "\n".join(self.lines)
 
+    def __repr__(self) -> str:
+        return f"<Summary {self.lines[0]}>"
+
     def _repr_html_(self) -> str:
-        items = "".join(f"<li>{escape(line.strip())}</li>" for line in self.lines[1:])
-        return f"<p>{escape(self.lines[0])}</p><ul>{items}</ul>"
+        return table_html(("column",), [(line.strip(),) for line in self.lines[1:]], self.lines[0])
 
 
 def summarise(recording: Recording) -> Summary:
-    """Look a recording over; no model is involved. The recording must have passed its checks."""
+    """Look a recording over; no model is involved.
+
+    Parameters
+    ----------
+    recording : Recording
+        It must have passed the checks of :func:`read_recording`.
+
+    Returns
+    -------
+    Summary
+        Sampling, ranges, resolution and noise of each column, in SI units.
+
+    Examples
+    --------
+    >>> print(aero_bayes.summarise(recording))
+    train.csv: 2,001 rows, 40 s at 50 Hz, even
+      F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
+      position: -0.1042 to 0.1357, noise 0.00031
+    """
     intervals = np.diff(recording.time)
     median = float(np.median(intervals))
     jumps = input_jumps(recording)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_sig
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
+from aero_bayes.show import table_html
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -110,15 +110,18 @@ class Design(HeldSignal):
             "seed": self.seed,
         }
 
+    def __repr__(self) -> str:
+        aims = ", ".join(self.targets)
+        return f"<Design {self.input}: {self.family}, {self.time[-1]:g} s; {self.gain:.2g} times narrower {aims}>"
+
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "unit", "sd now", "sd after", "times narrower"))
-        rows = "".join(
-            f"<tr><td>{escape(e.name)}</td><td>{e.value:.4g}</td><td>{escape(e.unit)}</td><td>{e.sd_before:.3g}</td>"
-            f"<td>{e.sd_after:.3g}</td><td>{e.gain:.2f}{' *' if e.target else ''}</td></tr>"
+        rows = [
+            (e.name, f"{e.value:.4g}", e.unit, f"{e.sd_before:.3g}", f"{e.sd_after:.3g}",
+             f"{e.gain:.2f}{' *' if e.target else ''}")
             for e in self.expected
-        )
-        caption = f"next experiment: {escape(self.family)}, {self.time[-1]:g} s, * aimed at"
-        return f"<table><caption>{caption}</caption><tr>{head}</tr>{rows}</table>"
+        ]  # fmt: skip
+        head = ("parameter", "value", "unit", "sd now", "sd after", "times narrower")
+        return table_html(head, rows, f"next experiment: {self.family}, {self.time[-1]:g} s, * aimed at")
 
 
 def propose_experiment(
@@ -159,6 +162,17 @@ def propose_experiment(
         For a target that is no parameter of the fit, or a duration too short to sample.
     CannotFinishError
         If every candidate leaves the travel.
+
+    Examples
+    --------
+    >>> from aero_bayes.design import Limits
+    >>> from aero_bayes.design.optimise import SearchSettings
+    >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
+    >>> allowed = Limits(amplifier=5.0, travel={"position": 0.3})  # N, m
+    >>> aero_bayes.propose_experiment(
+    ...     fit, duration=8.0, targets=["d"], limits=allowed, settings=little, workers=0
+    ... ).targets
+    ('d',)
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = sample_times(fit, duration, rate_hz)

@@ -39,7 +39,8 @@ def model_diagrams(
     extended : str
         Modelica class of the model that came out of the loop; its diagram is drawn, marked where it differs.
     ports : sequence of str
-        Names of ports where an effect was added, for models whose structure does not show it.
+        Names of ports where an effect was added, for models whose structure does not show it. A name stands for the
+        balance of a state where there is one; ``output_<name>`` is the reading of it.
 
     Returns
     -------
@@ -61,7 +62,7 @@ def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -
         part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
     ]
     visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
-    marked = changed or [name for name in visible if name in ports]
+    marked = changed or [name for name in visible if {name, f"output_{name}"} & {*ports}]
     places = {name: _placement(part) for name, part in visible.items()}
     drawn = sum(place is not None for place in places.values()) > len(places) / 2
     if drawn:  # what its authors did not place is not part of their picture
@@ -182,21 +183,20 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
 
 def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
     """A model that is all equations: a box with its states between inputs and outputs."""
-    outside = {v.name for v in (*model.inputs, *model.outputs)}
-    states = [v for v in model.states if v.name not in outside]
-    columns = [[v.name for v in found] for found in (model.inputs, states, model.outputs)]
-    places = _grid(columns)
+    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
+        ("input", model.inputs), ("", model.states), ("output", model.outputs)
+    ]  # fmt: skip
+    places = _grid([[f"{kind} {v.name}" for v in variables] for kind, variables in groups])
     title = name.rpartition(".")[2]
-    high = 0.5 * _STEP_DOWN * max(1, len(states))
+    high = 0.5 * _STEP_DOWN * max(1, len(model.states)) + 0.3 * _HALF
     box = Component(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
     marks = {port.removeprefix("der(").rstrip(")") for port in ports}
-    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
-        ("input", model.inputs), ("", states), ("output", model.outputs)
-    ]  # fmt: skip
+    states = {v.name for v in model.states}
     parts = [
         Component(
-            name=v.name, type=v.unit, description=v.description, extent=places[v.name], terminal=kind,
-            marked=v.name in marks, shapes=[] if kind else [_STATE],
+            name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"], terminal=kind,
+            marked=(f"output_{v.name}" in marks and kind == "output") or v.name in marks - (states if kind else set()),
+            shapes=[] if kind else [_STATE],
         )
         for kind, variables in groups for v in variables
     ]  # fmt: skip

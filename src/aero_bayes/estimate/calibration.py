@@ -54,6 +54,13 @@ class CalibrationSettings:
         Whether an input holds from its sample to the next; ``auto`` lets the fit decide where it changes at most
         samples (see :mod:`aero_bayes.estimate.interpolation`).
     solver : SolverSettings
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import CalibrationSettings
+    >>> settings = aero_bayes.FitSettings(calibration=CalibrationSettings(delay="none"))
+    >>> list(aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0).parameters)
+    ['k', 'd', 'position_start']
     """
 
     outputs: tuple[str, ...] | None = None

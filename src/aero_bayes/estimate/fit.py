@@ -30,6 +30,7 @@ from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, ripples
+from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -37,8 +38,8 @@ FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
 
-@dataclass(frozen=True)
-class FitSettings:
+@dataclass(frozen=True, repr=False)
+class FitSettings(Settings):
     """How a fit is done.
 
     Parameters
@@ -66,6 +67,11 @@ class FitSettings:
         fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
         the noise would be without it.
     engine : {"native", "fmpy"}
+
+    Examples
+    --------
+    >>> aero_bayes.FitSettings(method="local").ascent.swarm is None  # no particle swarm first
+    True
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
@@ -123,6 +129,12 @@ def fit(
         If the recordings and the model do not belong together.
     CannotFinishError
         If the model cannot be simulated at any starting point.
+
+    Examples
+    --------
+    >>> free = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
+    >>> aero_bayes.fit(recording, model, parameters=free, workers=0)
+    <Fit Rig: k=54.9 N/m, d=3.898 N.s/m, position_start=-0.0009845 m, input_delay=0 s>
     """
     from aero_bayes.simulation import open_simulator
 

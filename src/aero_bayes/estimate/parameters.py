@@ -219,7 +219,23 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class Override:
-    """What a user says of a parameter in place of the model's own statement; None leaves that."""
+    """What a user says of a parameter in place of the model's own statement; None leaves that.
+
+    Parameters
+    ----------
+    start, lower, upper : float, optional
+        Where the search starts, and its bounds, in SI units.
+    prior : Prior, optional
+    scale : {"log", "linear"}, optional
+        Axis of the search; ``log`` where the lower bound is positive.
+    auto : bool
+        Free it only if the data show it.
+
+    Examples
+    --------
+    >>> parameters_from_model(model, overrides={"k": Override(start=40.0, lower=10.0)})["k"].lower
+    10.0
+    """
 
     start: float | None = None
     lower: float | None = None
@@ -245,6 +261,11 @@ def parameters_from_model(
     ------
     InputError
         For a name that the model lacks, a parameter without finite bounds, or a start outside them.
+
+    Examples
+    --------
+    >>> parameters_from_model(model, ["k", "d"]).names
+    ('k', 'd')
     """
     overrides = overrides or {}
     known = {variable.name: variable for variable in model.parameters}

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from aero_bayes.errors import InputError
+from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
@@ -81,7 +82,19 @@ def _truncated_normal(rng: np.random.Generator, a: float, b: float, size: int) -
 
 @dataclass(frozen=True)
 class Uniform:
-    """Equal density everywhere between the bounds."""
+    """Equal density everywhere between the bounds.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Bounds in the parameter's SI unit; InputError unless finite and in order.
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import Uniform
+    >>> bool(np.exp(Uniform(2.0, 6.0).log_pdf(3.0)) == 0.25)
+    True
+    """
 
     lower: float
     upper: float
@@ -104,12 +117,25 @@ class Uniform:
         return Uniform(max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+        return with_unit(f"uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
 class LogUniform:
-    """Equal density on a logarithmic axis between two positive bounds."""
+    """Equal density on a logarithmic axis between two positive bounds.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Bounds in the parameter's SI unit; InputError unless positive and in order.
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import LogUniform
+    >>> prior = LogUniform(1.0, 100.0)
+    >>> float(np.exp(prior.log_pdf(10.0) - prior.log_pdf(20.0)))  # half as dense at twice the value
+    2.0
+    """
 
     lower: float
     upper: float
@@ -135,12 +161,26 @@ class LogUniform:
         return LogUniform(max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"log-uniform, {self.lower:.4g} to {self.upper:.4g} {unit}".rstrip()
+        return with_unit(f"log-uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal density, truncated to the bounds and normalised there."""
+    """Normal density, truncated to the bounds and normalised there.
+
+    Parameters
+    ----------
+    mean, sd : float
+        In the parameter's SI unit; InputError unless ``sd`` is positive.
+    lower, upper : float
+        Bounds; none by default.
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import Normal
+    >>> Normal(3.0, 0.5).describe("N.s/m")
+    'normal, 3 ± 0.5 N.s/m'
+    """
 
     mean: float
     sd: float
@@ -173,14 +213,28 @@ class Normal:
         return Normal(self.mean, self.sd, max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
-        return f"normal, {self.mean:.4g} ± {self.sd:.2g} {unit}".rstrip()
+        return with_unit(f"normal, {self.mean:.4g} ± {self.sd:.2g}", unit)
 
 
 @dataclass(frozen=True)
 class LogNormal:
     """Log-normal density about a median, truncated to the bounds and normalised there.
 
-    ``sigma`` is the standard deviation of the natural logarithm: about the relative tolerance where that is small.
+    Parameters
+    ----------
+    median : float
+        In the parameter's SI unit; positive.
+    sigma : float
+        Standard deviation of the natural logarithm: about the relative tolerance where that is small.
+    lower, upper : float
+        Bounds; the positive axis by default.
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import LogNormal
+    >>> prior = LogNormal.tolerance(50.0, 0.1)  # a data sheet's value, 10 %
+    >>> round(prior.sigma, 4), LogNormal.factor(50.0, 2.0).median
+    (0.0998, 50.0)
     """
 
     median: float
@@ -228,6 +282,7 @@ class LogNormal:
         return LogNormal(self.median, self.sigma, max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
+        middle = with_unit(f"log-normal, {self.median:.4g}", unit)
         if self.sigma < 0.4:
-            return f"log-normal, {self.median:.4g} {unit} ± {100 * self.sigma:.2g} %"
-        return f"log-normal, {self.median:.4g} {unit} within a factor {math.exp(self.sigma):.2g}"
+            return f"{middle} ± {100 * self.sigma:.2g} %"
+        return f"{middle} within a factor {math.exp(self.sigma):.2g}"

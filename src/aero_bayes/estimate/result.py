@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.data import Recording
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.ascent import StageEnd
 from aero_bayes.estimate.calibration import Calibration
@@ -23,8 +24,13 @@ from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
+from aero_bayes.show import table_html, with_unit
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
 from aero_bayes.simulation.model import Model
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, object]
@@ -87,7 +93,9 @@ class Fit:
     free : tuple of int
         Columns that were fitted; the others keep their start.
     optimum : Optimum
-        Where the search ended, over the free columns; ``series`` are those of its objective.
+        Where the search ended, over the free columns.
+    series : tuple of Series
+        What was compared, by recording and output, in the order of ``optimum``.
     identifiability : Identifiability
     laplace : Laplace
         Gaussian approximation of the posterior of free and noise parameters in search coordinates.
@@ -96,13 +104,42 @@ class Fit:
     log_posterior : float
     fitted, residuals : tuples of ndarray, shape (n, m)
         Outputs at the fit, and measured minus fitted, of each recording.
+    stages : tuple of StageReport
+        Where each stage of the local search ended.
+    swarm : SwarmResult, optional
+    iterations : int
+        Of the local search.
     outcomes : mapping of Outcome to int
         How many simulations ended how.
     warnings : tuple of str
         What a reader must know before trusting an interval.
     seconds : float
+    engine : str
+        What simulated.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
+
+    Examples
+    --------
+    >>> fit.parameters["k"].unit, fit.parameters["k"].q05 < fit.value("k") == fit.named["k"]
+    ('N/m', True)
+    >>> fit.outputs, fit.held, fit.warnings[0].split(":")[0]
+    (('position',), (), 'The model does not explain position')
+    >>> fit.rms == {"position": fit.rms_by_recording["train"]["position"]}  # m
+    True
+    >>> bool(np.isclose(fit.cost_eq6, recording.rows * fit.rms["position"] ** 2))
+    True
+    >>> fit.noise["position"].sd == fit.noise_table()["position"]["sd"] == fit.to_dict()["noise"]["position"]["sd"]
+    True
+    >>> fit.bic > -2 * fit.log_likelihood and fit.failures["completed"] > 0
+    True
+    >>> fit.reason.name, str(fit.status(0)), fit.note(0), fit.own_recording(0)
+    ('CONVERGED', 'identified', '', '')
+    >>> from aero_bayes.simulation import open_simulator
+    >>> with open_simulator(fit.calibration.problem(), workers=0) as simulator:
+    ...     target, joint = fit.target(simulator), fit.joint_target(simulator)
+    ...     target.free, joint.target.free
+    ((0, 1, 2, 3), (0, 1, 2, 3))
     """
 
     calibration: Calibration
@@ -127,6 +164,7 @@ class Fit:
 
     @property
     def outputs(self) -> tuple[str, ...]:
+        """Outputs that were fitted, length m."""
         return self.calibration.outputs
 
     @property
@@ -141,6 +179,7 @@ class Fit:
 
     @property
     def log_likelihood(self) -> float:
+        """Natural logarithm of the likelihood at the fit."""
         return self.optimum.log_likelihood
 
     @property
@@ -153,7 +192,7 @@ class Fit:
         return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
 
     def joint_target(self, simulator: Simulator) -> JointTarget:
-        """The log-posterior over the free and the noise parameters."""
+        """The log-posterior over the free and the noise parameters, through a ``simulator`` of the same problem."""
         return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
 
     @property
@@ -168,6 +207,7 @@ class Fit:
 
     @property
     def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
+        """Root mean square error in the output's SI unit, by recording and output."""
         return costs.rms_table(self.residuals, self.calibration.names, self.outputs)
 
     @property
@@ -181,7 +221,7 @@ class Fit:
         return {outcome.key: count for outcome, count in self.outcomes.items()}
 
     def value(self, name: str) -> float:
-        """SI value of a parameter."""
+        """SI value of a parameter by its ``name``; InputError for one that is not there."""
         return float(self.values[self.calibration.parameters.index(name)])
 
     @property
@@ -209,7 +249,7 @@ class Fit:
         return tuple(name for column, name in enumerate(names) if column not in self.free)
 
     def own_recording(self, index: int | None) -> str:
-        """Name of the recording that a parameter belongs to alone; empty for all, and where there is only one."""
+        """Name of the recording with an ``index`` that a parameter has to itself; empty for all, or the only one."""
         names = self.calibration.names
         return names[index] if index is not None and len(names) > 1 else ""
 
@@ -283,11 +323,96 @@ class Fit:
             "seconds": self.seconds,
         }
 
+    def simulate(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> Recording:
+        """Run the fitted model on other inputs.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            A recording, whose readings only say where it starts; or ``time`` in s and every input in its SI unit. A
+            recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
+            were, and starts at its own first readings, off by as much as theirs were; without readings, where the
+            model starts.
+        parameters : mapping of str to float, optional
+            Other values of parameters of the model, in SI units.
+        start : mapping of str to float, optional
+            Initial values of states, in SI units.
+
+        Returns
+        -------
+        Recording
+            The inputs, and the fit's outputs as simulated, without noise.
+
+        Raises
+        ------
+        InputError
+            For inputs, parameters or states that the model does not have, or an input that is missing.
+        CannotFinishError
+            If the model cannot be simulated so.
+
+        Examples
+        --------
+        >>> time = np.linspace(0.0, 2.0, 201)
+        >>> pushed = fit.simulate({"time": time, "F": 2.0 * (time > 0.5)}, parameters={"k": 100.0})
+        >>> pushed.rows, list(pushed.outputs)
+        (201, ['position'])
+        """
+        from aero_bayes.predict import simulate
+
+        return simulate(self, inputs, parameters=parameters, start=start)
+
+    def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw a recording, what the fit makes of it, and what is left.
+
+        Parameters
+        ----------
+        recording : str, optional
+            Name of a fitted recording; the first by default.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Dashed lines: twice the noise floor, between which noise alone leaves 95 % of samples.
+
+        Raises
+        ------
+        InputError
+            For a recording that was not fitted.
+
+        Examples
+        --------
+        >>> len(fit.plot().axes)  # the force, the position, what is left of it
+        3
+        """
+        from aero_bayes.plots import fit_figure
+
+        return fit_figure(self, recording, figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        Examples
+        --------
+        >>> fit.to_frame().loc["k", ["unit", "status"]].to_list()
+        ['N/m', 'identified']
+        """
+        return estimates_frame(self.parameters)
+
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
 
     def __repr__(self) -> str:
-        cells = ", ".join(f"{n}={e.value:.4g} {e.unit}".rstrip() for n, e in self.parameters.items())
+        cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
 
 
@@ -357,11 +482,16 @@ def structure_warnings(
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:
     """A parameter table for a notebook."""
-    head = "".join(f"<th>{t}</th>" for t in ("parameter", "value", "90 % interval", "unit", "status", "prior"))
     rows = []
     for e in table.values():
         span = "" if e.q05 is None or e.q95 is None else f"{e.q05:.4g} to {e.q95:.4g}"
-        cells = (e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior)
-        rows.append("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in cells) + "</tr>")
-    notes = "".join(f"<p><strong>{escape(w)}</strong></p>" for w in warnings)
-    return f"<table><caption>{escape(caption)}</caption><tr>{head}</tr>{''.join(rows)}</table>{notes}"
+        rows.append((e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior))
+    return table_html(("parameter", "value", "90 % interval", "unit", "status", "prior"), rows, caption, warnings)
+
+
+def estimates_frame(table: Mapping[str, Estimate]) -> pandas.DataFrame:
+    """A parameter table as a data frame, a row a parameter."""
+    import pandas
+
+    rows = {name: {**e.to_dict(), "status": str(e.status)} for name, e in table.items()}
+    return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")

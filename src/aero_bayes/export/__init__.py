@@ -101,6 +101,11 @@ def export_fmu(
     ------
     InputError
         For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
+
+    Examples
+    --------
+    >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources=[Path("Rig.mo")])
+    PosixPath('Rig.fmu')
     """
     out = Path(out)
     if fmi not in (2, 3):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -63,8 +62,6 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         One line that says what rumoca found wrong, or which construct cannot be exported.
     """
     check_model_name(model)
-    if importlib.util.find_spec("rumoca") is None:
-        raise InputError("the embedded exporter needs rumoca: pip install 'aero-bayes[export]'")
     with ScratchFolder() as root:
         files = stage(root, sources)
         packages = needed_libraries(model, files, library_roots(libraries))

@@ -15,10 +15,10 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.estimate.starts import state_of
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.recordings import Recordings
-from aero_bayes.simulation.interface import InputSignal, Problem, Simulator, StartTarget, Target
+from aero_bayes.predict.carry import first_reading, typical
+from aero_bayes.simulation.interface import InputSignal, Problem, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 
@@ -158,14 +158,8 @@ def _values(
 ) -> FloatArray:
     """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones'."""
     values = calibration.parameters.from_search(fit.coordinates)
-    own: dict[tuple[int, Target], float] = {}
-    typical: dict[Target, list[float]] = {}
-    for p, value in zip(calibration.parameters, values.tolist(), strict=True):
-        if p.recording is None:
-            continue
-        own[p.recording, p.target] = value
-        first = _first(everything[p.recording], p, whole)
-        typical.setdefault(p.target, []).append(value if first is None else value - first)
+    own = {(p.recording, p.target): v for p, v in zip(calibration.parameters, values.tolist(), strict=True)}
+    follow = typical(calibration, values, everything)
     by_name = dict(zip(calibration.parameters.names, values.tolist(), strict=True))
     row = []
     for p in whole.parameters:
@@ -174,9 +168,9 @@ def _values(
             continue
         value = own.get((p.recording, p.target)) if p.recording < fitted else None
         if value is None:
-            first = _first(everything[p.recording], p, whole)
-            start = p.start if p.target not in typical and first is None else 0.0
-            value = (first or 0.0) + float(np.mean(typical.get(p.target, [start])))
+            first = first_reading(everything[p.recording], p.target, whole)
+            start = p.start if first is None else 0.0
+            value = (first or 0.0) + float(follow.get(p.target, start))
         row.append(float(np.clip(value, p.lower, p.upper)))
     return np.array(row)
 
@@ -226,23 +220,3 @@ def shifts(
                 )
             )  # fmt: skip
     return tuple(found)
-
-
-def _first(recording: Recording, item: Parameter, calibration: Calibration) -> float | None:
-    """Mean of the readings of a state before the input first changes, over at most one second; None for what is no
-    start, or was not read."""
-    if not isinstance(item.target, StartTarget):
-        return None
-    states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
-    output = next((o for o, s in states.items() if s == item.target.state), None)
-    values = recording.outputs.get(output) if output is not None else None
-    if values is None:
-        return None
-    until = recording.time[0] + 1.0
-    for signal in recording.inputs.values():
-        changed = np.flatnonzero(np.diff(signal) != 0.0)
-        before = recording.time[changed[0] + 1] if changed.size else until
-        until = min(until, before if signal[0] == 0.0 else recording.time[0])
-    chosen = values[(recording.time < until) | (np.arange(values.size) < 3)]
-    chosen = chosen[np.isfinite(chosen)]
-    return float(chosen.mean()) if chosen.size else None

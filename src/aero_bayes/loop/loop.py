@@ -56,6 +56,7 @@ def close_loop(
         A Modelica class, or the path of an FMU (``.fmu``) with Model Exchange, around which laws are put.
     sources : sequence of Path
         Files and package folders that the class is loaded from.
+    settings : LoopSettings, optional
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
     out_dir : Path, optional
@@ -74,8 +75,10 @@ def close_loop(
 
     Examples
     --------
-    >>> settings = LoopSettings(free=("M",))
-    >>> loop = close_loop([recording], model="Rig", sources=[Path("Rig.mo")], settings=settings)  # doctest: +SKIP
+    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), laws=("coulomb_friction", "gain"))
+    >>> files = [Path("Rig.mo")]
+    >>> aero_bayes.close_loop([recording], [test], model="Rig", sources=files, settings=settings, workers=0)
+    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00487 -> 0.000304>
     """
     if not train:
         raise InputError("the closed loop needs at least one training recording")

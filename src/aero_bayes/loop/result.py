@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,15 @@ from aero_bayes.check.structure import ResidualReport, reports_table
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.loop.attribute import Round
 from aero_bayes.loop.judge import Prediction, Shift
+from aero_bayes.loop.recordings import Recordings
 from aero_bayes.physics.locate import Moment, PortSignal
 from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.show import table_html
+from aero_bayes.simulation.model import Model
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 LoopOutcome = Literal["adequate", "extended", "unexplained"]
@@ -87,9 +94,68 @@ class FoundEffect:
 class LoopResult:
     """The outcome of a closed loop.
 
-    ``sentence`` says why in words. ``before`` and ``after`` are predictions of the model as it stood and of the one
-    that came out (the same where nothing was added). ``signals`` are the inferred port signals, ``states`` the fitted
-    states on the signals' times that they may be drawn against.
+    Parameters
+    ----------
+    outcome : {"adequate", "extended", "unexplained"}
+    sentence : str
+        Why, in words.
+    base, model : str
+        Class of the model as it stood, and of the one that came out.
+    effects : tuple of FoundEffect
+        What was added.
+    equivalent : tuple of tuples of str
+        Ids that the data do not tell apart.
+    before, after : Prediction
+        Of the model as it stood and of the one that came out (the same where nothing was added).
+    floors : mapping of (str, str) to float
+        Noise floor by recording and output, in the output's SI unit.
+    residual_before, residual_after : tuple of ResidualReport
+    rounds : tuple of Round
+    signals : mapping of str to PortSignal
+        What was inferred at ports.
+    ports, tied_ports : tuple of str
+        Where something is missing, and where it may be as well.
+    states : mapping of str to (ndarray, ndarray), shape (k,) each
+        Times and fitted states that the signals may be drawn against.
+    moment : Moment, optional
+        A disturbance that belongs to a time.
+    shifts : tuple of Shift
+        How far parameters moved when the effects came in.
+    parameters : mapping of str to NewParameter
+        Of the model that came out; ``added`` are the new ones as they were searched.
+    noise : mapping of str to OutputNoise
+    modelica, modelica_path, diff : str
+        The extended model's source, the name of its file, and the change.
+    separate, story : tuple of str
+        Experiments that would tell equivalent effects apart, and what was done, in sentences.
+    simulations, failures : int
+    seconds : mapping of str to float
+        By phase.
+    added : tuple of Parameter
+    words : mapping of str to str
+        What candidates are, by id.
+    drawn : str
+        Recording whose port signals are drawn.
+    data_notes : tuple of str
+    recordings : Recordings, optional
+        What was fitted and predicted.
+    plain : Model, optional
+        The model as it stood.
+
+    Examples
+    --------
+    >>> loop.outcome, loop.effects[0].id
+    ('extended', 'coulomb_friction@v')
+    >>> friction = loop.effects[0].parameters[0]
+    >>> friction.unit, bool(friction.q05 < friction.value < friction.q95)  # the truth is 0.4 N
+    ('N', True)
+    >>> print(loop.diff[:30].splitlines()[0][:3])
+    ---
+    >>> loop.to_dict()["outcome"], loop.story_recording, list(loop.residual_dict())
+    ('extended', 'train', ['train'])
+    >>> curves = loop.series({r.name: r.time for r in (recording, test)})
+    >>> curves["before/test/position"].shape == (test.rows,)
+    True
     """
 
     outcome: LoopOutcome
@@ -124,6 +190,88 @@ class LoopResult:
     words: Mapping[str, str] = field(default_factory=dict)
     drawn: str = ""
     data_notes: tuple[str, ...] = ()
+    recordings: Recordings | None = None
+    plain: Model | None = None
+
+    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw what the models before and after make of data that was not fitted, and what each leaves.
+
+        Of the output that most was left of. Dashed: twice the noise floor.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Examples
+        --------
+        >>> loop.plot().savefig("loop.png")
+        """
+        from aero_bayes.plots import loop_figure
+
+        return loop_figure(self, figure=figure, dark=dark)
+
+    def plot_rounds(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw the log-evidence (nats) that each candidate would gain, round by round; orange: chosen.
+
+        Parameters
+        ----------
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Raises
+        ------
+        InputError
+            If nothing was tried, since the residual was noise.
+
+        Examples
+        --------
+        >>> loop.plot_rounds().savefig("rounds.png")
+        """
+        from aero_bayes.plots import rounds_figure
+        from aero_bayes.plots.view import loop_part
+
+        return rounds_figure(loop_part(self), figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.
+
+        Examples
+        --------
+        >>> loop.to_frame().query("chosen")["candidate"].to_list()
+        ['coulomb_friction@v']
+        """
+        import pandas
+
+        rows = [
+            (found.number, s.candidate.id, s.candidate.port, s.gain, s.odds, s is found.chosen)
+            for found in self.rounds
+            for s in found.scores
+        ]
+        return pandas.DataFrame(rows, columns=["round", "candidate", "port", "gain", "odds", "chosen"])
+
+    def __repr__(self) -> str:
+        found = ", ".join(effect.id for effect in self.effects)
+        return f"<LoopResult {self.base}: {self.outcome}{f' by {found}' if found else ''}; {self._errors()}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (role, output, f"{rms:.4g}", f"{self.after.pooled(role)[output]:.4g}")
+            for role in ("train", "test")
+            for output, rms in self.before.pooled(role).items()
+        ]
+        return table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
+
+    def _errors(self) -> str:
+        """RMS by output on data that was not fitted, before and after."""
+        role = "test" if self.before.test else "train"
+        after = self.after.pooled(role)
+        words = (f"{output} {rms:.3g} -> {after[output]:.3g}" for output, rms in self.before.pooled(role).items())
+        return f"RMS on {role} data: {', '.join(words)}"
 
     def to_dict(self) -> dict[str, object]:
         """The ``loop`` entry of result.json."""

@@ -10,6 +10,7 @@ from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import SolverSettings
 
 
@@ -35,8 +36,8 @@ class AttributeSettings:
     require: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class LoopSettings:
+@dataclass(frozen=True, repr=False)
+class LoopSettings(Settings):
     """How the loop works.
 
     Parameters
@@ -45,7 +46,9 @@ class LoopSettings:
     effects : tuple of str, optional
         Ids or laws to consider; all by default.
     exclude : tuple of str
-        Ids, ports or laws that are not considered; ``ports`` and ``laws`` name the only ones that are.
+        Ids, ports or laws that are not considered.
+    ports, laws : tuple of str, optional
+        The only ones that are; all by default.
     libraries : tuple of Path
         Folders that hold packages which the model uses.
     ripple : bool
@@ -70,6 +73,12 @@ class LoopSettings:
     astray : float
         How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
         named.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), exclude=("F",))
+    >>> settings, settings.allows("F"), settings.allows("v")
+    (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
     """
 
     attribute: AttributeSettings = field(default_factory=AttributeSettings)

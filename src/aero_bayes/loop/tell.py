@@ -24,6 +24,7 @@ from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import Probing
 from aero_bayes.physics.locate import rank_ports
 from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.show import with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 
 FloatArray = NDArray[np.float64]
@@ -75,6 +76,8 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
         added=written.parameters if written is not None else (),
         drawn=names[probing.recording] if probing is not None else names[0],
+        recordings=bench.recordings,
+        plain=bench.family.plain(),
     )
 
 
@@ -101,10 +104,10 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
     worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    unit = f" {units.get(worst, '')}".rstrip()
     where = "data that was not fitted" if role == "test" else "the fitted data"
     verb = "falls" if second[worst] < first[worst] else "goes"
-    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {second[worst]:.3g}{unit}."
+    after_it = with_unit(f"{second[worst]:.3g}", units.get(worst, ""))
+    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {after_it}."
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:
@@ -134,7 +137,7 @@ def _story(
     if found.selection.skipped:
         lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(found.selection.skipped)}.")
     for effect in conclusion.effects:
-        values = ", ".join(f"{p.name} = {p.value:.3g} {p.unit}".rstrip() for p in effect.parameters)
+        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
     return (*lines, conclusion.sentence)
 

@@ -86,37 +86,54 @@ def opening_scene(run: RunDirectory) -> Scene | None:
     return best[1] if best else None
 
 
+def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
+    """The curve of the opening picture, and what is left."""
+    return _output_panels(run, scene.recording, scene.output, (190.0, 110.0), scene.stretch)
+
+
 def scene_plate(run: RunDirectory, scene: Scene) -> Plate:
     """The opening picture: the curve above, what is left below."""
-    panels = _output_panels(run, scene.recording, scene.output, (190.0, 110.0), scene.stretch)
+    panels = scene_panels(run, scene)
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
     where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
     alt = f"{plain_name(scene.output)}, measured and modelled, and what the model leaves; recording {where}, {unseen}."
-    return plate(panels, alt, "time (s)", legend=_legend(run, scene.recording), link=scene.recording, width=700)
+    return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=700)
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
     """Inputs, then every output (but one that stands elsewhere) with what is left of it, over one time axis."""
-    time = run.time(recording)
-    outputs = [o for o, y in run.signals("measured", recording).items() if o != without and np.isfinite(y).any()]
-    if not outputs or len(time) < 2:
+    outputs = _outputs(run, recording, without)
+    if not outputs or len(run.time(recording)) < 2:
         return None
-    panels = []
+    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
+    panels = recording_panels(run, recording, without)
+    return plate(panels, alt, "time (s)", legend=legend(run, recording), link=recording)
+
+
+def _outputs(run: RunDirectory, recording: str, without: str) -> list[str]:
+    return [o for o, y in run.signals("measured", recording).items() if o != without and np.isfinite(y).any()]
+
+
+def recording_panels(
+    run: RunDirectory, recording: str, without: str = "", outputs: Sequence[str] | None = None
+) -> list[Panel]:
+    """Inputs, then every output that was read (but one that stands elsewhere) with what is left of it."""
+    time, panels = run.time(recording), []
     for name in run.signals("input", recording):
         values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
         factor, unit = scaled_unit(largest(values), run.result.unit(name))
         held = Line(time, factor * values, INK, 1.2, label="input", source=source, held=True)
         title = signal_title(name, unit, run.result.description(name))
         panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
-    for name in outputs:
+    for name in _outputs(run, recording, without) if outputs is None else outputs:
         panels += _output_panels(run, recording, name, (130.0, 78.0))
-    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
-    return plate(panels, alt, "time (s)", legend=_legend(run, recording), link=recording)
+    return panels
 
 
-def _legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
+def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
+    """Colours of a recording's curves and what they stand for."""
     fitted, base = run.signals(FINAL, recording), run.signals(BASE, recording)
     entries = [
         (MEASURED, "measured", True),

@@ -22,13 +22,13 @@ PORT = 430.0
 STATES_SHOWN = 2
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
+#: Odds below which the number says no more.
+LEAST_ODDS = 1e-3
 
 
-def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
-    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
+    """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
     steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
-    if not steps:
-        return None
     best: dict[str, float] = {}
     for step in steps:
         for c in step.candidates:
@@ -36,7 +36,14 @@ def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
     taken = [step.chosen for step in steps if step.chosen in best]
     rest = sorted((id_ for id_ in best if id_ not in taken), key=lambda id_: -best[id_])
     ids = [*dict.fromkeys(taken), *rest]
-    shown = [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
+    return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
+
+
+def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
+    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+    steps, ids, shown = rounds(loop)
+    if not steps:
+        return None
     alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} rounds. " + " ".join(
         f"Round {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
@@ -92,7 +99,7 @@ def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, 
     outline = f"M{left:.1f} {y + 4:.1f}h{max(length, 1.5):.1f}v10h-{max(length, 1.5):.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
-        odds = f", odds {significant(found.odds, 2)}" if found.odds is not None else ""
+        odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= LEAST_ODDS else ""
         canvas.text(
             left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5
         )
@@ -117,9 +124,14 @@ def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
         "" if found.refitted else "promised too little to be refitted",
-        "" if found.odds is None else f"odds {significant(found.odds, 3)}",
+        "" if found.odds is None else odds_text(found.odds),
     ]
     return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
+
+
+def odds_text(odds: float) -> str:
+    """Odds among all that a round tried; what is beyond belief is not counted out."""
+    return f"odds {significant(odds, 3)}" if odds >= LEAST_ODDS else f"odds below {LEAST_ODDS:g}"
 
 
 def gain_text(value: float | None) -> str:

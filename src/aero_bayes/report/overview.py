@@ -9,10 +9,12 @@ from markupsafe import Markup
 
 from aero_bayes.report.findings import R_HAT_LIMIT
 from aero_bayes.report.tables import Column, generic_cell, html_table
-from aero_bayes.report.text import count, duration, role_words, significant, symbol, tidy
+from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
 from aero_bayes.schema import RunResult, Verdict
 
 _HASH_SHOWN = 16
+#: Share of the noise floor below which a residual says that the floor, taken from readings alone, is none.
+BELOW_FLOOR = 0.7
 
 
 @dataclass(frozen=True)
@@ -100,11 +102,15 @@ def _residual_reading(result: RunResult, output: str) -> Reading:
     entries = [found[output] for found in result.residual.values() if output in found]
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)
+    label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
     words = "structured: something is missing" if structured else "no structure left"
-    return Reading(
-        symbol(output) + Markup(" residual"), f"{significant(max(ratios, default=None))}\u202f×",
-        f"the noise floor; {words}", "warning" if structured else "good",
-    )  # fmt: skip
+    ratio = max(ratios, default=None)
+    sizes = [entry.rms for entry in entries if entry.rms is not None]
+    if ratio is not None and ratio < BELOW_FLOOR and sizes:
+        factor, unit = scaled_unit(max(sizes), result.unit(output))
+        size = f"{significant(factor * max(sizes))} {unit}".strip()
+        return Reading(label, size, f"RMS; changes too fast for a noise floor; {words}", level)
+    return Reading(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
 
 
 def _exact(value: object) -> object:

@@ -75,6 +75,11 @@ def write_report(directory: Path | str) -> Path:
     ------
     InputError
         No ``result.json`` in the directory, or one of the files is damaged.
+
+    Examples
+    --------
+    >>> aero_bayes.write_report("out/loop").name
+    'report.html'
     """
     run = RunDirectory.read(directory)
     target = run.path / "report.html"

@@ -27,7 +27,7 @@ def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[
     names = [name for name, draws in posterior.items() if np.isfinite(draws).all() and np.ptp(draws) > 0]
     if len(names) < 2:
         return names
-    correlation = np.abs(_rank_correlation(posterior, names))
+    correlation = np.abs(rank_correlation(posterior, names))
     np.fill_diagonal(correlation, 0)
     order = np.argsort(-correlation.max(axis=1), kind="stable")[:most]
     kept = [names[index] for index in order]
@@ -40,12 +40,12 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     if len(names) < 2:
         return None
     draws = {name: posterior[name].ravel() for name in names}
-    correlation = _rank_correlation(posterior, names)
+    correlation = rank_correlation(posterior, names)
     cell = min(150.0, 980 / len(names))
     first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
-    ranges = {name: _range(draws[name]) for name in names}
+    ranges = {name: span(draws[name]) for name in names}
     for row, below in enumerate(names):
         for column, name in enumerate(names[: row + 1]):
             corner = 2 + cell * column, 22 + cell * row
@@ -123,7 +123,8 @@ def _power(draws: FloatArray) -> float:
     return 1.0 if largest == 0 or 1e-3 <= largest < 1e5 else 10.0 ** (3 * np.floor(np.log10(largest) / 3))
 
 
-def _rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
+def rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
+    """Rank correlations of parameters, shape (p, p)."""
     ranks = np.array([rankdata(posterior[name]) for name in names], dtype=np.float64)
     return np.asarray(np.corrcoef(ranks), dtype=np.float64)
 
@@ -134,32 +135,51 @@ def _strongest(names: Sequence[str], correlation: FloatArray) -> tuple[str, str,
     return names[int(column)], names[int(row)], minus(f"{lower[row, column]:+.2f}")
 
 
-def _range(draws: FloatArray) -> tuple[float, float]:
+def span(draws: FloatArray) -> tuple[float, float]:
+    """The central 99.8 % of draws."""
     low, high = (float(q) for q in np.quantile(draws, (0.001, 0.999)))
     return low, high if high > low else low + 1e-12
 
 
 def _marginal(canvas: Canvas, draws: FloatArray, left: float, top: float, cell: float) -> None:
     side = cell - 8
-    counts, _ = np.histogram(draws, bins=40, range=_range(draws))
-    smooth = gaussian_filter(counts.astype(np.float64), 1.2, mode="nearest")
-    x, foot = left + np.linspace(0, side, 40), top + side
-    canvas.area(x, np.full(40, foot), foot - 0.9 * side * smooth / smooth.max(), ACCENT, 0.35, 0)
+    height = marginal(draws)
+    x, foot = left + np.linspace(0, side, len(height)), top + side
+    canvas.area(x, np.full(len(height), foot), foot - 0.9 * side * height, ACCENT, 0.35, 0)
     canvas.curve([left, left + side], [foot, foot], MUTED, 0.8)
 
 
-def _joint(canvas: Canvas, across: FloatArray, up: FloatArray, left: float, top: float, cell: float) -> None:
-    side, bins = cell - 8, 44
-    counts, _, _ = np.histogram2d(up, across, bins=bins, range=(_range(up), _range(across)))
+def regions(across: FloatArray, up: FloatArray, bins: int = 44) -> tuple[FloatArray, tuple[float, float]]:
+    """Smoothed density of draws over their ranges, shape (bins + 2, bins + 2) with an empty rim, and the levels
+    within which 90 % and 50 % of them lie."""
+    counts, _, _ = np.histogram2d(up, across, bins=bins, range=(span(up), span(across)))
     smooth = np.pad(gaussian_filter(counts, 2.0, mode="nearest"), 1)
     ranked = np.sort(smooth.ravel())[::-1]
     held = np.cumsum(ranked) / ranked.sum()
-    grid = np.clip((np.arange(-1, bins + 1) + 0.5) / bins, 0, 1) * side
+    outer, inner = (float(ranked[min(int(np.searchsorted(held, s)), len(ranked) - 1)]) for s in (0.9, 0.5))
+    return smooth, (outer, inner)
+
+
+def rim(bins: int = 44) -> FloatArray:
+    """Where the rows and columns of :func:`regions` lie, as shares of the range."""
+    return np.clip((np.arange(-1, bins + 1) + 0.5) / bins, 0, 1)
+
+
+def marginal(draws: FloatArray, bins: int = 40) -> FloatArray:
+    """Smoothed histogram of draws over their range, shape (bins,), 1 at its peak."""
+    counts, _ = np.histogram(draws, bins=bins, range=span(draws))
+    smooth = gaussian_filter(counts.astype(np.float64), 1.2, mode="nearest")
+    return np.asarray(smooth / smooth.max(), dtype=np.float64)
+
+
+def _joint(canvas: Canvas, across: FloatArray, up: FloatArray, left: float, top: float, cell: float) -> None:
+    side = cell - 8
+    smooth, levels = regions(across, up)
+    grid = rim() * side
     contours = contourpy.contour_generator(left + grid, top + side - grid, smooth)
     canvas.curve([left, left, left + side], [top, top + side, top + side], RULE, 0.8)
-    for share, opacity in ((0.9, 0.25), (0.5, 0.5)):
-        level = ranked[min(int(np.searchsorted(held, share)), len(ranked) - 1)]
-        canvas.regions(cast("list[FloatArray]", contours.lines(float(level))), ACCENT, opacity)
+    for level, opacity in zip(levels, (0.25, 0.5), strict=True):
+        canvas.regions(cast("list[FloatArray]", contours.lines(level)), ACCENT, opacity)
 
 
 def _number(canvas: Canvas, correlation: float, left: float, top: float, cell: float) -> None:
@@ -171,7 +191,7 @@ def _number(canvas: Canvas, correlation: float, left: float, top: float, cell: f
 
 
 def _cell_scale(canvas: Canvas, draws: FloatArray, unit: str, left: float, foot: float, cell: float) -> None:
-    low, high = _range(draws)
+    low, high = span(draws)
     shown = quantity(0.5 * (low + high), low, high, unit, digits=1)
     canvas.text(left, foot + 7, shown.low, MUTED, 10.5)
     canvas.text(left + cell - 8, foot + 7, shown.high, MUTED, 10.5, "end")

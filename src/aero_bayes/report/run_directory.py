@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,19 @@ from pydantic import ValidationError
 
 from aero_bayes.errors import InputError
 from aero_bayes.schema import SCHEMA, RunResult
+from aero_bayes.show import table_html
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """The three files of a run.
+    """What a finished run left: its result, its curves and its draws.
 
     Parameters
     ----------
@@ -36,6 +39,20 @@ class RunDirectory:
         ``series.npz``, keys ``group/recording/signal``; empty where there is no such file.
     posterior : mapping of str to ndarray, shape (ensembles, draws)
         The ``posterior`` group of ``posterior.nc`` in physical units; empty where there is no such file.
+
+    Examples
+    --------
+    >>> run.result.command, run.result.parameters["k"].unit
+    ('close-loop', 'N/m')
+    >>> run.result.loop.effects[0].id
+    'coulomb_friction@v'
+    >>> aero_bayes.RunDirectory.read("out/loop").recordings()
+    ('train', 'test')
+    >>> run.span("test"), run.unseen("test"), run.unseen("train")
+    ((0.0, 40.0), (0.0, 40.0), None)
+    >>> list(run.signals("fitted", "test")), run.time("test").shape
+    (['position'], (2001,))
+    >>> run.check("measured/test/position", "test")  # as long as its times
     """
 
     path: Path
@@ -54,6 +71,84 @@ class RunDirectory:
         """
         path = Path(directory)
         return cls(path, _read_result(path), _read_series(path / "series.npz"), _read_posterior(path / "posterior.nc"))
+
+    @property
+    def idata(self) -> Any:
+        """The draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
+
+        Raises
+        ------
+        InputError
+            If the run left no draws: only ``posterior`` and ``all`` do.
+
+        Examples
+        --------
+        >>> run.idata  # of a close-loop
+        Traceback (most recent call last):
+        aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
+        """
+        from aero_bayes.sample.inferencedata import load
+
+        path = self.path / "posterior.nc"
+        if not path.is_file():
+            raise InputError(f"{self.path}: the run has no posterior.nc; aero-bayes posterior writes one")
+        return load(path)
+
+    def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw the picture that the page opens with, or one recording with all its inputs and outputs.
+
+        Parameters
+        ----------
+        recording : str, optional
+            Name of a recording.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Raises
+        ------
+        InputError
+            For a recording that the run does not know, or a run without curves.
+
+        Examples
+        --------
+        >>> run.plot().savefig("run.png")
+        >>> len(run.plot("test").axes)  # the force, the position, what is left of it
+        3
+        """
+        from aero_bayes.plots import run_figure, scene_figure
+
+        if recording is None:
+            return scene_figure(self, figure=figure, dark=dark)
+        return run_figure(self, recording, figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        Examples
+        --------
+        >>> run.to_frame().loc["k", "unit"]
+        'N/m'
+        """
+        import pandas
+
+        rows = {name: entry.model_dump() for name, entry in self.result.parameters.items()}
+        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+    def __repr__(self) -> str:
+        result = self.result
+        verdict = f": {result.verdict.text}" if result.verdict is not None else ""
+        return f"<RunDirectory {self.path.name}, {result.command} of {result.model.name}{verdict}>"
+
+    def _repr_html_(self) -> str:
+        entries = self.result.parameters.items()
+        rows = [
+            (n, *("" if x is None else f"{x:.4g}" for x in (p.value, p.q05, p.q95)), p.unit, p.status or "")
+            for n, p in entries
+        ]
+        head = ("parameter", "value", "5 %", "95 %", "unit", "status")
+        return table_html(head, rows, repr(self).strip("<>"), self.result.warnings)
 
     def recordings(self) -> tuple[str, ...]:
         """Names of the recordings that have series, training before test, else in file order."""
@@ -83,7 +178,7 @@ class RunDirectory:
         return first + (1.0 - held_out) * (last - first), last
 
     def signals(self, group: str, recording: str) -> dict[str, FloatArray]:
-        """Signals of a group (``measured``, ``fitted``, ...) by name, each of shape (n,).
+        """Signals of a ``group`` (``measured``, ``fitted``, ...) of a ``recording`` by name, each of shape (n,).
 
         Raises
         ------
@@ -97,7 +192,7 @@ class RunDirectory:
         return found
 
     def check(self, key: str, recording: str) -> None:
-        """Raise InputError where a series is not as long as its recording's times."""
+        """Raise InputError where the series ``key`` is not as long as the times of its ``recording``."""
         rows = len(self.time(recording))
         if self.series[key].shape != (rows,):
             raise InputError(

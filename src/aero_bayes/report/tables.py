@@ -9,7 +9,17 @@ from typing import Literal
 
 from markupsafe import Markup, escape
 
-from aero_bayes.report.text import NOTHING, Quantity, key_label, quantity, sentence, significant, symbol, tidy
+from aero_bayes.report.text import (
+    NOTHING,
+    Quantity,
+    key_label,
+    pretty_unit,
+    quantity,
+    sentence,
+    significant,
+    symbol,
+    tidy,
+)
 from aero_bayes.schema import ParameterResult, Quantiles
 
 _STATUS_WORDS = {
@@ -54,7 +64,10 @@ def html_table(
         The table within its scrolling frame.
     """
     heads = [column if isinstance(column, Column) else Column(column) for column in columns]
-    head = Markup("").join(Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) for c in heads)
+    head = Markup("").join(
+        Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
+        for c in heads
+    )
     body = Markup("")
     for index, row in enumerate(rows):
         cells = Markup("")
@@ -83,7 +96,8 @@ def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
         glyph = interval_glyph(stated, name) if sure else Markup("")
         own = f"of {stated.recording} alone" if stated.recording else ""
         note = "; ".join(filter(None, (stated.note, own)))
-        prior = Markup("{}<small>{}</small>").format(stated.prior or NOTHING, note)
+        known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
+        prior = Markup("{}<small>{}</small>").format(known or NOTHING, note)
         held = stated.status in {"unidentified", "at_bound"}
         value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))

@@ -82,3 +82,13 @@ def save(posterior: Posterior, path: Path) -> Path:
     with whole_file(path) as temporary:
         to_inference_data(posterior).to_netcdf(str(temporary), engine="h5netcdf")
     return path
+
+
+def load(path: Path) -> Any:
+    """Read back what :func:`save` wrote."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+
+        reader: Any = arviz.from_netcdf
+        return reader(str(path), engine="h5netcdf")

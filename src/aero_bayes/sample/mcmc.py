@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +22,13 @@ from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.sample.stopping import Verdict, judge
 from aero_bayes.sample.tuning import Density, Tuned
 from aero_bayes.sample.walk import MakeMoves, Walk, standard_moves
+from aero_bayes.show import Settings
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SampleSettings:
+@dataclass(frozen=True, repr=False)
+class SampleSettings(Settings):
     """How long and with what to sample.
 
     Parameters
@@ -35,8 +36,9 @@ class SampleSettings:
     ensembles, walkers : int
         At least four ensembles; twice the dimension plus two walkers by default (None).
     burn_in : tuple of int
-        Steps of each burn-in round, after each of which proposal and stand-in are fitted anew. Further rounds, each
-        half as long again, follow until they are good, at most ``extra_rounds``.
+        Steps of each burn-in round, after each of which proposal and stand-in are fitted anew.
+    extra_rounds : int
+        Most further rounds, each half as long again, that follow until these are good.
     settle : int
         Steps thrown away after the last of them.
     max_steps, time_limit : int, float
@@ -52,6 +54,11 @@ class SampleSettings:
         Draws over all ensembles that are simulated for the predictive bands.
     checkpoint_seconds : float
         Time between checkpoints.
+
+    Examples
+    --------
+    >>> aero_bayes.SampleSettings(ess=2000.0, time_limit=300.0)
+    SampleSettings(time_limit=300.0, ess=2000.0)
     """
 
     ensembles: int = 4
@@ -166,13 +173,14 @@ def run(
         if kept >= walk.next_check or over:
             verdict = judge(walk.chain()[0], settings, coupled=walk.coupled)
             walk.next_check = verdict.next_check
-            if progress is not None and kept:
-                progress("sampling", min(1.0, kept / walk.next_check), verdict.line)
             if verdict.enough or over:
                 break
         walk.advance()
         if progress is not None and not walk.tuned.frozen:
             progress("burn-in", min(1.0, walk.rounds / len(settings.burn_in)), f"round {walk.rounds + 1}")
+        elif progress is not None:
+            words = verdict.line if verdict.diagnoses else f"{walk.kept} steps"
+            progress("sampling", min(1.0, walk.kept / walk.next_check), words)
         if checkpoint is not None and now - saved > settings.checkpoint_seconds:
             write_arrays(checkpoint, walk.state() | {"key": np.array(key)})
             saved = time.perf_counter()
@@ -188,4 +196,5 @@ def run(
 
 def settings_key(settings: SampleSettings) -> str:
     """What of the settings changes the chain (limits only end it)."""
-    return repr(replace(settings, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0))
+    kept = replace(settings, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0)
+    return repr(asdict(kept))

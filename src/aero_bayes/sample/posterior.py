@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status, status_of
-from aero_bayes.estimate.result import Estimate, Fit, Json, estimates_html, fixed_parameters, noise_table
+from aero_bayes.estimate.result import (
+    Estimate,
+    Fit,
+    Json,
+    estimates_frame,
+    estimates_html,
+    fixed_parameters,
+    noise_table,
+)
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sample.diagnostics import Diagnosis
 from aero_bayes.sample.mcmc import Chain, SampleSettings, run
@@ -25,6 +34,12 @@ from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.sample.predictive import Predictive, predict
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from aero_bayes.predict import RecordingPrediction
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, str], None]
@@ -49,7 +64,33 @@ class Posterior:
     predictive : tuple of Predictive
         One a recording.
     converged : bool
-        False unless every criterion of the settings was met; ``reason`` says which was not.
+        False unless every criterion of the settings was met.
+    reason : str
+        Which was not.
+    acceptance : float
+        Share of proposals that were taken.
+    steps, walkers, evaluations : int
+        Steps of the kept chain, walkers of an ensemble, points at which the density was computed.
+    outcomes : mapping of Outcome to int
+        How many simulations ended how.
+    seconds : float
+    seed : int
+
+    Examples
+    --------
+    >>> posterior.samples("k").shape == (posterior.draws.shape[0] * posterior.draws.shape[1],)
+    True
+    >>> entry = posterior.parameters["k"]
+    >>> bool(entry.q05 < np.median(posterior.samples("k")) < entry.q95), entry.unit
+    (True, 'N/m')
+    >>> posterior.r_hat_max < 1.2 and min(posterior.ess_bulk_min, posterior.ess_tail_min) > 100 and posterior.tau > 0
+    True
+    >>> posterior.noise["position"].sd > 0, len(posterior.warnings) >= len(posterior.fit.warnings)
+    (True, True)
+    >>> posterior.calibration is fit.calibration, posterior.to_dict()["mcmc"]["ensembles"]
+    (True, 4)
+    >>> posterior.save(Path("posterior.nc")).name
+    'posterior.nc'
     """
 
     fit: Fit
@@ -71,6 +112,7 @@ class Posterior:
 
     @property
     def calibration(self) -> Calibration:
+        """What was fitted to what."""
         return self.fit.calibration
 
     @property
@@ -80,14 +122,17 @@ class Posterior:
 
     @property
     def r_hat_max(self) -> float:
+        """Largest rank-normalised R-hat of any parameter; at most 1.01 is asked for."""
         return max(d.r_hat for d in self.diagnoses.values())
 
     @property
     def ess_bulk_min(self) -> float:
+        """Fewest effective draws for the middle of any parameter."""
         return min(d.ess_bulk for d in self.diagnoses.values())
 
     @property
     def ess_tail_min(self) -> float:
+        """Fewest effective draws for the tails of any parameter."""
         return min(d.ess_tail for d in self.diagnoses.values())
 
     @property
@@ -97,7 +142,7 @@ class Posterior:
         return unfinished + self.fit.warnings
 
     def samples(self, name: str) -> FloatArray:
-        """Draws of one parameter over all ensembles, in its SI unit."""
+        """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
         return self.draws[:, :, self.names.index(name)].ravel()
 
     @property
@@ -174,11 +219,126 @@ class Posterior:
 
         return save(self, path)
 
-    def to_inference_data(self) -> object:
-        """ArviZ InferenceData (a DataTree from ArviZ 1.0 on)."""
+    @property
+    def idata(self) -> Any:
+        """The draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
+
+        Examples
+        --------
+        >>> import arviz
+        >>> arviz.summary(posterior.idata, var_names=["k", "d"]).index.to_list()
+        ['k', 'd']
+        """
         from aero_bayes.sample.inferencedata import to_inference_data
 
         return to_inference_data(self)
+
+    def predict(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        draws: int = 200,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """What new readings would be, for a recording whether it was fitted or not.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            As :meth:`Fit.simulate` takes them.
+        draws : int
+            Draws that are simulated.
+        seed : int
+            Of the noise that is drawn.
+        workers : int, optional
+            Worker processes; none beside this one by default, None for all cores.
+
+        Returns
+        -------
+        RecordingPrediction
+            Median, 90 % bands with noise and without, and how the readings lie in them.
+
+        Raises
+        ------
+        InputError
+            For inputs that the model does not have, or one that is missing.
+        CannotFinishError
+            If no draw can be simulated.
+
+        Examples
+        --------
+        >>> posterior.predict(test, draws=50).to_frame().shape == (test.rows, 3)
+        True
+        """
+        from aero_bayes.predict import predict
+
+        return predict(self, inputs, draws=draws, seed=seed, workers=workers)
+
+    def plot(
+        self, parameters: Sequence[str] | None = None, *, figure: Figure | None = None, dark: bool = False
+    ) -> Figure:
+        """Draw how the parameters hang together: marginals, 50 % and 90 % regions, rank correlations.
+
+        Parameters
+        ----------
+        parameters : sequence of str, optional
+            Which; by default at most eight, those in the strongest correlations.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Raises
+        ------
+        InputError
+            For a parameter without draws.
+
+        Examples
+        --------
+        >>> len(posterior.plot(["k", "d"]).axes)
+        4
+        """
+        from aero_bayes.plots import pairs_figure
+
+        units = {name: entry.unit for name, entry in self.parameters.items()}
+        by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
+        return pairs_figure(by_name, units, parameters, figure=figure, dark=dark)
+
+    def plot_bands(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw a fitted recording within the 90 % band of new readings.
+
+        Parameters
+        ----------
+        recording : str, optional
+            Name of a fitted recording; the first by default.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Raises
+        ------
+        InputError
+            For a recording that was not fitted.
+
+        Examples
+        --------
+        >>> posterior.plot_bands().savefig("bands.png")
+        """
+        from aero_bayes.plots import bands_figure
+
+        return bands_figure(self, recording, figure=figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter: median, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        Examples
+        --------
+        >>> bool(posterior.to_frame().loc["k", "q05"] < posterior.to_frame().loc["k", "q95"])
+        True
+        """
+        return estimates_frame(self.parameters)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
@@ -221,6 +381,13 @@ def sample(
     ------
     CannotFinishError
         If no starting point of finite density can be found.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.SampleSettings(max_steps=20)  # too few to converge
+    >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
+    >>> short.converged, short.draws.shape[0]
+    (False, 4)
     """
     from aero_bayes.simulation import open_simulator
 

@@ -114,16 +114,17 @@ def predict(
             measured = np.asarray(experiment.measured)
             collected[e].append(outputs[e].astype(np.float32))
             density = sequential_log_density(experiment.time, measured - outputs[e], noise[rows]).sum(axis=2)
-            edges = _edges(experiment.time.size, blocks)
-            densities[e].append(np.add.reduceat(density, edges[:-1], axis=1))
+            bounds = edges(experiment.time.size, blocks)
+            densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
     sd = np.concatenate(kept_noise)
     return tuple(
-        _summarise(experiment.time, np.concatenate(collected[e]), sd, np.concatenate(densities[e]), rng, stored, blocks)
+        summarise(experiment.time, np.concatenate(collected[e]), sd, np.concatenate(densities[e]), rng, stored, blocks)
         for e, experiment in enumerate(experiments)
     )
 
 
-def _edges(n: int, blocks: int) -> NDArray[np.int64]:
+def edges(n: int, blocks: int) -> NDArray[np.int64]:
+    """Rows between ``blocks`` blocks of about equal length, the ends included."""
     return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
 
 
@@ -153,7 +154,7 @@ def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> Flo
     return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
 
 
-def _summarise(
+def summarise(
     time: FloatArray,
     outputs: NDArray[np.float32],
     noise: FloatArray,
@@ -175,8 +176,8 @@ def _summarise(
         lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
     chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
     draws = outputs[:, chosen].astype(np.float64) + _noise(rng, time[chosen], noise)
-    edges = _edges(n, blocks)
+    bounds = edges(n, blocks)
     return Predictive(
         time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,
-        time[np.minimum(edges, n - 1)], density,
+        time[np.minimum(bounds, n - 1)], density,
     )  # fmt: skip

@@ -99,6 +99,8 @@ class Walk:
             emcee.EnsembleSampler(self.walkers, self.dimension, self._evaluate, moves=moves, vectorize=True)
             for _ in range(self.settings.ensembles)
         ]
+        for sampler in self._samplers:  # without the wrapper that prints an interruption's whole trace
+            sampler.log_prob_fn = self._evaluate
 
     def start(self, rng: np.random.Generator) -> None:
         """Look around, and draw overdispersed starts of finite density for every ensemble."""

@@ -6,12 +6,16 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from aero_bayes.declared import MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
+from aero_bayes.show import table_html
 from aero_bayes.simulation import archive
+
+if TYPE_CHECKING:
+    import pandas
 
 BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
 
@@ -43,13 +47,47 @@ class Variable:
 class Model:
     """An FMU on disk and its description.
 
-    ``parameters`` are the Real parameters that may be set before initialisation (fixed or tunable), ``states`` the
-    continuous states in the FMU's own order. ``derivatives`` holds the value references of the states' derivatives;
-    ``jacobian_pattern[j]`` the states whose derivative depends on state j (None where the FMU does not say).
-    ``interface`` is co-simulation only where the FMU has no Model Exchange; it has no states then, and
-    ``takes_any_step`` tells whether its communication step may vary. ``said_copies`` pairs outputs that are said to
-    copy a state with that state's position; see :meth:`copied_state`. ``declared`` is what the package that it is from
-    declares of its rigs.
+    Parameters
+    ----------
+    path : Path
+    sha256 : str
+        Hash of the file.
+    name, guid, identifier : str
+        As the FMU has them.
+    parameters : tuple of Variable
+        Real parameters that may be set before initialisation (fixed or tunable).
+    inputs, outputs : tuple of Variable
+    states : tuple of Variable
+        Continuous states in the FMU's own order; none where it has co-simulation only.
+    event_indicators : int
+    has_directional_derivatives, needs_instance_per_process : bool
+    derivatives : tuple of int
+        Value references of the states' derivatives.
+    jacobian_pattern : tuple of tuples of int, optional
+        ``jacobian_pattern[j]``: the states whose derivative depends on state j; None where the FMU does not say.
+    wants_step_callback : bool
+    said_copies : tuple of (str, int)
+        Outputs that are said to copy a state, and that state's position; see :meth:`copied_state`.
+    fmi_version : {2, 3}
+    interface : {"model exchange", "co-simulation"}
+        The latter only where the FMU has no Model Exchange.
+    takes_any_step : bool
+        Whether a communication step of co-simulation may vary.
+    declared : Declaration
+        What the package that it is from declares of its rigs.
+
+    Examples
+    --------
+    >>> model.parameter("k").unit, model.input("F").unit, model.output("position").description
+    ('N/m', 'N', 'Position, as measured')
+    >>> model.state_index("v"), model.copied_state("position"), model.copied_state("F")
+    (1, 0, None)
+    >>> again = aero_bayes.Model.load(model.path)
+    >>> again == model
+    True
+    >>> Path("unpacked").mkdir()
+    >>> model.unpack(Path("unpacked")) == model.binary_in(Path("unpacked"))
+    True
     """
 
     path: Path
@@ -157,6 +195,36 @@ class Model:
                 return variable
         raise InputError(f"{self.path.name}: no {what} {name!r} ({what}s: {_listed(variables)})")
 
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter, input, output and state: kind, unit, start, min, max (SI), description.
+
+        Examples
+        --------
+        >>> model.to_frame().query("kind == 'input'").index.to_list()
+        ['F']
+        """
+        import pandas
+
+        rows = [
+            (v.name, kind, v.unit, v.start, v.minimum, v.maximum, v.description)
+            for kind, variables in (
+                ("parameter", self.parameters), ("input", self.inputs), ("output", self.outputs), ("state", self.states)
+            )
+            for v in variables
+        ]  # fmt: skip
+        columns = ["name", "kind", "unit", "start", "min", "max", "description"]
+        return pandas.DataFrame(rows, columns=columns).set_index("name")
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.parameters)} parameters, {len(self.states)} states"
+        signals = f"{_listed(self.inputs)} -> {_listed(self.outputs)}"
+        return f"<Model {self.name}: {signals}; {counts}; FMI {self.fmi_version}, {self.interface}>"
+
+    def _repr_html_(self) -> str:
+        frame = self.to_frame()
+        rows = [(name, r["kind"], r["unit"], _number(r["start"]), r["description"]) for name, r in frame.iterrows()]
+        return table_html(("name", "kind", "unit", "start", "description"), rows, repr(self).strip("<>"))
+
     def unpack(self, folder: Path) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
         archive.unpack(self.path, folder)
@@ -165,6 +233,10 @@ class Model:
     def binary_in(self, folder: Path) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
         return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or value != value else f"{value:g}"
 
 
 def _listed(variables: Sequence[Variable]) -> str:

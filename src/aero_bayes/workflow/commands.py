@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from aero_bayes.bench import default_recordings
+from aero_bayes.cli import CHECKPOINT
 from aero_bayes.config import load_config
 from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.fit import fit
@@ -38,7 +39,6 @@ from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, w
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
 Json = dict[str, Any]
-CHECKPOINT = "checkpoint.npz"
 
 
 def run_fit(files: Sequence[Path], options: RunOptions) -> None:

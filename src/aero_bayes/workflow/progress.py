@@ -1,43 +1,72 @@
-"""Progress of long work, on standard error where someone is looking."""
+"""Progress of long work, on standard error: what is done, how far it is, how long it will still take."""
 
 from __future__ import annotations
 
 import sys
+import time
 from types import TracebackType
 from typing import Self
 
 from tqdm import tqdm
 
 RESOLUTION = 1000
+#: Seconds between lines where nobody watches a bar.
+LINE_EVERY = 15.0
+_BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
 
 
 class ProgressBar:
-    """One bar a phase; called with the phase's name, how far it is (0 to 1), and a number to show beside it."""
+    """One bar a piece of work; called with its phase, how far it is (0 to 1), and what to show beside it.
+
+    Phases with a common beginning before a colon (``loop: round 1``) are one piece of work. Where standard error is no
+    terminal, a line a phase, and one now and then; where it is to be quiet, nothing but the phases.
+    """
 
     def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet or not sys.stderr.isatty()
-        self._phase = ""
+        self._quiet = quiet
+        self._lines = quiet or not sys.stderr.isatty()
+        self._phase, self._work = "", ""
+        self._began = self._told = 0.0
+        self._first = 0.0
         self._bar: tqdm[None] | None = None
 
     def __call__(self, phase: str, share: float, value: float | str = "") -> None:
-        if self._quiet:
-            if phase != self._phase:
-                self._phase = phase
-                print(f"{phase} ...", file=sys.stderr, flush=True)
-            return
-        if phase != self._phase or self._bar is None:
+        share = min(max(share, 0.0), 1.0)
+        work = phase.partition(":")[0]
+        if work != self._work:
             self.close()
-            self._phase = phase
-            self._bar = tqdm(
-                total=RESOLUTION, desc=phase, bar_format="{desc:<24}{percentage:3.0f}%|{bar:30}| {elapsed}{postfix}"
-            )
-        self._bar.update(max(0, round(min(share, 1.0) * RESOLUTION) - self._bar.n))
-        self._bar.set_postfix_str(value if isinstance(value, str) else f"{value:.6g}", refresh=False)
+            self._work, self._began, self._first = work, time.monotonic(), share
+        beside = value if isinstance(value, str) else f"{value:.6g}"
+        if self._lines:
+            self._line(phase, share, beside)
+        else:
+            self._draw(phase, share, beside)
+        self._phase = phase
+
+    def _line(self, phase: str, share: float, beside: str) -> None:
+        now = time.monotonic()
+        if phase != self._phase:
+            print(f"{phase} ...", file=sys.stderr, flush=True)
+        elif self._quiet or now - self._told < LINE_EVERY:
+            return
+        else:
+            spent, done = now - self._began, share - self._first
+            left = f", about {spent * (1.0 - share) / done:.0f} s left" if done > 0.0 and share < 1.0 else ""
+            words = f" ({beside})" if beside else ""
+            print(f"{phase}: {share:.0%} after {spent:.0f} s{left}{words}", file=sys.stderr, flush=True)
+        self._told = now
+
+    def _draw(self, phase: str, share: float, beside: str) -> None:
+        if self._bar is None:
+            at = round(share * RESOLUTION)
+            self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR)
+        self._bar.set_description_str(phase, refresh=False)
+        self._bar.set_postfix_str(beside, refresh=False)
+        self._bar.update(max(0, round(share * RESOLUTION) - self._bar.n))
 
     def close(self) -> None:
-        """End the bar that is open."""
+        """End the bar that is open, where it stands."""
         if self._bar is not None:
-            self._bar.update(RESOLUTION - self._bar.n)
             self._bar.close()
             self._bar = None
 
@@ -47,4 +76,6 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if error is None and self._bar is not None:
+            self._bar.update(RESOLUTION - self._bar.n)
         self.close()

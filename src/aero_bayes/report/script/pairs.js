@@ -69,6 +69,7 @@ class Pairs {
     cell.cover.addEventListener("pointerup", (event) => { const now = at(event); if (start && Math.hypot(now[0] - start[0], now[1] - start[1]) < 3) this.clear(); start = null; });
     if (cell.y) return;
     let fifth = -1;
+    cell.group.closest("svg").setAttribute("role", "group"); // no longer a mere picture: it holds sliders
     cell.cover.setAttribute("tabindex", 0);
     cell.cover.setAttribute("role", "slider");
     cell.cover.setAttribute("aria-label", `Mark draws by ${cell.x}`);

@@ -1,0 +1,104 @@
+"""Objects of the library as the run directory that a command would have written: what figures are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording, input_jumps, noise_floor
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.result import LoopResult
+from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.sample.posterior import Posterior
+from aero_bayes.schema import LoopPart, ParameterResult, RecordingResult, RunResult
+from aero_bayes.simulation.model import Model
+from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
+from aero_bayes.workflow.results import plain
+
+FloatArray = NDArray[np.float64]
+Role = Literal["train", "test"]
+
+#: Readings below which no noise floor is estimated.
+_LEAST = 50
+
+
+def view(
+    recordings: Sequence[tuple[Recording, Role]],
+    series: Mapping[str, FloatArray],
+    model: Model | None = None,
+    posterior: Mapping[str, FloatArray] | None = None,
+    **result: object,
+) -> RunDirectory:
+    """A run directory that is on no disk; ``result`` are further keys of result.json."""
+    variables = (*model.inputs, *model.states, *model.outputs) if model is not None else ()
+    described = {v.name: {"unit": v.unit, "description": v.description} for v in variables}
+    units = {name: unit for recording, _ in recordings for name, unit in recording.units.items()}
+    rows = [_row(recording, role) for recording, role in recordings]
+    found = RunResult.model_validate({"units": units, "signals": described, "recordings": rows, **result})
+    measured = measured_series([recording for recording, _ in recordings])
+    return RunDirectory(Path(), found, only_measured({**measured, **series}), posterior or {})
+
+
+def _row(recording: Recording, role: Role) -> RecordingResult:
+    jumps = input_jumps(recording)
+    floors = {
+        name: noise_floor(y, recording.time, jumps).sd
+        for name, y in recording.outputs.items()
+        if np.isfinite(y).sum() > _LEAST
+    }
+    return RecordingResult(
+        name=recording.name, role=role, rows=recording.rows, rate_hz=recording.rate_hz,
+        duration_s=recording.duration, inputs=list(recording.inputs), outputs=list(recording.outputs),
+        noise_floor=dict(floors),
+    )  # fmt: skip
+
+
+def fit_view(fit: Fit) -> RunDirectory:
+    """A fit with its curves; what ripple was taken out of the readings is no part of what it leaves."""
+    recordings = fit.calibration.recordings
+    if not recordings:
+        raise InputError("a fit to experiments without recordings has nothing to be drawn over")
+    series = fitted_series(fit) | ripple_series(recordings, fit)
+    return view([(r, "train") for r in recordings], series, fit.calibration.model)
+
+
+def posterior_view(posterior: Posterior) -> RunDirectory:
+    """A posterior with its fit's curves, its bands and its draws."""
+    base = fit_view(posterior.fit)
+    bands = posterior.predictive
+    names, outputs = posterior.calibration.names, posterior.fit.outputs
+    series = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
+    draws = {name: posterior.draws[:, :, j] for j, name in enumerate(posterior.names)}
+    table = {name: ParameterResult.model_validate(plain(e.to_dict())) for name, e in posterior.parameters.items()}
+    result = base.result.model_copy(update={"parameters": table})
+    return RunDirectory(base.path, result, only_measured({**base.series, **series}), draws)
+
+
+def loop_view(loop: LoopResult) -> RunDirectory:
+    """A closed loop with both models' curves over its recordings."""
+    given = loop.recordings
+    if given is None:
+        raise InputError("this loop's result carries no recordings to be drawn over")
+    everything = [*given.train, *given.test]
+    series = loop.series({recording.name: recording.time for recording in everything})
+    series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
+    settings: dict[str, object] = {}
+    for recording in given.train:
+        if recording.name in given.held_from:
+            held = 1.0 - (given.held_from[recording.name] - recording.time[0]) / recording.duration
+            settings = {"loop": {"held_out": float(held)}}
+    roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
+    roles += [(r, "test") for r in given.test]
+    return view(
+        roles, series, loop.plain, command="close-loop", loop=loop_part(loop), settings=settings, words=dict(loop.words)
+    )
+
+
+def loop_part(loop: LoopResult) -> LoopPart:
+    """A closed loop as result.json has it."""
+    return LoopPart.model_validate(plain(loop.to_dict()))

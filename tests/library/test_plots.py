@@ -1,0 +1,159 @@
+"""Figures show the numbers of what they are drawn from, in colours that everybody tells apart."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import aero_bayes
+from aero_bayes.plots import palette
+
+#: Colour-blind vision (Machado, Oliveira & Fernandes, 2009, IEEE TVCG 15, 1291), full severity, on linear sRGB.
+VISION = {
+    "normal": np.eye(3),
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+XYZ = [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+
+
+def linear(colour: str) -> np.ndarray:
+    part = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    return np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* of linear sRGB."""
+    xyz = np.array(XYZ) @ np.clip(rgb, 0, 1) / [0.95047, 1.0, 1.08883]
+    f = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def contrast(first: str, second: str) -> float:
+    """As WCAG 2.2 defines it."""
+    bright, dim = sorted((linear(c) @ [0.2126, 0.7152, 0.0722] for c in (first, second)), reverse=True)
+    return (bright + 0.05) / (dim + 0.05)
+
+
+def curves(figure: Figure, panel: int) -> list[np.ndarray]:
+    return [np.asarray(line.get_ydata()) for line in figure.axes[panel].lines]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("group", [("measured", "accent", "warm"), tuple(f"s{k}" for k in range(1, 7))])
+@pytest.mark.parametrize("vision", VISION)
+def test_curves_are_told_apart_by_everybody(vision: str, group: tuple[str, ...], dark: bool):
+    """Colours of one figure differ by ten just noticeable steps, and from the ground by 3:1 (WCAG 1.4.11)."""
+    colours = palette(dark)
+    seen = [lab(np.array(VISION[vision]) @ linear(colours[name])) for name in group]
+    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(seen, 2)) > 10.0
+    assert min(contrast(colours[name], colours["ground"]) for name in group) >= 3.0
+
+
+def test_a_recording_is_drawn_as_it_was_read(cart: SimpleNamespace):
+    force, position = (curves(cart.recording.plot(), panel)[0] for panel in (0, 1))
+    assert np.array_equal(force, cart.recording.inputs["F"])
+    assert np.array_equal(position, cart.recording.outputs["position"])
+
+
+def test_a_fit_is_drawn_over_its_recording_with_what_it_leaves(cart: SimpleNamespace):
+    figure = cart.fit.plot()
+    measured, fitted = curves(figure, 1)
+    left, *levels = curves(figure, 2)
+    assert np.array_equal(measured, cart.recording.outputs["position"])
+    assert np.array_equal(fitted, cart.fit.fitted[0][:, 0])
+    assert left == pytest.approx(1e3 * cart.fit.residuals[0][:, 0], abs=1e-9)  # drawn in mm
+    floor = aero_bayes.summarise(cart.recording).outputs[0].noise.sd
+    assert [level[0] for level in levels] == pytest.approx([-2e3 * floor, 2e3 * floor])
+    assert [axes.get_ylabel() for axes in figure.axes] == ["N", "m", "mm"]
+    assert figure.axes[-1].get_xlabel() == "time (s)"
+
+
+def test_a_figure_has_the_colours_of_the_page(cart: SimpleNamespace):
+    for dark in (False, True):
+        figure = cart.fit.plot(dark=dark)
+        drawn = [matplotlib.colors.to_hex(line.get_color()) for line in figure.axes[1].lines]
+        assert drawn == [palette(dark)["measured"], palette(dark)["accent"]]
+        assert matplotlib.colors.to_hex(figure.get_facecolor()) == palette(dark)["ground"]
+
+
+def test_drawing_leaves_other_figures_alone(cart: SimpleNamespace):
+    before = dict(matplotlib.rcParams)
+    given = Figure(figsize=(6, 6))
+    assert cart.fit.plot(figure=given) is given
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_notebooks_show_a_figure_once(cart: SimpleNamespace):
+    """By itself, and not a second time through pyplot's list of windows."""
+    shown = cart.recording.plot()._repr_png_()
+    assert shown[:8] == b"\x89PNG\r\n\x1a\n"
+    assert matplotlib._pylab_helpers.Gcf.get_all_fig_managers() == []
+
+
+def test_the_pair_plot_holds_the_shares_that_it_says(posterior: aero_bayes.Posterior):
+    """Half of the draws lie within the dark region, nine tenths within the light one."""
+    figure = posterior.plot(["k", "d"])
+    axes = figure.axes[2]
+    points = np.column_stack([posterior.samples("k"), posterior.samples("d")])
+    held = []
+    for area in axes.collections:
+        inside = np.zeros(len(points), dtype=bool)
+        for path in area.get_paths():
+            inside ^= path.contains_points(points)
+        held.append(inside.mean())
+    assert held == pytest.approx([0.9, 0.5], abs=0.05)
+    assert [axes.get_xlabel(), axes.get_ylabel()] == ["k (N/m)", "d (N·s/m)"]
+    with pytest.raises(aero_bayes.InputError, match="no draws of stiffness"):
+        posterior.plot(["stiffness"])
+
+
+def test_the_band_is_drawn_about_the_curve(posterior: aero_bayes.Posterior):
+    band = posterior.plot_bands().axes[1].collections[0].get_paths()[0].vertices
+    part = posterior.predictive[0]
+    assert band[:, 1].min() == pytest.approx(part.lower.min())
+    assert band[:, 1].max() == pytest.approx(part.upper.max())
+
+
+def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.LoopResult, cart: SimpleNamespace):
+    figure = loop.plot()
+    measured, before, after = curves(figure, 0)
+    factor = 1e3 if figure.axes[0].get_ylabel() == "mm" else 1.0
+    assert measured == pytest.approx(factor * cart.test.outputs["position"])
+    assert before == pytest.approx(factor * loop.before.fitted["test", "position"])
+    assert after == pytest.approx(factor * loop.after.fitted["test", "position"])
+    rounds = loop.plot_rounds()
+    first = [bar.get_width() for bar in rounds.axes[0].patches]
+    assert max(first) == pytest.approx(max(score.gain for score in loop.rounds[0].scores))
+    assert "coulomb_friction@v chosen" in rounds.axes[0].get_title(loc="left")
+
+
+def test_a_run_is_drawn_from_its_files(run: aero_bayes.RunDirectory):
+    factor = 1e3 if run.plot().axes[0].get_ylabel() == "mm" else 1.0
+    drawn = curves(run.plot(), 0)
+    for mine, group in zip(drawn, ("measured", "before", "fitted"), strict=True):
+        assert mine == pytest.approx(factor * run.series[f"{group}/test/position"])
+    with pytest.raises(aero_bayes.InputError, match="no recording 'nowhere' here; there are train, test"):
+        run.plot("nowhere")
+
+
+def test_everything_shows_itself_in_a_line_and_a_table(
+    cart: SimpleNamespace, posterior: aero_bayes.Posterior, loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory
+):
+    forecast = posterior.predict(cart.test, draws=20)
+    summary = aero_bayes.summarise(cart.recording)
+    settings = aero_bayes.FitSettings(method="local"), aero_bayes.LoopSettings(), aero_bayes.SampleSettings()
+    for thing in (cart.model, cart.recording, cart.fit, posterior, loop, run, forecast, summary, *settings):
+        assert len(repr(thing)) < 200, repr(thing)
+        assert "\n" not in repr(thing)
+        table = thing._repr_html_()
+        assert re.match("<table><caption>.*<th", table, flags=re.S)
+        assert table.count("<td>") == table.count("</td>") > 1
+    assert repr(settings[0]) == "FitSettings(method='local')"

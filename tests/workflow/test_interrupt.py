@@ -1,0 +1,91 @@
+"""Ctrl-C ends in one line that says how to go on; progress says what, how far, how long."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.workflow.progress import ProgressBar
+
+CART = Path(__file__).parents[2] / "examples" / "cart"
+ENDLESS = "[posterior]\ness = 1e9\nmax_steps = 1000000\n[fit]\nmethod = 'local'\n[fit.local]\nstarts = 1\n"
+
+
+def interrupted(folder: Path) -> tuple[int, list[str]]:
+    """Status and what it said of a run that gets what Ctrl-C sends, to all its processes, once its model is built."""
+    command = [sys.executable, "-m", "aero_bayes.cli", "posterior", "--config", "long.toml", "--data", "train.csv",
+               "--out", "out", "--workers", "2", "--resume"]  # fmt: skip
+    with subprocess.Popen(
+        command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
+    ) as run:
+        try:
+            for _ in range(1200):
+                if (folder / "out" / "Rig.fmu").exists() or run.poll() is not None:
+                    break
+                time.sleep(0.1)
+            time.sleep(1.0)
+            os.killpg(run.pid, signal.SIGINT)
+            _, said = run.communicate(timeout=60)
+        finally:
+            if run.poll() is None:
+                os.killpg(run.pid, signal.SIGKILL)
+    lines = [line for line in said.splitlines() if not line.endswith("...") and " after " not in line]
+    return run.returncode, [line for line in lines if line]
+
+
+@pytest.mark.parametrize(
+    ("begun", "line"),
+    [
+        (False, "interrupted: nothing to resume from yet, the same command begins anew"),
+        (True, "interrupted: the same command with --resume goes on from out/checkpoint.npz"),
+    ],
+)
+def test_ctrl_c_ends_in_one_line(tmp_path: Path, begun: bool, line: str):
+    folder = Path(shutil.copytree(CART, tmp_path / "cart", ignore=shutil.ignore_patterns("out*")))
+    text = (folder / "rig.toml").read_text("utf-8").partition("[fit]")[0]
+    (folder / "long.toml").write_text(text + ENDLESS, "utf-8")
+    if begun:
+        (folder / "out").mkdir()
+        np.savez(folder / "out" / "checkpoint.npz", key=np.array("of an earlier run"))
+    assert interrupted(folder) == (130, [line])
+    assert not (folder / "out" / "result.json").exists()
+
+
+def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with ProgressBar(quiet=False) as progress:
+        for share in (0.0, 0.1, 0.25, 0.5):
+            progress("swarm", share, 12.5)
+            clock[0] += 20.0
+        progress("loop: round 1", 0.2)
+        clock[0] += 30.0
+        progress("loop: round 2", 0.4)
+        clock[0] += 20.0
+        progress("loop: round 2", 0.6)
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        "swarm ...",
+        "swarm: 10% after 20 s, about 180 s left (12.5)",
+        "swarm: 25% after 40 s, about 120 s left (12.5)",
+        "swarm: 50% after 60 s, about 60 s left (12.5)",
+        "loop: round 1 ...",
+        "loop: round 2 ...",
+        "loop: round 2: 60% after 50 s, about 50 s left",
+    ]
+
+
+def test_quiet_says_the_phases_only(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(time, "monotonic", iter(range(0, 1000, 100)).__next__)
+    with ProgressBar(quiet=True) as progress:
+        for share in (0.0, 0.5, 1.0):
+            progress("local", share)
+    assert capsys.readouterr().err == "local ...\n"
