@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate import Fit, FitSettings, fit
     from aero_bayes.export import export_fmu
+    from aero_bayes.fleet import Rig, fleet
     from aero_bayes.library import load_model
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.report import write_report
@@ -60,6 +61,8 @@ _HOME = {
     "Posterior": "sample",
     "SampleSettings": "sample",
     "fit": "estimate",
+    "Rig": "fleet",
+    "fleet": "fleet",
     "sample": "sample",
     "load_model": "library",
     "write_report": "report",
@@ -76,10 +79,12 @@ __all__ = [
     "Model",
     "Posterior",
     "Recording",
+    "Rig",
     "SampleSettings",
     "close_loop",
     "export_fmu",
     "fit",
+    "fleet",
     "load_model",
     "propose_experiment",
     "read_recording",

@@ -29,16 +29,22 @@ PACKAGE = "Aero"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options that every command which simulates a model shares."""
+    """The options that every command which simulates a model shares.
+
+    ``config`` is a file or what was read from one. ``built`` is the FMU of the class where somebody has built it
+    already, ``cache`` a folder where the loop finds and leaves FMUs.
+    """
 
     out: Path
     model: str | None = None
-    config: Path | None = None
+    config: Path | Config | None = None
     seed: int = 1
     workers: int | None = None
     engine: Engine | None = None
     resume: bool = False
     quiet: bool = False
+    built: Path | None = None
+    cache: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -89,10 +95,10 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     own = fmu is None and not name.startswith(f"{PACKAGE}.")
     # The columns of a model of the user's own are those that it declares.
     sources, libraries = config.model.sources, config.model.libraries
-    model = None
-    if fmu is not None or own:
+    model = Model.load(options.built) if options.built is not None else None
+    if model is None and (fmu is not None or own):
         model = Model.load(fmu) if fmu is not None else load_model(name, sources=sources, libraries=libraries)
-    layout = layout_of(config, model)
+    layout = layout_of(config, model if fmu is not None or own else None)
     columns = columns_of(config)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
@@ -105,7 +111,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             export_fmu(name, built, sources=sources, libraries=libraries)
         model = Model.load(built)
     assert model is not None
-    parameters = _parameters(model, config)
+    parameters = parameters_of(model, config)
     fixed = _fixed(model, config, parameters)
     if aero_overrides(model):
         check_duration(recordings, model, fixed)
@@ -163,7 +169,7 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
     }
 
 
-def _parameters(model: Model, config: Config) -> ParameterSet:
+def parameters_of(model: Model, config: Config) -> ParameterSet:
     """Free parameters: the AERO's default ones, changed by what the configuration says."""
     overrides = dict(aero_overrides(model))
     known = {variable.name for variable in model.parameters}
