@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
+from logging import ERROR
 from typing import Any, ParamSpec, TypeVar
 
 from aero_bayes.errors import InputError
@@ -89,7 +90,8 @@ def open_executor(dask: str | None = None, workers: int | None = None) -> Iterat
         where: dict[str, Any] = {"scheduler_file": dask} if dask.endswith(".json") else {"address": dask}
         if dask == "local":
             count = workers or len(os.sched_getaffinity(0))
-            cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)  # type: ignore[no-untyped-call]
+            one_core = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": ERROR}
+            cluster = LocalCluster(n_workers=count, **one_core)  # type: ignore[no-untyped-call]
             where = {"address": stack.enter_context(cluster)}
         try:
             client = Client(**where, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]

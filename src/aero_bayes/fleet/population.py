@@ -97,7 +97,7 @@ def stand_out(centres: FloatArray, widths: FloatArray, found: Population) -> tup
     # Without a rig that is far off the others may differ much less than with it.
     spreads = np.union1d(found.spreads, np.linspace(0.0, found.spreads[0], FINE // 2))
     total = _sums(centres, widths, spreads)
-    below = np.empty_like(centres)
+    tail, above = np.empty_like(centres), np.empty_like(centres, dtype=bool)
     for part in _chunks(len(centres)):
         variance = widths[part, None] ** 2 + spreads**2
         own = _Sums.of(centres[part, None], variance)
@@ -106,9 +106,9 @@ def stand_out(centres: FloatArray, widths: FloatArray, found: Population) -> tup
         weights = np.exp(log - log.max(axis=1, keepdims=True)) * _cells(spreads)
         weights /= weights.sum(axis=1, keepdims=True)
         z = (centres[part, None] - rest.mean) / np.sqrt(variance + 1.0 / rest.precision)
-        below[part] = np.sum(weights * ndtr(z), axis=1)
-    below = np.clip(below, 1e-300, 1.0 - 1e-16)
-    return 2.0 * np.minimum(below, 1.0 - below), ndtri(below)
+        lower, upper = (np.sum(weights * ndtr(side), axis=1) for side in (z, -z))
+        tail[part], above[part] = np.maximum(np.minimum(lower, upper), 1e-300), upper < lower
+    return 2.0 * tail, np.where(above, -ndtri(tail), ndtri(tail))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ import json
 import shutil
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +82,11 @@ def fleet(
 
 def _run(plan: FleetPlan, out: Path, seed: int, executor: Executor, progress: Progress) -> FleetResult:
     names: set[str] = set()
-    tasks = _Tasks(plan, out, seed, names)
+    tasks = tasks_of(plan, out, seed, names)
+    first = next(tasks, None)  # what is wrong with all rigs shows before anything is written
     with Table(out / TABLE) as table:
-        run_all(tasks, _attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
+        started = chain([first] if first is not None else [], tasks)
+        run_all(started, _attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
         table.keep_only(names)
         result, columns = summarise(table, work=plan.work, seed=seed, versions=versions())
     with whole_file(out / RESULT) as temporary:
@@ -93,59 +96,53 @@ def _run(plan: FleetPlan, out: Path, seed: int, executor: Executor, progress: Pr
     return result
 
 
-class _Tasks:
-    """A task for each rig, made when its turn comes; every model is built once."""
+def tasks_of(plan: FleetPlan, out: Path, seed: int, names: set[str] | None = None) -> Iterator[RigTask | Wrong]:
+    """A task for each rig, made when its turn comes; every model is built once.
 
-    def __init__(self, plan: FleetPlan, out: Path, seed: int, names: set[str]) -> None:
-        self._plan, self._out, self._seed, self._names = plan, out, seed, names
-        self._models: dict[ModelSection, Parcel] = {}
-
-    def __iter__(self) -> Iterator[RigTask | _Wrong]:
-        for rig in self._plan.rigs:
-            if rig.name in self._names:
-                raise InputError(f"two rigs are called {rig.name}")
-            self._names.add(rig.name)
-            try:
-                config = self._plan.config(rig)
-                model = self._model(config)
-            except InputError as error:
-                if len(self._names) == 1:  # what is wrong with the first rig is wrong with all
-                    raise
-                yield _Wrong(rig.name, str(error))
-                continue
-            own = replace(rig, train=_absolute(rig.train), test=_absolute(rig.test), settings={})
-            yield RigTask(own, config, self._plan.work, self._out, rig.seed(self._seed), model)
-
-    def _model(self, config: Config) -> Parcel:
-        """The FMU of a configuration, kept under its hash where all workers find it."""
-        if config.model not in self._models:
-            name, fmu = which_model(config, RunOptions(self._out))
-            folder = self._out / MODELS
-            folder.mkdir(parents=True, exist_ok=True)
-            model = load_model(fmu or name, sources=config.model.sources, libraries=config.model.libraries)
-            built, sha256 = model.path, model.sha256
-            kept = folder / f"{sha256}.fmu"
-            if not kept.exists():
-                with whole_file(kept) as temporary:
-                    shutil.copyfile(built, temporary)
-            self._models[config.model] = Parcel(kept, sha256)
-        return self._models[config.model]
+    Raises
+    ------
+    InputError
+        Two rigs have one name, which ``names`` collects; or settings or model of the first rig are wrong, as then
+        all are.
+    """
+    names = set() if names is None else names
+    models: dict[ModelSection, Parcel] = {}
+    for rig in plan.rigs:
+        if rig.name in names:
+            raise InputError(f"two rigs are called {rig.name}")
+        names.add(rig.name)
+        try:
+            config = plan.config(rig)
+            if config.model not in models:
+                models[config.model] = _model(config, out)
+        except InputError as error:
+            if len(names) == 1:
+                raise
+            yield Wrong(rig.name, str(error))
+            continue
+        own = Rig(rig.name, *(tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test)))
+        yield RigTask(own, config, plan.work, out, rig.seed(seed), models[config.model])
 
 
-class _Wrong:
-    """A rig whose settings make no task."""
-
-    def __init__(self, key: str, reason: str) -> None:
-        self.key, self.reason = key, reason
-
-    @property
-    def made_of(self) -> str:
-        return self.reason
-
-
-def _attempt(task: RigTask | _Wrong) -> Row:
-    return failure(task.key, task.reason) if isinstance(task, _Wrong) else attempt(task)
+def _model(config: Config, out: Path) -> Parcel:
+    """The FMU of a configuration, kept under its hash where all workers find it."""
+    name, fmu = which_model(config, RunOptions(out))
+    model = load_model(fmu or name, sources=config.model.sources, libraries=config.model.libraries)
+    kept = out / MODELS / f"{model.sha256}.fmu"
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    if not kept.exists():
+        with whole_file(kept) as temporary:
+            shutil.copyfile(model.path, temporary)
+    return Parcel(kept, model.sha256)
 
 
-def _absolute(paths: Iterable[Path]) -> tuple[Path, ...]:
-    return tuple(path.resolve() for path in paths)
+@dataclass(frozen=True)
+class Wrong:
+    """A rig whose settings make no task, and why."""
+
+    key: str
+    made_of: str
+
+
+def _attempt(task: RigTask | Wrong) -> Row:
+    return failure(task.key, task.made_of) if isinstance(task, Wrong) else attempt(task)
