@@ -24,6 +24,7 @@ import aero_bayes
 from aero_bayes import cli, schema
 from aero_bayes.config import Config
 from aero_bayes.export import CATALOGUE
+from aero_bayes.fleet.rigs import FleetFile
 from aero_bayes.physics import general_laws
 
 log = logging.getLogger("mkdocs.hooks.reference")
@@ -91,6 +92,12 @@ KEYS: Mapping[str, str] = {
     "solver.relative_tolerance": "of the integration",
     "solver.absolute_tolerance": "of the integration, over a state's nominal value",
     "solver.time_limit": "of one simulation, in s",
+    "fleet.work": "what `aero-bayes fleet` does with each rig",
+    "fleet.rigs": "CSV file with the columns name, train, test, and one for each key that differs",
+    "rig[].name": "the rig's name, which its folder gets too",
+    "rig[].train": "recordings to learn from",
+    "rig[].test": "recordings to judge on",
+    "rig[].settings": "tables of this file that are different for the rig",
 }
 
 
@@ -115,7 +122,7 @@ def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[s
 
 def configuration() -> str:
     """A table a section, in the order of the schema."""
-    return "\n\n".join(_section(Config, ""))
+    return "\n\n".join([*_section(Config, ""), *_section(FleetFile, "")])
 
 
 def _section(section: type[BaseModel], path: str) -> Iterator[str]:
@@ -187,7 +194,7 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """A table a class of the schema, the whole first; types link to their tables."""
-    parts = [schema.RunResult]
+    parts = [schema.RunResult, schema.FleetResult]
     for part in parts:
         for field in part.model_fields.values():
             parts += [p for p in _parts(field.annotation) if p not in parts]
