@@ -120,7 +120,8 @@ def tasks_of(plan: FleetPlan, out: Path, seed: int, names: set[str] | None = Non
                 raise
             yield Wrong(rig.name, str(error))
             continue
-        own = Rig(rig.name, *(tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test)))
+        train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
+        own = Rig(rig.name, train, test)
         yield RigTask(own, config, plan.work, out, rig.seed(seed), models[config.model])
 
 
