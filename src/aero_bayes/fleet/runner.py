@@ -6,8 +6,9 @@ import os
 import queue
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -28,7 +29,9 @@ Progress = Callable[[int], None]
 #: the memory of the caller.
 WINDOW = 4096
 #: How often a task is given to a worker before it counts as what killed them.
-TRIES = 5
+TRIES = 3
+#: Fingerprint of a row that says that its workers died.
+DIED = "worker died"
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ def run_all(
         return
     ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
     running: dict[Future[tuple[Row, Row]], _Sent[Task]] = {}
+    # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
+    suspects: deque[_Sent[Task]] = deque()
     window = int(getattr(executor, "window", WINDOW))
 
     def send(sent: _Sent[Task]) -> None:
@@ -91,13 +96,30 @@ def run_all(
         running[future] = sent
         future.add_done_callback(ended.put)
 
+    def receive(future: Future[tuple[Row, Row]]) -> None:
+        sent = running.pop(future)
+        problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
+        if problem is not None and sent.tries < TRIES:
+            again = _Sent(sent.task, sent.tries + 1)
+            suspects.append(again) if isinstance(problem, BrokenExecutor) else send(again)
+            return
+        if problem is None:
+            row, cost = future.result()
+        else:
+            row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
+        # A row for want of a worker is made of nothing, so that the next start tries again.
+        table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else DIED)
+        progress(1)
+
     try:
         for task in wanted:
             send(_Sent(task))
             while len(running) >= window:
-                _receive(ended.get(), running, table, made_of, send, progress)
-        while running:
-            _receive(ended.get(), running, table, made_of, send, progress)
+                receive(ended.get())
+        while running or suspects:
+            if not running:
+                send(suspects.popleft())
+            receive(ended.get())
     finally:
         for future in running:
             future.cancel()
@@ -117,27 +139,6 @@ def _wanted(
             return
         else:
             yield task
-
-
-def _receive(
-    future: Future[tuple[Row, Row]],
-    running: dict[Future[tuple[Row, Row]], _Sent[Task]],
-    table: Table,
-    made_of: Callable[[Task], str],
-    send: Callable[[_Sent[Task]], None],
-    progress: Progress,
-) -> None:
-    sent = running.pop(future)
-    problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
-    if problem is not None and sent.tries < TRIES:
-        send(_Sent(sent.task, sent.tries + 1))
-        return
-    if problem is None:
-        row, cost = future.result()
-    else:
-        row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
-    table.put(row, cost | {"tries": sent.tries}, made_of(sent.task))
-    progress(1)
 
 
 def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, dict[str, Any]]:
