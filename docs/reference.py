@@ -184,6 +184,8 @@ def _default(field: FieldInfo) -> str:
         return ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
+    if isinstance(value, dict):
+        return ""
     if isinstance(value, tuple):
         return "`[]`" if not value else f"`{list(value)}`"
     return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"

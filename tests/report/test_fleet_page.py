@@ -18,7 +18,6 @@ def made_up(path: Path, count: int) -> tuple[Path, FleetResult]:
     """A page of rigs that nobody fitted: one far from the others in R, one that failed, a third with an effect."""
     rng = np.random.default_rng(1)
     with Table(path / "rigs.sqlite") as table:
-        table._database.execute("BEGIN")
         for k in range(count):
             centre = 0.05 * rng.normal() + (1.0 if k == 7 else 0.0)
             one = {"value": float(np.exp(centre)), "sd": 0.002, "unit": "ohm", "status": "identified", "log": True}
@@ -30,7 +29,6 @@ def made_up(path: Path, count: int) -> tuple[Path, FleetResult]:
                 "outcome": "extended" if effects else "adequate", "text": "", "words": {},
             }  # fmt: skip
             table.put(row if k != 5 else {"key": "rig-00005", "error": "<b>no file</b>"}, {"seconds": 2.0 + k % 7})
-        table._database.execute("COMMIT")
         result, columns = summarise(table, work="loop", seed=1, versions={})
     return write_fleet_page(path, result, columns), result
 

@@ -80,6 +80,7 @@ def run_all(
     if executor is None:
         for task in wanted:
             table.put(*_timed(attempt, task), made_of(task))
+            table.flush()
             progress(1)
         return
     ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
@@ -109,6 +110,8 @@ def run_all(
             row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
         # A row for want of a worker is made of nothing, so that the next start tries again.
         table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else DIED)
+        if ended.empty():
+            table.flush()
         progress(1)
 
     try:

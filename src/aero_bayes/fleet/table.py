@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,8 @@ from typing import Any, Self
 from aero_bayes.errors import InputError
 
 Row = dict[str, Any]
+#: How long a row may wait for others that are written with it, in s.
+HELD = 0.5
 _TABLE = """
 CREATE TABLE IF NOT EXISTS rows (
   key TEXT PRIMARY KEY, made_of TEXT NOT NULL, row TEXT NOT NULL, cost TEXT NOT NULL
@@ -40,6 +43,7 @@ class Table:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
+        self._began = 0.0
         self._database = sqlite3.connect(path, isolation_level=None, timeout=60.0)
         try:
             # No write-ahead log: it does not work on network file systems, where clusters keep their results.
@@ -56,9 +60,22 @@ class Table:
         return found is not None and found[0] == made_of
 
     def put(self, row: Row, cost: Mapping[str, Any], made_of: str = "") -> None:
-        """Write a row, which carries its key under ``key``, whole or not at all."""
+        """Write a row, which carries its key under ``key``, whole or not at all.
+
+        It is safe once :meth:`flush` was called, or the next row comes :data:`HELD` later.
+        """
         texts = (json.dumps(row, sort_keys=True), json.dumps(cost, sort_keys=True))
+        if not self._database.in_transaction:
+            self._database.execute("BEGIN")
+            self._began = time.monotonic()
         self._database.execute("REPLACE INTO rows VALUES (?, ?, ?, ?)", (row["key"], made_of, *texts))
+        if time.monotonic() - self._began > HELD:
+            self.flush()
+
+    def flush(self) -> None:
+        """Have the disk hold all rows: a few milliseconds and more, which many short tasks share."""
+        if self._database.in_transaction:
+            self._database.execute("COMMIT")
 
     def get(self, key: str) -> Row | None:
         """One row."""
@@ -93,6 +110,7 @@ class Table:
 
     def close(self) -> None:
         """Let go of the file."""
+        self.flush()
         self._database.close()
 
     def __enter__(self) -> Self:
