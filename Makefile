@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial coverage docs lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial coverage docs lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -45,7 +45,7 @@ $(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/s
 	touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet,test]'
 	touch $@
 
 fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (default reports/OneDof.fmu)
@@ -97,6 +97,11 @@ trial-quick: setup ## a small part of the blind trial
 
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
 	$(BIN)/python benchmarks/rig_trial.py --out reports
+
+fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,fleet]'
+	test -e reports/fleet/simulated/fleet.toml || $(RUN) bench --fleet 12 --out reports/fleet/simulated --seed $(SEED)
+	$(RUN) fleet --config $(or $(CONFIG),reports/fleet/simulated/fleet.toml) --out $(or $(OUT),reports/fleet) --dask local --seed $(SEED)
 
 coverage: setup ## calibration study -> reports/coverage.json
 	$(BIN)/python benchmarks/coverage.py --out reports

@@ -22,7 +22,6 @@ import json
 import os
 import sys
 import time
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -32,7 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from coverage_page import write_page
 from scipy.stats import kstest
-from tqdm import tqdm
+from trial_runs import executor_options, run_trials
 
 from aero_bayes import bench
 from aero_bayes.data import Recording, to_experiment
@@ -47,6 +46,7 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
+from aero_bayes.fleet import open_executor
 from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.sample.importance import Weighted
 from aero_bayes.sample.mcmc import SampleSettings, run
@@ -161,14 +161,29 @@ def simulate_with_bench(
     return replace(recording, name=name)
 
 
-def study(plan: Plan, fmu: Path, cell: Cell, index: int) -> dict[str, object]:
+@dataclass(frozen=True)
+class Study:
+    """One study of a cell."""
+
+    plan: Plan
+    fmu: Path
+    cell: Cell
+    index: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.cell.name}/{self.index}"
+
+
+def study(task: Study) -> dict[str, object]:
     """One study; everything random in it follows from the plan's seed, the cell and the index."""
+    plan, cell, index = task.plan, task.cell, task.index
     began = time.perf_counter()
     label = int.from_bytes(hashlib.sha256(cell.name.encode()).digest()[:4], "big")
     rng = np.random.default_rng([plan.seed, label, index])
-    model = Model.load(fmu)
+    model = Model.load(task.fmu)
     parameters = free_parameters(model)
-    row: dict[str, object] = {"cell": cell.name, "index": index, "key": plan.key}
+    row: dict[str, object] = {"cell": cell.name, "index": index, "key": task.key}
     try:
         truth = dict(zip(parameters.names, parameters.sample_prior(rng, 1)[0].tolist(), strict=True))
         names = [f"r{k}" for k in range(cell.recordings)]
@@ -240,7 +255,7 @@ def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
     pooled: dict[str, dict[str, list[float]]] = {kind: {name: [] for name in FREE} for kind in ("white", "correlated")}
     recordings = dict.fromkeys(pooled, 0)
     for cell in CELLS:
-        good = [r for r in rows if r["cell"] == cell.name and "failed" not in r]
+        good = [r for r in rows if r.get("cell") == cell.name and "failed" not in r]
         if cell.counted:
             recordings[cell.noise] += cell.recordings * len(good)
         for name in FREE:
@@ -253,7 +268,7 @@ def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
     together = {kind: [r for ranks in names.values() for r in ranks] for kind, names in pooled.items()}
     checks = [r for r in rows if "sampler_ranks" in r]
     gaps = [abs(r["ranks"][n] - v) for r in checks for n, v in r["sampler_ranks"].items() if n in FREE]
-    failed = [r for r in rows if "failed" in r]
+    failed = [str(r.get("failed", r.get("error"))) for r in rows if "failed" in r or "error" in r]
     return {
         "recordings": sum(recordings.values()),
         "recordings_by_noise": recordings,
@@ -268,13 +283,13 @@ def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
         "by_noise": kinds,
         "studies": len(rows),
         "failed": len(failed),
-        "failures": sorted({str(r["failed"]) for r in failed}),
+        "failures": sorted(set(failed)),
         "warned_of_structure": sum(bool(r.get("warned")) for r in rows),
         "sampled_instead": sum(r.get("method") == "sampler" for r in rows),
         "importance_against_sampler": {"studies": len(checks), "largest_rank_gap": max(gaps, default=float("nan"))},
         "seed": plan.seed,
         "plan": asdict(plan),
-        "cpu_seconds": sum(float(r["seconds"]) for r in rows),
+        "cpu_seconds": sum(float(r.get("seconds", 0.0)) for r in rows),
         "rows": table,
     }
 
@@ -315,22 +330,25 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="calibration of the intervals over simulated recordings")
     parser.add_argument("--out", type=Path, default=Path("reports"))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    executor_options(parser)
     parser.add_argument("--share", type=float, default=1.0, help="share of the studies of every cell")
     parser.add_argument("--minutes", type=float, default=18.5, help="start no new study after so long")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     fmu = export_fmu("Aero.Systems.OneDof", options.out / "coverage_model.fmu")
     plan = Plan(options.seed, 15.0, 100.0, 2000, Model.load(fmu).sha256)
-    log = options.out / "coverage.jsonl"
-    lines = log.read_text().splitlines() if log.exists() else []
-    rows = [r for r in map(json.loads, filter(complete, lines)) if r["key"] == plan.key]
-    done = {(r["cell"], r["index"]) for r in rows}
-    jobs = [
-        (cell, k) for cell in CELLS for k in range(round(options.share * cell.studies)) if (cell.name, k) not in done
+    studies = [
+        Study(plan, fmu.resolve(), cell, k) for cell in CELLS for k in range(round(options.share * cell.studies))
     ]
-    jobs.sort(key=lambda job: (job[1] / job[0].studies, job[0].name))
-    rows += work(jobs, plan, fmu, log, options.workers, options.minutes)
+    studies.sort(key=lambda one: (one.index / one.cell.studies, one.cell.name))
+    began = time.monotonic()
+
+    def late() -> bool:
+        return time.monotonic() - began > 60.0 * options.minutes
+
+    with open_executor(options.dask, options.processes) as executor:
+        table = options.out / "coverage.sqlite"
+        rows = run_trials(studies, study, table, executor, made_of=plan.key, until=late)
     result = summarise(rows, plan)
     temporary = options.out / "coverage.json.part"
     temporary.write_text(json.dumps(result, indent=1))
@@ -338,36 +356,6 @@ def main() -> int:
     write_page(options.out / "coverage.html", result)
     print(json.dumps({k: v for k, v in result.items() if k != "rows"}, indent=1))
     return 0
-
-
-def complete(line: str) -> bool:
-    """Whether a line was written whole (the last may not be, after a kill)."""
-    return line.startswith("{") and line.endswith("}")
-
-
-def work(
-    jobs: list[tuple[Cell, int]], plan: Plan, fmu: Path, log: Path, workers: int, minutes: float
-) -> list[dict[str, object]]:
-    """Run studies on so many processes, each written down as it ends."""
-    began, rows, queue = time.monotonic(), [], list(reversed(jobs))
-    with (
-        ProcessPoolExecutor(workers) as pool,
-        tqdm(total=len(jobs), desc="studies", file=sys.stderr) as bar,
-        log.open("a") as file,
-    ):
-        running = set()
-        while queue or running:
-            while queue and len(running) < workers and time.monotonic() - began < 60.0 * minutes:
-                running.add(pool.submit(study, plan, fmu, *queue.pop()))
-            if not running:
-                break
-            ended, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in ended:
-                rows.append(future.result())
-                file.write(json.dumps(rows[-1]) + "\n")
-                file.flush()
-                bar.update()
-    return rows
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 The program is given a folder with ``Rig.mo``, ``rig.toml``, ``train.csv`` and ``test.csv`` and nothing else. One law of
 the library is missing from the model (a third of the trials with correlated noise), none, two, or one that no library
-lists. Finished trials are kept, one JSON line each, so that a run that was stopped goes on where it was.
+lists. Finished trials are kept, one row each, so that a run that was stopped goes on where it was.
 
 Seeds of the table are ``[17001, kind, number, what]``; what was tuned was tuned on ``[11001, ...]``
 (``--development``).
@@ -29,10 +29,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from rig_trial_table import summarise
-from trial_runs import Row, run_all, write_summary
+from trial_runs import Row, executor_options, run_trials, write_summary
 
 from aero_bayes.bench.rigs import DEVELOPMENT, REPORT, RigTrial, draw_trial, rig_kinds, write_trial
 from aero_bayes.bench.rigs.nodes import same_places
+from aero_bayes.fleet import open_executor
 
 WHATS = ("law", "none", "pair", "outside")
 #: Trials of each kind of rig.
@@ -169,7 +170,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("reports"), help="folder of rig_trial.json and finished trials"
     )
-    parser.add_argument("--processes", type=int, default=2)
+    executor_options(parser)
     parser.add_argument("--only", choices=WHATS)
     parser.add_argument("--rig", choices=rig_kinds(), action="append")
     parser.add_argument("--count", type=int, help="trials of each kind of rig, with --only")
@@ -180,7 +181,8 @@ def main() -> None:
     base = DEVELOPMENT if arguments.development else REPORT
     tasks = tasks_of(base, counts, tuple(arguments.rig or rig_kinds()))
     work = partial(attempt, program=close_loop)
-    rows = run_all(tasks, work, arguments.out / "rig_trial" / "trials.jsonl", arguments.processes)
+    with open_executor(arguments.dask, arguments.processes) as executor:
+        rows = run_trials(tasks, work, arguments.out / "rig_trial" / "trials.sqlite", executor)
     summary, text = summarise(rows, base, DEVELOPMENT)
     print(text)
     write_summary(summary, arguments.out / ("rig_trial-quick.json" if arguments.quick else "rig_trial.json"))

@@ -2,8 +2,8 @@
 
 The loop sees nothing but CSV files. Truths are drawn at random: base parameters off nominal by up to 15 %, an effect of
 the catalogue of random size (half of them scaled down to where the data begin to fail), none, two, or one that no
-catalogue lists; half with white noise, half with the noise of a real AERO. Finished trials are kept, one JSON line
-each, so that a run that was stopped goes on where it was.
+catalogue lists; half with white noise, half with the noise of a real AERO. Finished trials are kept, one row each, so
+that a run that was stopped goes on where it was.
 
 Seeds of the table are ``[7001, kind, number]``; what was tuned was tuned on ``[1001, kind, number]``
 (``--development``).
@@ -29,11 +29,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 from trial_distance import distances, scaled_to
-from trial_runs import run_all, write_summary
+from trial_runs import executor_options, run_trials, write_summary
 from trial_table import summarise
 
 from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
+from aero_bayes.fleet import open_executor
 from aero_bayes.loop import close_loop
 from aero_bayes.physics.family import KNOTS, ModelFamily
 
@@ -137,7 +138,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a small fixed part, within three minutes")
     parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
     parser.add_argument("--out", type=Path, default=Path("reports"), help="folder of trial.json and of finished trials")
-    parser.add_argument("--processes", type=int, default=2)
+    executor_options(parser)
     parser.add_argument("--only", choices=KINDS)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int)
@@ -147,12 +148,13 @@ def main() -> None:
         counts = {arguments.only: arguments.count or counts[arguments.only]}
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
-    cache = work / "fmu"
+    cache = (work / "fmu").resolve()
     ModelFamily(BASE, cache).screening()
     if not arguments.quick:  # A few trials build the few curves that they need; many would all wait for the same ones.
         build_curves(cache, arguments.processes)
     tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
-    rows = run_all(tasks, attempt, work / "trials.jsonl", arguments.processes)
+    with open_executor(arguments.dask, arguments.processes) as executor:
+        rows = run_trials(tasks, attempt, work / "trials.sqlite", executor)
     summary, text = summarise(rows, root, DEVELOPMENT)
     print(text)
     write_summary(summary, arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))

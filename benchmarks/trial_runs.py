@@ -1,17 +1,19 @@
-"""What blind trials share: a pool whose finished rows are kept, rates, and how they are shown."""
+"""What blind trials share: the runner whose finished rows are kept, rates, and how they are shown."""
 
 from __future__ import annotations
 
 import json
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from argparse import ArgumentParser
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from tqdm import tqdm
 
-Row = dict[str, Any]
+from aero_bayes.fleet import Row, Table, run_all
+
 #: Distances between which rates are given.
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
 
@@ -26,36 +28,26 @@ class Keyed(Protocol):
 Task = TypeVar("Task", bound=Keyed)
 
 
-def run_all(tasks: Sequence[Task], attempt: Callable[[Task], Row], lines: Path, processes: int) -> list[Row]:
-    """Rows of all tasks, in their order; those that ``lines`` holds already are not run again.
-
-    ``attempt`` returns a row with the task's key under ``key`` and never raises. Every row is written to ``lines``
-    (JSON, one a line) as soon as it is there.
-    """
-    done: dict[str, Row] = {}
-    if lines.exists():
-        for line in lines.read_text(encoding="utf-8").splitlines():
-            if line.endswith("}"):  # The last one may have been cut off.
-                row = json.loads(line)
-                done[row["key"]] = row
-    lines.parent.mkdir(parents=True, exist_ok=True)
-    wanted = [task for task in tasks if task.key not in done]
-    with lines.open("a", encoding="utf-8") as stream, tqdm(total=len(tasks), initial=len(tasks) - len(wanted)) as bar:
-        for row in _outcomes(wanted, attempt, processes):
-            stream.write(json.dumps(row) + "\n")
-            stream.flush()
-            done[row["key"]] = row
-            bar.update()
-    return [done[task.key] for task in tasks if task.key in done]
+def run_trials(
+    tasks: Sequence[Task],
+    attempt: Callable[[Task], Row],
+    path: Path,
+    executor: Executor | None = None,
+    *,
+    made_of: str = "",
+    until: Callable[[], bool] = lambda: False,
+) -> list[Row]:
+    """Rows of all tasks, in their order, on the runner that fleets use; what the table holds is not run again."""
+    with Table(path) as table, tqdm(total=len(tasks)) as bar:
+        run_all(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
+        found = {task.key: table.get(task.key) for task in tasks}
+    return [row for row in found.values() if row is not None]
 
 
-def _outcomes(tasks: Sequence[Task], attempt: Callable[[Task], Row], processes: int) -> Iterator[Row]:
-    """Rows as they are finished."""
-    if processes <= 1:
-        yield from map(attempt, tasks)
-        return
-    with multiprocessing.get_context("spawn").Pool(processes, maxtasksperchild=50) as pool:
-        yield from pool.imap_unordered(attempt, tasks)
+def executor_options(parser: ArgumentParser) -> None:
+    """Where trials run: processes of this machine, or a Dask scheduler's workers."""
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--dask", help="address of a scheduler, its file, or local")
 
 
 def write_summary(summary: dict[str, Any], path: Path) -> None:

@@ -27,6 +27,7 @@ from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
+from aero_bayes.fleet.rigs import FleetFile
 from aero_bayes.physics import general_laws
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -98,6 +99,12 @@ KEYS: Mapping[str, str] = {
     "solver.relative_tolerance": "of the integration",
     "solver.absolute_tolerance": "of the integration, over a state's nominal value",
     "solver.time_limit": "of one simulation, in s",
+    "fleet.work": "what `aero-bayes fleet` does with each rig",
+    "fleet.rigs": "CSV file with the columns name, train, test, and one for each key that differs",
+    "rig[].name": "the rig's name, which its folder gets too",
+    "rig[].train": "recordings to learn from",
+    "rig[].test": "recordings to judge on",
+    "rig[].settings": "tables of this file that are different for the rig",
 }
 
 
@@ -122,7 +129,7 @@ def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[s
 
 def configuration() -> str:
     """A table a section, in the order of the schema."""
-    return "\n\n".join(_section(Config, ""))
+    return "\n\n".join([*_section(Config, ""), *_section(FleetFile, "")])
 
 
 def _section(section: type[BaseModel], path: str) -> Iterator[str]:
@@ -184,6 +191,8 @@ def _default(field: FieldInfo) -> str:
         return ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
+    if isinstance(value, dict):
+        return ""
     if isinstance(value, tuple):
         return "`[]`" if not value else f"`{list(value)}`"
     return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
@@ -194,7 +203,7 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """A table a class of the schema, the whole first; types link to their tables."""
-    parts = [schema.RunResult]
+    parts = [schema.RunResult, schema.FleetResult]
     for part in parts:
         for field in part.model_fields.values():
             parts += [p for p in _parts(field.annotation) if p not in parts]

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from aero_bayes.estimate import Fit, FitSettings
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
+    from aero_bayes.fleet import Rig, fleet
     from aero_bayes.library import load_model, open_run
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.predict import RecordingPrediction
@@ -63,6 +64,8 @@ _HOME = {
     "Posterior": "sample",
     "SampleSettings": "sample",
     "fit": "estimate",
+    "Rig": "fleet",
+    "fleet": "fleet",
     "sample": "sample",
     "load_model": "library",
     "open_run": "library",
@@ -83,11 +86,13 @@ __all__ = [
     "Posterior",
     "Recording",
     "RecordingPrediction",
+    "Rig",
     "RunDirectory",
     "SampleSettings",
     "close_loop",
     "export_fmu",
     "fit",
+    "fleet",
     "load_model",
     "open_run",
     "propose_experiment",

@@ -258,11 +258,27 @@ def check(recordings: tuple[Path, ...], config: Path | None) -> None:
 @main.command()
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-def bench(out: Path, seed: int) -> None:
-    """Write recordings of the simulated AERO (they are not measurements)."""
-    from aero_bayes.workflow.commands import run_bench
+@click.option("--fleet", "rigs", type=click.IntRange(min=1), help="A fleet of so many rigs, with its fleet.toml.")
+@click.option("--kind", default="cart", show_default=True, help="Kind of the fleet's rigs.")
+def bench(out: Path, seed: int, rigs: int | None, kind: str) -> None:
+    """Write recordings of the simulated AERO, or of a fleet of simpler rigs (they are not measurements)."""
+    from aero_bayes.workflow.commands import run_bench, run_bench_fleet
 
-    run_bench(out, seed)
+    run_bench(out, seed) if rigs is None else run_bench_fleet(out, kind, rigs, seed)
+
+
+@main.command()
+@click.option("--config", type=FILE, required=True, help="TOML file with [fleet] and the rigs.")
+@click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.sqlite, fleet.json, report.html.")
+@click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: all cores here]")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result.")
+@click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one a core]")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def fleet(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
+    """Fit many rigs of one model, and say what they share; what is done already is not done again."""
+    from aero_bayes.fleet.command import run_fleet
+
+    run_fleet(config, out, dask=dask, seed=seed, workers=workers, quiet=quiet)
 
 
 if __name__ == "__main__":

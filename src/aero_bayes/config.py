@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -13,6 +13,7 @@ from aero_bayes.errors import InputError
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(gt=0)]
+Sections = TypeVar("Sections", bound=BaseModel)
 
 
 class Section(BaseModel):
@@ -164,35 +165,45 @@ class Config(Section):
     solver: SolverSection = SolverSection()
 
 
-def load_config(path: Path | None) -> Config:
+def load_config(path: Path | Config | None) -> Config:
     """Read a configuration.
 
     Parameters
     ----------
-    path : Path or None
-        A TOML file; None gives the defaults. Relative paths in it are taken from the file's folder.
+    path : Path, Config or None
+        A TOML file; None gives the defaults, what was read already is given back. Relative paths in it are taken from
+        the file's folder.
 
     Raises
     ------
     InputError
         The file cannot be read, is not TOML, or holds a key or value that does not exist; the message names the key.
     """
-    if path is None:
-        return Config()
+    if path is None or isinstance(path, Config):
+        return path or Config()
+    return resolve_paths(checked(Config, read_toml(path), path), path.parent)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """A TOML file as it stands. Raises InputError where there is none."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def checked(section: type[Sections], document: Any, where: object) -> Sections:
+    """A document as a section; InputError, which starts with ``where``, for a key or value that does not exist."""
     try:
-        config = Config.model_validate(document)
+        return section.model_validate(document)
     except ValidationError as error:
-        raise InputError(f"{path}: {_first_problem(error)}") from None
-    return _resolve_paths(config, path.parent)
+        raise InputError(f"{where}: {_first_problem(error, section)}") from None
 
 
-def _resolve_paths(config: Config, folder: Path) -> Config:
+def resolve_paths(config: Config, folder: Path) -> Config:
+    """The same with relative paths taken from a folder."""
     model = config.model
     resolved = model.model_copy(
         update={
@@ -204,21 +215,21 @@ def _resolve_paths(config: Config, folder: Path) -> Config:
     return config.model_copy(update={"model": resolved})
 
 
-def _first_problem(error: ValidationError) -> str:
+def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:
     problem = error.errors()[0]
     location = [str(part) for part in problem["loc"]]
     key = ".".join(location)
     if problem["type"] == "extra_forbidden":
-        known = _known_keys(location[:-1])
+        known = _known_keys(location[:-1], whole)
         near = difflib.get_close_matches(location[-1], known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(sorted(known))}"
         return f"key '{key}' does not exist; {hint}"
     return f"key '{key}': {problem['msg'][0].lower()}{problem['msg'][1:]}, got {problem['input']!r}"
 
 
-def _known_keys(location: list[str]) -> list[str]:
+def _known_keys(location: list[str], whole: type[BaseModel]) -> list[str]:
     """Keys that exist at a place in the file; walks the sections by their annotations."""
-    section: type[BaseModel] | None = Config
+    section: type[BaseModel] | None = whole
     for part in location:
         if section is None or part not in section.model_fields:
             continue

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from rig_trial import Answer, Task, answer_of, attempt, tasks_of
 from rig_trial_table import calibration, right_kin, right_law, right_pair, right_place, summarise
-from trial_runs import run_all, write_summary
+from trial_runs import run_trials, write_summary
 
 from aero_bayes.bench.rigs import LawTruth, Place, draw_trial
 from aero_bayes.bench.rigs.nodes import connected, same_places
@@ -42,7 +42,7 @@ def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Pat
         ("wrong", "delay@elsewhere", ()),
     ):
         program = lambda folder, answer=answer, same=same: says(answer, folder=folder, equivalent=same)  # noqa: E731
-        (rows[name],) = run_all([task], partial(attempt, program=program), tmp_path / name / "rows.jsonl", 1)
+        (rows[name],) = run_trials([task], partial(attempt, program=program), tmp_path / name / "rows.sqlite")
         assert "error" not in rows[name]
     assert [right_law(row) for row in rows.values()] == [True, True, False]
     assert [right_place(row) for row in rows.values()] == [True, True, False]
@@ -60,8 +60,8 @@ def test_finished_trials_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
     def fails(folder: Path) -> Answer:
         raise RuntimeError("no such thing")
 
-    first = run_all(tasks[:1], partial(attempt, program=_nothing), tmp_path / "rows.jsonl", 1)
-    both = run_all(tasks, partial(attempt, program=fails), tmp_path / "rows.jsonl", 1)
+    first = run_trials(tasks[:1], partial(attempt, program=_nothing), tmp_path / "rows.sqlite")
+    both = run_trials(tasks, partial(attempt, program=fails), tmp_path / "rows.sqlite")
     assert both[0] == first[0]
     assert both[1]["error"] == "RuntimeError: no such thing"
     summary, text = summarise(both, 17001, 11001)

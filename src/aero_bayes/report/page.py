@@ -97,7 +97,11 @@ def render(run: RunDirectory) -> str:
 
 
 def fill(
-    template: str, context: Mapping[str, Any], series: Mapping[str, FloatArray], results: Sequence[RunResult]
+    template: str,
+    context: Mapping[str, Any],
+    series: Mapping[str, FloatArray],
+    results: Sequence[RunResult],
+    scripts: Sequence[str] = SCRIPTS,
 ) -> str:
     """A page from its template.
 
@@ -110,6 +114,8 @@ def fill(
         All that figures may ask for.
     results : sequence of RunResult
         The runs that the page is about: they say what the names of effects and signals stand for.
+    scripts : sequence of str
+        Parts of the page's script.
     """
     environment = _environment().overlay()
     words = {id_: text for result in results for id_, text in result.effect_words().items()}
@@ -117,7 +123,7 @@ def fill(
     environment.filters = environment.filters | {
         "sentence": partial(sentence, words=words, signals=signals), "effect": partial(named_effect, words=words)
     }  # fmt: skip
-    script = _script()
+    script = _script(tuple(scripts))
     keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return environment.get_template(template).render(
@@ -136,10 +142,10 @@ def _environment() -> Environment:
 
 
 @cache
-def _script() -> str:
-    """The page's script: its parts in order, in one scope of their own."""
+def _script(names: tuple[str, ...]) -> str:
+    """A page's script: its parts in order, in one scope of their own."""
     folder = Path(__file__).with_name("script")
-    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in names]
     return '"use strict";\n(() => {\n' + "\n".join(parts) + "})();"
 
 

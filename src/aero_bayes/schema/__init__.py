@@ -29,6 +29,7 @@ from aero_bayes.schema.estimate import (
     StretchesResult,
     SwarmResult,
 )
+from aero_bayes.schema.fleet import FleetCost, FleetEffect, FleetParameter, FleetResult, Range, RigReason
 from aero_bayes.schema.loop import (
     CandidateResult,
     EffectResult,
@@ -59,6 +60,10 @@ __all__ = [
     "EncoderResult",
     "Evidence",
     "FitResult",
+    "FleetCost",
+    "FleetEffect",
+    "FleetParameter",
+    "FleetResult",
     "Identifiability",
     "LeftOutResult",
     "LocalResult",
@@ -71,10 +76,12 @@ __all__ = [
     "PredictionResult",
     "Profile",
     "Quantiles",
+    "Range",
     "RecordingResult",
     "ReplayResult",
     "ReplayRow",
     "ResidualResult",
+    "RigReason",
     "RippleOrder",
     "RippleResult",
     "RivalResult",

@@ -17,7 +17,7 @@ from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.replay import replay_paper
+from aero_bayes.replay import Replay, replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
 from aero_bayes.workflow.context import context_part
@@ -76,10 +76,11 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
 
 
-def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *, paper: bool = True) -> None:
     """What plain ``make`` runs: fit, closed loop, posterior of the model that came out, the paper's table; one page.
 
-    Without recordings it runs on those of the simulated bench, and the page says so.
+    Without recordings it runs on those of the simulated bench, and the page says so. ``paper=False`` leaves its table
+    out.
     """
     began = time.perf_counter()
     if not files:
@@ -94,17 +95,11 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         found = base if final is job else fit_job(final, progress, again=True)
         doubts = _doubts(final, found, progress)
         posterior = _sample(final, found, progress)
-        table = replay_paper(
-            seed=options.seed,
-            workers=options.workers,
-            engine=job.engine,
-            out=options.out / "replay",
-            progress=progress,
-        )
+        table = _paper(job, progress) if paper else None
     result, series = fit_part(final, found)
     sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled, doubts, {"replay": table.to_dict()})
-    series = series | bands | table.series
+    result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
+    series = series | bands | (table.series if table is not None else {})
     if loop is None:
         _finish(final, "all", began, [result, _closing(result)], series)
         return
@@ -112,6 +107,13 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
     series = loop_series(job, loop) | measured_series(job.tests) | series
     _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
+
+
+def _paper(job: Job, progress: ProgressBar) -> Replay:
+    options = job.options
+    return replay_paper(
+        seed=options.seed, workers=options.workers, engine=job.engine, out=options.out / "replay", progress=progress
+    )
 
 
 def run_replay(out: Path, seed: int, quiet: bool) -> None:
@@ -146,6 +148,13 @@ def run_bench(out: Path, seed: int) -> None:
     """``aero-bayes bench``: recordings of the simulated AERO."""
     train, test = write_simulated(out, seed)
     click.echo(f"simulated, not measured: {', '.join(str(path) for path in (*train, *test))}")
+
+
+def run_bench_fleet(out: Path, kind: str, count: int, seed: int) -> None:
+    """``aero-bayes bench --fleet``: a fleet of simulated rigs, some with an effect that the others lack."""
+    from aero_bayes.bench.rigs import draw_fleet, write_fleet  # the source tree's models are needed for this alone
+
+    click.echo(f"simulated, not measured: {write_fleet(out, draw_fleet(kind, seed), count)}")
 
 
 def write_simulated(folder: Path, seed: int) -> tuple[tuple[Path, ...], tuple[Path, ...]]:

@@ -27,16 +27,22 @@ Engine = Literal["native", "fmpy"]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options that every command which simulates a model shares."""
+    """The options that every command which simulates a model shares.
+
+    ``config`` is a file or what was read from one. ``built`` is the FMU of the class where somebody has built it
+    already, ``cache`` a folder where the loop finds and leaves FMUs.
+    """
 
     out: Path
     model: str | None = None
-    config: Path | None = None
+    config: Path | Config | None = None
     seed: int = 1
     workers: int | None = None
     engine: Engine | None = None
     resume: bool = False
     quiet: bool = False
+    built: Path | None = None
+    cache: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -86,12 +92,12 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     name, fmu = which_model(config, options)
     sources, libraries = config.model.sources, config.model.libraries
     declared = declaration_of(name, sources) if fmu is None else Declaration()
-    model = None
+    model = Model.load(options.built) if options.built is not None else None
     if not declared.systems:
         # Nothing but the model itself says what its columns are.
-        model = built_model(config, name, fmu)
+        model = model or built_model(config, name, fmu)
         declared = model.declared
-    layout = layout_of(config, declared, model)
+    layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
     columns = columns_of(config)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
@@ -104,7 +110,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             export_fmu(name, built, sources=sources, libraries=libraries)
         model = Model.load(built)
     assert model is not None
-    parameters = _parameters(model, config)
+    parameters = parameters_of(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
@@ -155,7 +161,7 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
     }
 
 
-def _parameters(model: Model, config: Config) -> ParameterSet:
+def parameters_of(model: Model, config: Config) -> ParameterSet:
     """Free parameters: those that the package declares, changed by what the configuration says."""
     overrides = declared_overrides(model)
     known = {variable.name for variable in model.parameters}

@@ -43,6 +43,7 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         settings=settings,
         workers=job.options.workers,
         out_dir=job.options.out,
+        cache=job.options.cache,
         progress=lambda what, share: progress(f"loop: {what}", share),
     )
 

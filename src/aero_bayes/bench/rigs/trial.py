@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import exp, isfinite, log
 from pathlib import Path
@@ -23,6 +23,7 @@ from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
 
 FloatArray = NDArray[np.float64]
+Quiet = tuple[FloatArray, FloatArray]
 What = Literal["law", "none", "pair", "outside"]
 WHATS: tuple[What, ...] = ("law", "none", "pair", "outside")
 #: First numbers of the seeds ``[base, kind, number]``: trials that methods may be tuned on, and those of the report.
@@ -146,13 +147,40 @@ def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "la
         name: value * (1.0 if name in rig.known else float(rng.uniform(1.0 - SPREAD, 1.0 + SPREAD)))
         for name, value in rig.parameters.items()
     }
+    return make_trial(rig, rng, parameters, lambda *seen: _laws(seen[0], what, *seen[1:]), what=what, seed=seed)
+
+
+def make_trial(
+    rig: RigKind,
+    rng: Generator,
+    parameters: Mapping[str, float],
+    choose: Callable[[Generator, Yardstick, Quiet], list[LawTruth]],
+    *,
+    what: What,
+    seed: tuple[int, ...],
+    noise: Mapping[str, Noise] | None = None,
+) -> RigTrial:
+    """Record a rig of known parameters.
+
+    Parameters
+    ----------
+    rig : RigKind
+    rng : Generator
+        Draws the experiments, and the noise if it is not given.
+    parameters : mapping of str to float
+    choose : callable
+        What the model lacks, from a generator, a yardstick and a run (outputs, states) without it.
+    what, seed : str, tuple of int
+        For the record.
+    noise : mapping of str to Noise, optional
+    """
     time: FloatArray = np.arange(rig.rows, dtype=np.float64) * rig.step
     commands = {run: _commands(rng, rig, time) for run in ("train", "test")}
     starts = {run: _start(rng, rig, parameters) for run in ("train", "test")}
     quiet = simulate(rig, parameters, [], time, commands["train"], starts["train"])
-    noise = _noise(rng, rig, quiet[0])
+    noise = noise if noise is not None else draw_noise(rng, rig, quiet[0])
     yardstick = Yardstick(rig, parameters, starts["train"], time, commands["train"], noise)
-    laws = _laws(rng, what, yardstick, quiet)
+    laws = choose(rng, yardstick, quiet)
     silent = {
         run: _recording(
             run, rig, time, commands[run], simulate(rig, parameters, laws, time, commands[run], starts[run])[0]
@@ -162,16 +190,16 @@ def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "la
     measured = {run: _measure(stream, silent[run], noise) for run, stream in zip(silent, rng.spawn(2), strict=True)}
     states, shown = tuple(rig.states), rig.plant(parameters).shown
     truth = RigTruth(
-        kind=kind,
+        kind=rig.name,
         what=what,
         laws=tuple(laws),
-        parameters=parameters,
+        parameters=dict(parameters),
         starts={run: dict(zip(states, start, strict=True)) for run, start in starts.items()},
         noise=noise,
         aliases={states[index]: output for index, output in zip(shown, rig.outputs, strict=True)},
         seed=seed,
     )
-    folder = models_folder() / kind
+    folder = models_folder() / rig.name
     return RigTrial(measured["train"], measured["test"], silent, truth, folder / "Rig.mo", folder / "rig.toml")
 
 
@@ -218,8 +246,8 @@ def _start(rng: Generator, kind: RigKind, parameters: Mapping[str, float]) -> tu
     )
 
 
-def _noise(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, Noise]:
-    """White noise; in a third of the trials some that is correlated over 3 to 30 samples as well."""
+def draw_noise(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, Noise]:
+    """White noise by output; in a third of the trials some that is correlated over 3 to 30 samples as well."""
     level = exp(float(rng.uniform(log(QUIET), log(LOUD))))
     correlated = rng.random() < 1.0 / 3.0
     noise = {}
@@ -230,7 +258,7 @@ def _noise(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, Nois
     return noise
 
 
-def _laws(rng: Generator, what: What, yardstick: Yardstick, quiet: tuple[FloatArray, FloatArray]) -> list[LawTruth]:
+def _laws(rng: Generator, what: What, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
     """Laws as asked for, each scaled to a distance of its own, and their distances in each other's presence."""
     if what == "none":
         return []
@@ -268,7 +296,7 @@ def sized(
     rng: Generator,
     yardstick: Yardstick,
     basis: FloatArray,
-    quiet: tuple[FloatArray, FloatArray],
+    quiet: Quiet,
     which: tuple[str, Place],
     target: float,
 ) -> LawTruth | None:

@@ -1,0 +1,115 @@
+"""How common an effect is in the fleet, taking account of the rigs that have it too weakly to be noticed.
+
+A rig's loop names an effect if it gains more log-evidence than a bar. Gains of those that have it are taken as
+log-normal; the rigs where it was named say of this distribution what lies above the bar, and so how much of it lies
+below. With x the logarithm of the gain over the bar, share π, centre a and width b, the likelihood of n rigs of which
+c name it is  ∏ π N(x_i; a, b²) · (1 - π Φ(a / b))^(n - c).  It is summed on a grid: no chain, no seed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+FloatArray = NDArray[np.float64]
+#: Grid of the share; of centre and width of the logarithm of gain over bar; and the width's prior scale.
+SHARES = (np.arange(200) + 0.5) / 200.0
+CENTRES, WIDTHS, USUAL = np.linspace(-4.0, 10.0, 57), np.geomspace(0.1, 4.0, 16), 1.0
+#: What an effect that no rig names for sure counts where names are shared out.
+FAINT, ROUNDS = 0.1, 30
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that a rig's loop named, those that its data cannot tell from it, and log(gain / bar)."""
+
+    id: str
+    alike: tuple[str, ...]
+    strength: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prevalence:
+    """Posterior of how common an effect is.
+
+    Parameters
+    ----------
+    density : ndarray, shape (200,)
+        Posterior of the share of rigs that have it, on :data:`SHARES`; sums to one.
+    seen : float
+        Probability that a rig that has it is noticed to have it.
+    unseen : float
+        Probability that a rig whose loop does not name it has it all the same.
+    """
+
+    density: FloatArray
+    seen: float
+    unseen: float
+
+    def quantiles(self, levels: FloatArray) -> FloatArray:
+        """Quantiles of the share, shape of ``levels``."""
+        return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARES))
+
+
+def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
+    """How common an effect is.
+
+    Parameters
+    ----------
+    strengths : ndarray, shape (c,)
+        Logarithm of gain over bar where it was named; not negative.
+    weights : ndarray, shape (c,)
+        How much each counts: less than one where the data cannot tell the effect from another.
+    rigs : int
+        Number of rigs whose loop came to a conclusion.
+
+    Notes
+    -----
+    Priors: Jeffreys' for the share, flat for the centre, half-normal for the width.
+    """
+    count = float(weights.sum())
+    a, b = CENTRES[:, None], WIDTHS[None, :]
+    misfit = ((strengths[:, None, None] - a) / b) ** 2
+    gains = np.tensordot(weights, -0.5 * misfit, 1) - count * np.log(b) if len(strengths) else np.zeros(a.shape)
+    prior = np.log(WIDTHS) - 0.5 * (WIDTHS / USUAL) ** 2  # the grid of widths is even in their logarithm
+    seen = np.exp(log_ndtr(a / b))
+    share = SHARES[:, None, None]
+    log = (count - 0.5) * np.log(share) - 0.5 * np.log1p(-share)
+    log = log + (rigs - count) * np.log1p(-share * seen) + gains + prior
+    joint = np.exp(log - log.max())
+    joint /= joint.sum()
+    missed = share * (1.0 - seen) / (1.0 - share * seen)
+    return Prevalence(joint.sum(axis=(1, 2)), float(np.sum(joint * seen)), float(np.sum(joint * missed)))
+
+
+def shared_out(rigs: Sequence[Sequence[Named]]) -> list[list[dict[str, float]]]:
+    """For every named effect, how probable it and each of those alike is: what other rigs are sure of decides.
+
+    Returns
+    -------
+    list of list of dict
+        One dictionary for each name of each rig; it adds up to one.
+    """
+    groups = [[(named.id, *(id_ for id_ in named.alike if id_ != named.id)) for named in rig] for rig in rigs]
+    common: Counter[str] = Counter()
+    for rig in groups:
+        for group in rig:
+            common.update({id_: 1.0 / len(group) for id_ in group})
+    several = any(len(group) > 1 for rig in groups for group in rig)
+    for _ in range(ROUNDS if several else 1):
+        shares = [[_split(group, common) for group in rig] for rig in groups]
+        common = Counter()
+        for rig_shares in shares:
+            for share in rig_shares:
+                common.update(share)
+    return shares
+
+
+def _split(group: Sequence[str], common: Counter[str]) -> dict[str, float]:
+    weights = [common[id_] + FAINT for id_ in group]
+    return {id_: weight / sum(weights) for id_, weight in zip(group, weights, strict=True)}

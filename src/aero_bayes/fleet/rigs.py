@@ -1,0 +1,195 @@
+"""The table of rigs: who they are, what was recorded of each, and what is different about each."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from aero_bayes.config import Config, Section, checked, read_toml, resolve_paths
+from aero_bayes.errors import InputError
+
+Work = Literal["fit", "posterior", "loop", "all"]
+#: A rig's name is also the name of its folder.
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
+#: Columns of a table of rigs that are no settings, and what stands between several files in one cell.
+COLUMNS, BETWEEN = ("name", "train", "test"), ";"
+
+
+class RigSection(Section):
+    """``[[rig]]``: a rig, its recordings, and in ``settings`` whatever it has otherwise than the rest of the file."""
+
+    name: str
+    train: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
+    settings: dict[str, Any] = {}  # noqa: RUF012  (pydantic copies defaults)
+
+
+class FleetSection(Section):
+    """``[fleet]``: what is done with each rig, and where the table of rigs is if it is not in this file.
+
+    ``work`` is one of the commands: fit, posterior, loop, or all three. ``rigs`` is a CSV file with the columns name,
+    train and test (several files are separated by semicolons) and one for each key that differs, such as
+    ``parameters.M.value``.
+    """
+
+    work: Work = "fit"
+    rigs: Path | None = None
+
+
+class FleetFile(Section):
+    """What a fleet's file holds beside what any configuration may."""
+
+    fleet: FleetSection = FleetSection()
+    rig: tuple[RigSection, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One rig.
+
+    Parameters
+    ----------
+    name : str
+        Unique; letters, digits and ``_ . + -``.
+    train, test : tuple of Path
+        Recordings to learn from, and to judge on.
+    settings : mapping
+        Tables of the configuration that are different for this rig, nested as in the file.
+    """
+
+    name: str
+    train: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name):
+            raise InputError(f"rig {self.name!r}: expected a name of letters, digits and _ . + - the first no sign")
+
+    def seed(self, seed: int) -> int:
+        """The rig's own seed: it depends on its name, not on its place in the table or on who works on it."""
+        return int.from_bytes(hashlib.sha256(f"{seed}/{self.name}".encode()).digest()[:4], "big")
+
+
+@dataclass(frozen=True)
+class FleetPlan:
+    """What a fleet's file says: settings for all, the work, and the rigs, which are read one by one."""
+
+    shared: Mapping[str, Any]
+    folder: Path
+    work: Work
+    rigs: Iterable[Rig]
+
+    def config(self, rig: Rig) -> Config:
+        """The configuration of one rig.
+
+        Raises
+        ------
+        InputError
+            If the rig's own settings name a key or value that does not exist.
+        """
+        document = _overlaid(self.shared, rig.settings)
+        return resolve_paths(checked(Config, document, f"rig {rig.name}"), self.folder.resolve())
+
+
+def read_fleet(path: Path) -> FleetPlan:
+    """Read ``fleet.toml``: any configuration, with ``[fleet]`` and the rigs.
+
+    Raises
+    ------
+    InputError
+        The file or its table of rigs cannot be read, or there is no rig.
+    """
+    document = read_toml(path)
+    own = checked(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
+    checked(Config, document, path)
+    table = own.fleet.rigs
+    if not own.rig and table is None:
+        raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")
+    rigs = _Rigs(path.parent.resolve(), own.rig, path.parent / table if table is not None else None)
+    if rigs.table is not None:
+        next(rigs.of_table(), None)
+    return FleetPlan(document, path.parent, own.fleet.work, rigs)
+
+
+@dataclass(frozen=True)
+class _Rigs:
+    """The rigs of a file and of its table, read anew each time, so that nobody holds them all."""
+
+    folder: Path
+    sections: tuple[RigSection, ...]
+    table: Path | None
+
+    def __iter__(self) -> Iterator[Rig]:
+        for section in self.sections:
+            yield Rig(section.name, self._at(section.train), self._at(section.test), section.settings)
+        if self.table is not None:
+            yield from self.of_table()
+
+    def of_table(self) -> Iterator[Rig]:
+        """The rigs of the CSV file. Raises InputError that names file and row."""
+        assert self.table is not None
+        try:
+            with self.table.open(encoding="utf-8-sig", newline="") as stream:
+                reader = csv.DictReader(stream)
+                missing = [c for c in COLUMNS[:2] if c not in (reader.fieldnames or ())]
+                if missing:
+                    raise InputError(f"{self.table}: no column {missing[0]}; expected {', '.join(COLUMNS)}")
+                for row in reader:
+                    if None in row:
+                        raise InputError(f"{self.table}: row {reader.line_num}: more cells than columns")
+                    yield self._of_row(row, reader.line_num)
+        except OSError as error:
+            raise InputError(f"{self.table}: cannot be read ({error.strerror})") from None
+        except UnicodeDecodeError:
+            raise InputError(f"{self.table}: not UTF-8 text") from None
+
+    def _of_row(self, row: Mapping[str, str | None], line: int) -> Rig:
+        train, test = (
+            tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip()) for c in COLUMNS[1:]
+        )
+        settings: dict[str, Any] = {}
+        for key, text in row.items():
+            if key not in COLUMNS and text not in (None, ""):
+                _put(settings, _parts(key), _value(str(text)))
+        try:
+            return Rig((row["name"] or "").strip(), self._at(train), self._at(test), settings)
+        except InputError as error:
+            raise InputError(f"{self.table}: row {line}: {error}") from None
+
+    def _at(self, paths: Iterable[Path]) -> tuple[Path, ...]:
+        return tuple(self.folder / path for path in paths)
+
+
+def _parts(key: str) -> list[str]:
+    """``parameters."spring.k".value`` -> its three parts, as TOML would read them."""
+    return [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|([^".]+)', key)]
+
+
+def _value(text: str) -> Any:
+    """A cell as TOML would read it; plain text where it would not."""
+    try:
+        return tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _put(document: dict[str, Any], parts: list[str], value: Any) -> None:
+    for part in parts[:-1]:
+        document = document.setdefault(part, {})
+    document[parts[-1]] = value
+
+
+def _overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested tables, the upper ones winning key by key."""
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _overlaid(merged[key], value) if nested else value
+    return merged

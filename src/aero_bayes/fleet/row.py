@@ -1,0 +1,119 @@
+"""What the fleet keeps of one rig: a few numbers of its ``result.json``, the same wherever they were computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.fleet.table import Row
+from aero_bayes.schema import LoopPart, ParameterResult, RunResult
+
+#: Central 90 % of a normal density, in standard deviations to either side.
+Z90 = 1.6448536269514722
+#: What an effect's parameters cost in log-evidence, about: what is added to a gain before its logarithm is taken.
+PRICE = 4.0
+#: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
+TELLING = 0.05
+
+
+def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
+    """The row of a finished rig.
+
+    Parameters
+    ----------
+    name : str
+    result : RunResult
+    priors : iterable of Parameter
+        Those that were searched, with the priors that the rig's posterior holds and the fleet's must not hold again.
+
+    Returns
+    -------
+    dict
+        ``parameters`` of the model and of what was added: by name ``value``, ``sd``, ``unit``, ``status``, ``log``
+        (whether positive by nature), and ``centre`` and ``width`` of the likelihood, Gaussian in the value or its
+        logarithm; ``over_floor``: the largest residual over the noise floor, and ``outputs`` each; ``outcome`` of the
+        loop and ``effects``: by each ``id`` those ``alike`` and the ``strength``; ``level``, ``text`` of the verdict.
+    """
+    known = {item.name: item for item in priors}
+    outputs = _over_floor(result)
+    loop = result.loop
+    added = {key for effect in loop.effects for key in effect.parameters} if loop else set()
+    return {
+        "key": name,
+        "simulated": result.simulated,
+        "level": result.verdict.level if result.verdict else "",
+        "text": result.verdict.text if result.verdict else "",
+        "parameters": {
+            key: _parameter(entry, known.get(key))
+            for key, entry in result.parameters.items()
+            if (key in known or key in added) and entry.status != "fixed" and entry.value is not None
+        },
+        "outputs": outputs,
+        "over_floor": max(outputs.values(), default=None),
+        "outcome": loop.outcome if loop else "",
+        "effects": _named(loop) if loop else [],
+        "words": _words(result),
+    }
+
+
+def _words(result: RunResult) -> dict[str, str]:
+    words = result.effect_words()
+    return {effect.id: words.get(effect.id, "") for effect in result.loop.effects} if result.loop else {}
+
+
+def _parameter(entry: ParameterResult, item: Parameter | None) -> dict[str, Any]:
+    found = {"value": entry.value, "sd": entry.sd, "unit": entry.unit, "status": entry.status}
+    low, middle, high = entry.q05, entry.q50, entry.q95
+    if low is None or middle is None or high is None or not high > low:
+        return found
+    floor = item.lower if item is not None else entry.lower
+    log = low > 0.0 and floor is not None and floor >= 0.0
+    if log:
+        low, middle, high = math.log(low), math.log(middle), math.log(high)
+    likelihood = _without_prior(middle, (high - low) / (2.0 * Z90), item, log=log)
+    if likelihood is None:
+        return found
+    return found | {"log": log, "centre": likelihood[0], "width": likelihood[1]}
+
+
+def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: bool) -> tuple[float, float] | None:
+    """Centre and width of the likelihood: a Gaussian posterior over the prior's own curvature; None if little is left.
+
+    The fleet takes the place of the rig's prior; with both it would be counted once a rig.
+    """
+    if item is None:
+        return centre, sd
+    value = min(max(math.exp(centre) if log else centre, item.lower), item.upper)
+    first, second = item.prior.derivatives(np.array([value]))
+    slope, bend = float(first[0]), float(second[0])
+    if log:
+        slope, bend = slope * value + 1.0, bend * value**2 + slope * value
+    precision = 1.0 / sd**2 + bend
+    if precision < TELLING / sd**2:
+        return None
+    return centre - slope / precision, precision**-0.5
+
+
+def _over_floor(result: RunResult) -> dict[str, float]:
+    """By output the largest residual over the noise floor among the recordings."""
+    found: dict[str, float] = {}
+    for outputs in result.residual.values():
+        for output, entry in outputs.items():
+            if entry.ratio is not None:
+                found[output] = max(found.get(output, 0.0), entry.ratio)
+    return found
+
+
+def _named(loop: LoopPart) -> list[dict[str, Any]]:
+    """Effects that the loop named, those that its data cannot tell from each, and how far its gain is above the bar."""
+    found = []
+    for effect in loop.effects:
+        alike = next((group for group in loop.equivalent if effect.id in group), [])
+        gain, bar = effect.evidence.log_evidence_gain, effect.evidence.needed
+        strength = math.log((gain + PRICE) / (bar + PRICE)) if gain and bar and gain > bar > 0.0 else 0.0
+        found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
+    return found

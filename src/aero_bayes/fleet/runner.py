@@ -1,0 +1,165 @@
+"""The one runner: tasks on whatever workers the user brings, rows written as they come, nothing done twice."""
+
+from __future__ import annotations
+
+import os
+import queue
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.fleet.table import Row, Table
+
+
+class Keyed(Protocol):
+    """A task that its key tells from all others."""
+
+    @property
+    def key(self) -> str: ...
+
+
+Task = TypeVar("Task", bound=Keyed)
+Progress = Callable[[int], None]
+#: Tasks that wait or run at a time where the executor does not say; enough for thousands of workers, and what bounds
+#: the memory of the caller.
+WINDOW = 4096
+#: How often a task is given to a worker before it counts as what killed them.
+TRIES = 3
+#: Fingerprint of a row that says that its workers died.
+DIED = "worker died"
+
+
+@dataclass(frozen=True)
+class _Sent(Generic[Task]):
+    """A task on its way, and how often it has been sent."""
+
+    task: Task
+    tries: int = 1
+
+
+def run_all(
+    tasks: Iterable[Task],
+    attempt: Callable[[Task], Row],
+    table: Table,
+    executor: Executor | None = None,
+    *,
+    made_of: Callable[[Task], str] = lambda task: "",
+    until: Callable[[], bool] = lambda: False,
+    progress: Progress = lambda count: None,
+) -> None:
+    """Work on all tasks that the table does not hold yet, and write each row as it comes.
+
+    Parameters
+    ----------
+    tasks : iterable of Keyed
+        Read one by one, no faster than they are worked on.
+    attempt : callable
+        Task -> row, with the task's key under ``key``. What it raises becomes a row with ``key`` and ``error``. It must
+        give the same row wherever it runs.
+    table : Table
+    executor : concurrent.futures.Executor, optional
+        Where tasks run, one task a job; in this process by default. A task whose worker dies is tried again.
+    made_of : callable
+        Fingerprint of what a task is computed from; a row with another one is computed anew.
+    until : callable
+        No further task is begun once it says so.
+    progress : callable
+        Told how many tasks are done, one or more at a time.
+
+    Raises
+    ------
+    CannotFinishError
+        The executor takes no more tasks. What was done until then is kept.
+    """
+    wanted = _wanted(tasks, table, made_of, until, progress)
+    if executor is None:
+        for task in wanted:
+            table.put(*_timed(attempt, task), made_of(task))
+            table.flush()
+            progress(1)
+        return
+    ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
+    running: dict[Future[tuple[Row, Row]], _Sent[Task]] = {}
+    # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
+    suspects: deque[_Sent[Task]] = deque()
+    window = int(getattr(executor, "window", WINDOW))
+
+    def send(sent: _Sent[Task]) -> None:
+        try:
+            future = executor.submit(_timed, attempt, sent.task)
+        except RuntimeError as error:  # broken, or shut down
+            raise CannotFinishError(f"the workers are gone ({error}); the same command goes on from here") from None
+        running[future] = sent
+        future.add_done_callback(ended.put)
+
+    def receive(future: Future[tuple[Row, Row]]) -> None:
+        sent = running.pop(future)
+        problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
+        if problem is not None and sent.tries < TRIES:
+            again = _Sent(sent.task, sent.tries + 1)
+            suspects.append(again) if isinstance(problem, BrokenExecutor) else send(again)
+            return
+        if problem is None:
+            row, cost = future.result()
+        else:
+            row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
+        # A row for want of a worker is made of nothing, so that the next start tries again.
+        table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else DIED)
+        if ended.empty():
+            table.flush()
+        progress(1)
+
+    try:
+        for task in wanted:
+            send(_Sent(task))
+            while len(running) >= window:
+                receive(ended.get())
+        while running or suspects:
+            if not running:
+                send(suspects.popleft())
+            receive(ended.get())
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _wanted(
+    tasks: Iterable[Task],
+    table: Table,
+    made_of: Callable[[Task], str],
+    until: Callable[[], bool],
+    progress: Progress,
+) -> Iterator[Task]:
+    for task in tasks:
+        if table.has(task.key, made_of(task)):
+            progress(1)
+        elif until():
+            return
+        else:
+            yield task
+
+
+def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, dict[str, Any]]:
+    """A row and what it took; runs on the worker. An exception is a row: only a worker's death ends without one."""
+    began, cpu = time.perf_counter(), _cpu_seconds()
+    try:
+        row = attempt(task)
+    except Exception as error:
+        row = failure(task.key, f"{type(error).__name__}: {error}")
+    cost = {"seconds": time.perf_counter() - began, "cpu_seconds": _cpu_seconds() - cpu}
+    return row, cost | {"worker": f"{socket.gethostname()}/{os.getpid()}"}
+
+
+def failure(key: str, reason: str) -> Row:
+    """The row of a task that gave none."""
+    return {"key": key, "error": " ".join(reason.split())}
+
+
+def _cpu_seconds() -> float:
+    """Of this process and of those that it has started and seen end."""
+    return sum(os.times()[:4])

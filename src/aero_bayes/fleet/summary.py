@@ -1,0 +1,247 @@
+"""From the table of rows to what is said of the fleet as a whole."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.fleet.population import FEWEST, Population, population, stand_out
+from aero_bayes.fleet.prevalence import Named, Prevalence, prevalence, shared_out
+from aero_bayes.fleet.table import Table
+from aero_bayes.report.fleet_page import FleetColumns, OneParameter
+from aero_bayes.schema import FleetCost, FleetEffect, FleetParameter, FleetResult, Range, RigReason, Verdict
+from aero_bayes.schema.base import Level
+
+FloatArray = NDArray[np.float64]
+LEVELS = np.array([0.05, 0.5, 0.95])
+#: A rig stands out where one so far away is expected once in so many fleets.
+FLEETS = 100.0
+#: Its residual does where it is so many times the fleet's median, and so far above the noise.
+LARGER, ABOVE = 3.0, 1.5
+#: Rigs that a list names.
+LISTED = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the table says of the rigs that were finished, column by column."""
+
+    names: list[str]
+    simulated: bool
+    parameters: dict[str, dict[str, Any]]
+    over_floor: FloatArray
+    levels: list[str]
+    outcomes: list[str]
+    effects: list[list[Named]]
+    words: dict[str, str]
+    failures: list[tuple[str, str]]
+
+
+def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]) -> tuple[FleetResult, FleetColumns]:
+    """What rigs share, how common effects are, which rigs stand out.
+
+    Parameters
+    ----------
+    table : Table
+        Of rows as :func:`aero_bayes.fleet.row.row_of` and :func:`aero_bayes.fleet.runner.failure` make them.
+    work : str
+    seed : int
+    versions : mapping of str to str
+
+    Returns
+    -------
+    FleetResult
+        As ``fleet.json`` holds it.
+    FleetColumns
+        A number a rig for everything that the page draws.
+    """
+    told = _read(table)
+    cost, seconds = _cost(table, told.names)
+    reasons: dict[str, list[str]] = {}
+    unlikely: dict[str, float] = {}
+    parameters, drawn = {}, {}
+    for name, entry in told.parameters.items():
+        parameters[name], drawn[name] = _parameter(name, entry, told.names, len(told.parameters), reasons, unlikely)
+    _residuals(told, reasons)
+    effects, present = _effects(told)
+    result = FleetResult(
+        work=work,
+        seed=seed,
+        simulated=told.simulated,
+        versions=dict(versions),
+        rigs=len(told.names) + len(told.failures),
+        failed=len(told.failures),
+        outcomes=dict(Counter(filter(None, told.outcomes))),
+        levels=dict(Counter(filter(None, told.levels))),
+        parameters=parameters,
+        effects=effects,
+        standing_out=len(reasons),
+        stand_out=[
+            RigReason(rig=rig, reasons=reasons[rig], p_value=unlikely.get(rig))
+            for rig in sorted(reasons, key=lambda rig: (unlikely.get(rig, 1.0), rig))[:LISTED]
+        ],
+        failures=[RigReason(rig=rig, reasons=[reason]) for rig, reason in told.failures[:LISTED]],
+        cost=cost,
+        table_sha256=table.digest(),
+    )
+    result = result.model_copy(update={"verdict": _verdict(result)})
+    flagged = np.array([name in reasons for name in told.names], dtype=bool)
+    return result, FleetColumns(told.names, drawn, told.over_floor, seconds, present, flagged)
+
+
+def _read(table: Table) -> Told:
+    names: list[str] = []
+    found: dict[str, dict[str, Any]] = {}
+    words: dict[str, str] = {}
+    simulated = False
+    over, levels, outcomes, effects, failures = [], [], [], [], []
+    for row in table.rows():
+        if "error" in row:
+            failures.append((row["key"], row["error"]))
+            continue
+        for name, entry in row["parameters"].items():
+            one = found.setdefault(name, {"unit": entry["unit"], "log": Counter(), "rows": []})
+            if "centre" in entry:
+                one["log"][entry["log"]] += 1
+                one["rows"].append((len(names), entry["centre"], entry["width"], entry["log"]))
+        names.append(row["key"])
+        simulated = simulated or row["simulated"]
+        over.append(row["over_floor"] if row["over_floor"] is not None else math.nan)
+        levels.append(row["level"])
+        outcomes.append(row["outcome"])
+        effects.append([Named(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
+        words |= row["words"]
+    return Told(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
+
+
+def _cost(table: Table, names: list[str]) -> tuple[FleetCost, FloatArray]:
+    total, workers, again, seconds = [0.0, 0.0], set(), 0, {}
+    for key, cost in table.costs():
+        total[0] += cost.get("seconds", 0.0)
+        total[1] += cost.get("cpu_seconds", 0.0)
+        workers.add(cost.get("worker", ""))
+        again += cost.get("tries", 1) > 1
+        seconds[key] = cost.get("seconds", math.nan)
+    found = FleetCost(seconds=total[0], cpu_seconds=total[1], workers=len(workers - {""}), tries=again)
+    return found, np.array([seconds[name] for name in names])
+
+
+def _parameter(
+    name: str,
+    entry: Mapping[str, Any],
+    names: list[str],
+    parameters: int,
+    reasons: dict[str, list[str]],
+    unlikely: dict[str, float],
+) -> tuple[FleetParameter, OneParameter]:
+    """One parameter over the fleet; rigs that stand out are added to ``reasons`` and ``unlikely``."""
+    log = bool(entry["log"]) and entry["log"].most_common(1)[0][0]
+    used = [row for row in entry["rows"] if row[3] == log]
+    at = np.array([row[0] for row in used], dtype=np.intp)
+    centres, widths = np.array([row[1] for row in used]), np.array([row[2] for row in used])
+    out = np.exp if log else np.asarray
+    values, shrunk, halves = (np.full(len(names), math.nan) for _ in range(3))
+    values[at], halves[at] = out(centres), widths
+    if len(at) < FEWEST:
+        shared = FleetParameter(unit=entry["unit"], log=log, rigs=len(at))
+        return shared, OneParameter(values, halves, shrunk, None, shared)
+    found = population(centres, widths)
+    shrunk[at] = out(found.shrunken(centres, widths)[0])
+    p_values, away = stand_out(centres, widths, found)
+    for k in np.flatnonzero(p_values < 1.0 / (FLEETS * len(at) * parameters)).tolist():
+        rig = names[at[k]]
+        reasons.setdefault(rig, []).append(_unlike(name, centres[k], float(away[k]), found, log=log))
+        unlikely[rig] = min(unlikely.get(rig, 1.0), float(p_values[k]))
+    shared = FleetParameter(
+        unit=entry["unit"],
+        log=log,
+        rigs=len(at),
+        mean=_range(out(found.mean_quantiles(LEVELS))),
+        spread=_range(found.spread_quantiles(LEVELS)),
+        next=_range(out(found.next_quantiles(LEVELS))),
+    )
+    grid = np.linspace(0.0005, 0.9995, 121)
+    return shared, OneParameter(values, halves, shrunk, (out(found.next_quantiles(grid)), grid), shared)
+
+
+def _unlike(name: str, centre: float, away: float, found: Population, *, log: bool) -> str:
+    middle = float(found.mean_quantiles(LEVELS)[1])
+    far = f"{math.exp(centre - middle):.3g} times" if log else f"{centre - middle:+.3g} from"
+    return f"`{name}` is {far} the fleet's typical value, {abs(away):.1f} standard deviations from the other rigs"
+
+
+def _residuals(told: Told, reasons: dict[str, list[str]]) -> None:
+    known = told.over_floor[np.isfinite(told.over_floor)]
+    if not known.size:
+        return
+    limit = max(ABOVE, LARGER * float(np.median(known)))
+    for k in np.flatnonzero(told.over_floor > limit).tolist():
+        text = f"its residual is {told.over_floor[k]:.3g} times the noise floor (fleet's median {np.median(known):.3g})"
+        reasons.setdefault(told.names[k], []).append(text)
+
+
+def _effects(told: Told) -> tuple[list[FleetEffect], FloatArray]:
+    """Effects that some rig's loop named, the commonest first; and how probable each is in each rig, (n, k).
+
+    A rig whose residual stays unexplained says nothing of effects that it does not name.
+    """
+    named = Counter(one.id for effects in told.effects for one in effects)
+    ids = sorted(named, key=lambda id_: (-named[id_], id_))
+    says = np.array([outcome in ("adequate", "extended") for outcome in told.outcomes], dtype=bool)
+    shares = shared_out(told.effects)
+    present = np.full((len(told.names), len(ids)), math.nan)
+    found = []
+    for column, id_ in enumerate(ids):
+        sure = {
+            rig: (one.strength, share[id_])
+            for rig, (effects, split) in enumerate(zip(told.effects, shares, strict=True))
+            for one, share in zip(effects, split, strict=True)
+            if id_ in share
+        }
+        used = [pair for rig, pair in sure.items() if says[rig]]
+        common = prevalence(np.array([s for s, _ in used]), np.array([w for _, w in used]), int(says.sum()))
+        present[says, column] = common.unseen
+        for rig, (_, weight) in sure.items():
+            present[rig, column] = weight
+        summary = told.words.get(id_, "")
+        found.append(_effect(FleetEffect(id=id_, summary=summary, named=named[id_]), common, told=bool(used)))
+    return found, present
+
+
+def _effect(effect: FleetEffect, common: Prevalence, *, told: bool) -> FleetEffect:
+    if not told:
+        return effect
+    return effect.model_copy(update={"share": _range(common.quantiles(LEVELS)), "noticed": common.seen})
+
+
+def _range(values: FloatArray) -> Range:
+    low, middle, high = (float(v) for v in values)
+    return Range(q05=low, q50=middle, q95=high)
+
+
+def _verdict(result: FleetResult) -> Verdict:
+    """The fleet in a few sentences."""
+    done = result.rigs - result.failed
+    text = f"{done} of {result.rigs} rigs were fitted" if result.failed else f"All {result.rigs} rigs were fitted"
+    spreads = {name: p.spread.q50 for name, p in result.parameters.items() if p.log and p.spread.q50}
+    if spreads:
+        widest = max(spreads, key=lambda name: spreads[name] or 0.0)
+        text += f"; they differ most in `{widest}` (by {100.0 * (spreads[widest] or 0.0):.2g} %)"
+    text += "."
+    if result.effects:
+        first = result.effects[0]
+        share = first.share
+        text += f" The model lacks {first.id} in {first.named} of them"
+        if share.q05 is not None and share.q95 is not None:
+            text += f": {100 * share.q05:.0f} to {100 * share.q95:.0f} % of the fleet"
+        text += "."
+    if result.standing_out:
+        text += f" {result.standing_out} stand{'s' if result.standing_out == 1 else ''} out."
+    level: Level = "bad" if done < 0.5 * result.rigs else "warning" if result.failed or result.standing_out else "good"
+    return Verdict(level=level, text=text)

@@ -1,0 +1,86 @@
+"""What ``fleet.json`` holds: what rigs share, which stand out, and what it took."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from aero_bayes.schema.base import Number, Part, Verdict
+
+
+class Range(Part):
+    """Median and central 90 % of a posterior."""
+
+    q05: Number = None
+    q50: Number = None
+    q95: Number = None
+
+
+class FleetParameter(Part):
+    """A parameter over the fleet.
+
+    ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet, both in the parameter's unit.
+    ``spread`` is how much rigs differ, one standard deviation: of the natural logarithm where ``log`` (0.1 is 10 %),
+    else in the unit. ``rigs`` says how many rigs' data tell of it; with too few there are no ranges.
+    """
+
+    unit: str = ""
+    log: bool = False
+    rigs: int = 0
+    mean: Range = Range()
+    spread: Range = Range()
+    next: Range = Range()
+
+
+class FleetEffect(Part):
+    """An effect over the fleet: rigs whose loop named it, the share of rigs that have it, and how surely it is noticed.
+
+    ``noticed`` is the probability that the loop names it in a rig that has it.
+    """
+
+    id: str
+    summary: str = ""
+    named: int = 0
+    share: Range = Range()
+    noticed: Number = None
+
+
+class RigReason(Part):
+    """A rig and why it is mentioned; ``p_value``: how unlikely one so far from the others is."""
+
+    rig: str
+    reasons: list[str] = []
+    p_value: Number = None
+
+
+class FleetCost(Part):
+    """What the rigs took, added up, and on how many workers; ``tries`` counts tasks that were sent more than once."""
+
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    workers: int = 0
+    tries: int = 0
+
+
+class FleetResult(Part):
+    """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.sqlite``."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    command: str = "fleet"
+    work: str = ""
+    seed: int = 1
+    simulated: bool = False
+    versions: dict[str, str] = {}
+    rigs: int = 0
+    failed: int = 0
+    outcomes: dict[str, int] = {}
+    levels: dict[str, int] = {}
+    parameters: dict[str, FleetParameter] = {}
+    effects: list[FleetEffect] = []
+    standing_out: int = 0
+    stand_out: list[RigReason] = []
+    failures: list[RigReason] = []
+    cost: FleetCost = FleetCost()
+    table_sha256: str = ""
+    verdict: Verdict | None = None
