@@ -57,7 +57,7 @@ def test_what_omc_writes_becomes_the_output(tmp_path: Path, monkeypatch: pytest.
     assert "Aero.Systems.OneDof" in log.read_text(encoding="utf-8")
 
 
-def refuse(*_: object) -> None:
+def refuse(*_: object, **__: object) -> None:
     raise InputError("too hard")
 
 

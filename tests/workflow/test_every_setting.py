@@ -109,7 +109,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"model.fmu", "fit.cost", "solver.engine"}
+REFUSED = {"fit.cost", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters")
 
 RIG = """model {name}

@@ -5,7 +5,7 @@ model Delay "Reading that comes late"
   Real z(nominal = u_n) "Quantity after two lags";
   Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of z in units of its time";
 protected
-  final parameter Real T_min = 2e-3 * t_n "Delay below which the shape of the approximation is kept";
+  final parameter Real T_min = 1e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = sqrt(T_d ^ 2 + T_min ^ 2) "Delay in use";
 initial equation
   z = u;

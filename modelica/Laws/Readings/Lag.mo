@@ -4,7 +4,7 @@ model Lag "Reading that follows as a first-order lag"
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   Real z(nominal = u_n) "Quantity after the lag";
 protected
-  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 5e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = sqrt(T_l ^ 2 + T_min ^ 2) "Time constant in use";
 initial equation
   z = u;

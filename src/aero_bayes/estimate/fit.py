@@ -134,7 +134,7 @@ def fit(
     --------
     >>> free = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
     >>> aero_bayes.fit(recording, model, parameters=free, workers=0)
-    <Fit Rig: k=54.9 N/m, d=3.898 N.s/m, position_start=-0.0009845 m, input_delay=0 s>
+    <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0009839 m>
     """
     from aero_bayes.simulation import open_simulator
 

@@ -139,7 +139,9 @@ class Fit:
     >>> with open_simulator(fit.calibration.problem(), workers=0) as simulator:
     ...     target, joint = fit.target(simulator), fit.joint_target(simulator)
     ...     target.free, joint.target.free
-    ((0, 1, 2, 3), (0, 1, 2, 3))
+    ((0, 1, 2), (0, 1, 2))
+    >>> fit.covariance.shape
+    (3, 3)
     """
 
     calibration: Calibration

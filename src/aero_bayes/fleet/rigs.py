@@ -61,6 +61,12 @@ class Rig:
         Recordings to learn from, and to judge on.
     settings : mapping
         Tables of the configuration that are different for this rig, nested as in the file.
+
+    Examples
+    --------
+    >>> rig = aero_bayes.Rig("cart-7", (Path("train.csv"),), settings={"parameters": {"k": {"free": True}}})
+    >>> rig.seed(1) == aero_bayes.Rig("cart-7", (Path("elsewhere.csv"),)).seed(1)
+    True
     """
 
     name: str

@@ -187,11 +187,20 @@ class Search:
         return sorted(scores, key=lambda s: -s.gain)
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
-        """Finer laws that explain far more than what they refine, which may show nothing by itself."""
+        """Finer laws that explain far more than what they refine, which shows little by itself.
+
+        Where the simple law explains most of it, whether a finer one is worth its parameters is asked at the end.
+        """
         coarse = {s.candidate.id: s.gain for s in scores}
         found = self.scored(base, [id_ for id_, of in self.finer.items() if of in coarse])
         bar = threshold(len(scores) + len(found), self.settings)
-        return [s for s in found if s.gain > max(coarse[self.finer[s.candidate.id]], 0.0) + bar]
+        return [
+            s
+            for s in found
+            if s.held is not None
+            and s.gain > 2.0 * max(coarse[self.finer[s.candidate.id]], 0.0) + bar
+            and s.held.shows_shape(s.candidate.id)
+        ]
 
     def round(
         self, base: Held, ids: Collection[str], *, wide: bool = False, instead: Held | None = None, pairs: bool = False

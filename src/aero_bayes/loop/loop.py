@@ -78,7 +78,7 @@ def close_loop(
     >>> settings = aero_bayes.LoopSettings(free=("k", "d"), laws=("coulomb_friction", "gain"))
     >>> files = [Path("Rig.mo")]
     >>> aero_bayes.close_loop([recording], [test], model="Rig", sources=files, settings=settings, workers=0)
-    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00487 -> 0.000304>
+    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.0049 -> 0.000303>
     """
     if not train:
         raise InputError("the closed loop needs at least one training recording")

@@ -42,9 +42,8 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
         if found is None:
             continue
         gain = found.log_evidence - selection.held.log_evidence
-        shapes = list(found.stand.candidates[id_].columns[1:])
-        if np.any(found.stand.study.parameters.on_bound(found.optimum.coordinates)[shapes]):
-            # Its shape is as far from any finer law as it may be: the evidence is that of a detail, not of the law.
+        if not found.shows_shape(id_):
+            # The evidence is that of a detail, not of the law.
             gain = min(gain, 0.0)
         if gain < bar:
             if gain > 0.0:

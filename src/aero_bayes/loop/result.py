@@ -151,8 +151,8 @@ class LoopResult:
     ('N', True)
     >>> print(loop.diff[:30].splitlines()[0][:3])
     ---
-    >>> loop.to_dict()["outcome"], loop.story_recording, list(loop.residual_dict())
-    ('extended', 'train', ['train'])
+    >>> loop.to_dict()["outcome"], loop.story_recording
+    ('extended', 'train')
     >>> curves = loop.series({r.name: r.time for r in (recording, test)})
     >>> curves["before/test/position"].shape == (test.rows,)
     True

@@ -36,6 +36,11 @@ class Held:
     def log_evidence(self) -> float:
         return self.optimum.log_evidence
 
+    def shows_shape(self, id_: str) -> bool:
+        """Whether no shape of a law is on its bound, as far from any finer law as it may be."""
+        shapes = list(self.stand.candidates[id_].columns[1:])
+        return not np.any(self.stand.study.parameters.on_bound(self.optimum.coordinates)[shapes])
+
 
 @dataclass(frozen=True, eq=False)
 class Stand:
