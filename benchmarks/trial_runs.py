@@ -7,25 +7,16 @@ from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from aero_bayes.fleet import Row, Table, run_all
+from aero_bayes.fleet.runner import Task
 
 #: Distances between which rates are given.
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
-
-
-class Keyed(Protocol):
-    """A trial that its key tells from all others."""
-
-    @property
-    def key(self) -> str: ...
-
-
-Task = TypeVar("Task", bound=Keyed)
 
 
 def run_trials(

@@ -12,7 +12,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.loop.attribute import Search, score, threshold, with_odds
+from aero_bayes.loop.attribute import Search, prospect, score, threshold, with_odds
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Stand
 from aero_bayes.physics.kin import Candidate
@@ -187,6 +187,6 @@ def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
         Objective(problem, ClippedSimulator(measured)), {"clip": Candidate("clip", "in", starts, (2,))}, (0, 1)
     )
     base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
-    found = score(base, stand.candidates["clip"], AttributeSettings(), ClimbSettings())
+    found = score(prospect(base, stand.candidates["clip"], AttributeSettings()), ClimbSettings())
     assert found.gain > 20.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)

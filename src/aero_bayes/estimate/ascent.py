@@ -123,6 +123,11 @@ class Climber:
             self.settings.longest, hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
+    @property
+    def by_squares(self) -> ClimbSettings:
+        """As climbing, by the size of what is left."""
+        return replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"))
+
     def first_noise(self) -> dict[str, OutputNoise]:
         """Weights before anything is known; those of Eq. 6 for good."""
         scale = self.objective.calibration.scale
@@ -194,13 +199,12 @@ class Climber:
         correlated = {o for o, n in noise.items() if n.kind == "ou"}
         if not correlated:
             return set()
-        plain = replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"))
-        squares = self._climb(here.coordinates, here.free, None, plain)
+        squares = self._climb(here.coordinates, here.free, None, self.by_squares)
         mine, least = (self._rms(o) for o in (here, squares))
         return {o for o in correlated if mine[o] > SWALLOWED * least[o]}
 
     def _rms(self, found: Optimum, objective: Objective | None = None) -> dict[str, float]:
-        white = replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"), floors={})
+        white = replace(self.by_squares, floors={})
         residual = found.evaluation.residual
         return {o: n.sd_white for o, n in noise_of(objective or self.objective, residual, white).items()}
 
@@ -246,8 +250,9 @@ class Climber:
             target = Target(cheap, simulator, values, free, prior=self.settings.cost == "posterior")
             few = Objective(cheap, simulator, outcomes=self.objective.outcomes)
             first = self.first_noise()
-            if (near := self._near(few, start, free)) is not None:
-                return near, None
+            near = self._near(few, start, free)
+            if near is not None and self._is_enough(near, few):
+                return near.coordinates, None
             rows = few.noise_rows(first)
             low, high = target.box
             swarm = pso.minimise(
@@ -255,39 +260,40 @@ class Climber:
                 lambda i, c: self.progress("swarm", (i + 1) / limit, c),
             )  # fmt: skip
             self.objective.outcomes.update(target.outcomes)
-            starts = [start]
+            starts = [] if near is not None else [start]
             if np.isfinite(swarm.cost):
                 for x in swarm.candidates[: self.settings.starts]:
                     at = start.copy()
                     at[list(free)] = x
                     starts.append(at)
-            best = self._best(few, starts, free, first)
+            best = self._best(few, starts, free, first, near)
         return best.coordinates, swarm
 
-    def _near(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> FloatArray | None:
-        """Where the starting values lead, if no other valley can be deeper."""
-        if self.settings.enough <= 0.0:
+    def _near(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
+        """Where the starting values lead; None where nobody asks."""
+        if self.settings.enough <= 0.0 or self.settings.cost == "eq6":
             return None
-        plain = replace(self.climbing.rough(25, 0.1), kinds=dict.fromkeys(self.kinds, "white"))
         try:
-            found = self._climb(start, free, None, plain, objective)
+            return self._climb(start, free, None, self.by_squares.rough(25, 0.1), objective)
         except CannotFinishError:
             return None
+
+    def _is_enough(self, found: Optimum, objective: Objective) -> bool:
+        """Whether no other valley can be deeper: each output is followed to its noise floor."""
         left = self._rms(found, objective)
         floors = floors_of(self.objective.calibration.recordings, objective.outputs)
-        low = all(left[output] <= self.settings.enough * floor for (_, output), floor in floors.items())
-        return found.coordinates if low else None
+        return all(left[output] <= self.settings.enough * floor for (_, output), floor in floors.items())
 
     def _best(
-        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise]
-    ) -> Optimum:
-        """The best of several climbs with white noise."""
+        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],
+        near: Optimum | None,
+    ) -> Optimum:  # fmt: skip
+        """The best of several climbs with white noise, ``near`` among them."""
         eq6 = self.settings.cost == "eq6"
-        settings = replace(self.climbing.rough(25, 0.1), kinds=dict.fromkeys(self.kinds, "white"))
-        found: list[Optimum] = []
+        found = [near] if near is not None else []
         for at in starts:
             try:
-                found.append(self._climb(at, free, noise if eq6 else None, settings, objective))
+                found.append(self._climb(at, free, noise if eq6 else None, self.by_squares.rough(25, 0.1), objective))
             except CannotFinishError:
                 continue
         if not found:

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
-from aero_bayes.loop.starting import Start, starting_points
+from aero_bayes.loop.starting import Around, Start, starting_points
 from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]
@@ -96,28 +96,41 @@ def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, floa
     return tuple(replace(s, odds=float(p)) for s, p in zip(scores, shares[1:], strict=True)), float(shares[0]), UNTRIED
 
 
-def score(
-    base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings, beside: Optimum | None = None
-) -> Scored:
-    """Refit the model with one more effect, from the most promising of its starts.
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """A candidate beside a fit, before any refit: the ``starts`` worth a climb and the most that one promises."""
 
-    A candidate that promises almost nothing at any start is not refitted. ``beside`` is a place on the same stand, no
-    optimum, that a start is looked for from as well.
+    base: Held
+    candidate: Candidate
+    starts: tuple[Start, ...]
+    promise: float
+
+
+def prospect(base: Held, candidate: Candidate, settings: AttributeSettings, beside: Around | None = None) -> Prospect:
+    """The most promising starts of a candidate; none where all promise almost nothing.
+
+    ``beside`` is another place on the same stand that a start is looked for from as well.
     """
-    points = starting_points(base.stand, base.optimum, candidate)
+    points = starting_points(base.around, candidate)
     first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
     likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
     own = [s for s in likely if not s.squares][: settings.starts]
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
     starts += [s for s in likely if s.squares][:1]
     if beside is not None:
-        starts += starting_points(base.stand, beside, candidate)[:1]
-    if not starts:
-        return Scored(candidate, None, min(first, 0.0), max(first, 0.0))
-    refits = [_refit(base, (*base.effects, candidate.id), start, fit) for start in starts]
+        starts += starting_points(beside, candidate)[:1]
+    return Prospect(base, candidate, tuple(starts), first)
+
+
+def score(found: Prospect, fit: ClimbSettings) -> Scored:
+    """Refit the model with one more effect from each of its starts."""
+    base, candidate = found.base, found.candidate
+    if not found.starts:
+        return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
+    refits = [_refit(base, (*base.effects, candidate.id), start, fit) for start in found.starts]
     best = max((held for held in refits if held is not None), key=lambda held: held.log_evidence, default=None)
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
-    return Scored(candidate, best, float(gain), first)
+    return Scored(candidate, best, float(gain), found.promise)
 
 
 def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
@@ -134,7 +147,7 @@ def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSetting
         return None
 
 
-def _place(here: Held, instead: Held) -> Optimum | None:
+def _place(here: Held, instead: Held) -> Around | None:
     """Where another fit stands, with only the effects of this one, on this one's stand."""
     stand, noise = here.stand, instead.optimum.noise
     at = stand.at(instead.values, here.effects)
@@ -142,7 +155,8 @@ def _place(here: Held, instead: Held) -> Optimum | None:
     if evaluation is None:
         return None
     whitened = stand.study.whiten(evaluation.residual, evaluation.slopes, noise)
-    return replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
+    place = replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
+    return Around(stand.study, place)
 
 
 class Search:
@@ -167,12 +181,15 @@ class Search:
             return held
         return stand.fit(held.values, held.effects, held.optimum.noise, self.fit)
 
-    def scored(self, base: Held, ids: Collection[str], instead: Held | None = None) -> list[Scored]:
+    def scored(
+        self, base: Held, ids: Collection[str], instead: Held | None = None, seen: Collection[str] | None = None
+    ) -> list[Scored]:
         """Candidates beside what the model has, each group on its own stand; best first.
 
-        ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too.
+        ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
+        that were not ``seen``, if given, only the few most promising are refitted.
         """
-        scores: list[Scored] = []
+        found: list[Prospect] = []
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
             if own:
@@ -183,8 +200,12 @@ class Search:
                     self.skipped |= dict.fromkeys(own)
                     continue
                 beside = _place(here, instead) if instead is not None else None
-                scores += [score(here, here.stand.candidates[id_], self.settings, self.fit, beside) for id_ in own]
-        return sorted(scores, key=lambda s: -s.gain)
+                found += [prospect(here, here.stand.candidates[id_], self.settings, beside) for id_ in own]
+        if seen is not None:
+            new = sorted((p for p in found if p.candidate.id not in seen), key=lambda p: -p.promise)
+            skip = {p.candidate.id for p in new[self.settings.near :]}
+            found = [p for p in found if p.candidate.id not in skip]
+        return sorted((score(p, self.fit) for p in found), key=lambda s: -s.gain)
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
         """Finer laws that explain far more than what they refine, which shows little by itself.
@@ -203,13 +224,21 @@ class Search:
         ]
 
     def round(
-        self, base: Held, ids: Collection[str], *, wide: bool = False, instead: Held | None = None, pairs: bool = False
+        self,
+        base: Held,
+        ids: Collection[str],
+        *,
+        wide: bool = False,
+        pairs: bool = False,
+        instead: Held | None = None,
+        seen: Collection[str] | None = None,
     ) -> Round:
         """Score candidates; the best is chosen if it has earned its place.
 
-        ``wide`` is to try finer laws as well, ``pairs`` to try pairs where nothing alone pays.
+        ``wide`` is to try finer laws as well, ``pairs`` to try pairs where nothing alone pays; ``instead`` and ``seen``
+        are those of :meth:`scored`.
         """
-        tried = self.scored(base, ids, instead)
+        tried = self.scored(base, ids, instead, seen)
         if wide:
             tried = sorted([*tried, *self._finer(base, tried)], key=lambda s: -s.gain)
         scores, nothing, untried = with_odds(tried)
@@ -240,7 +269,7 @@ class Search:
                 if first.candidate.id == second.candidate.id or first.held is None:
                     continue
                 here = self.moved(first.held, [second.candidate.id])
-                both = score(here, here.stand.candidates[second.candidate.id], self.settings, self.fit)
+                both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings), self.fit)
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
                     if best is None or gain > best.gain:
@@ -288,7 +317,7 @@ class Search:
         any_start = replace(self.settings, promise=-math.inf)
         for id_ in self.settings.require:
             here = self.moved(base, [id_])
-            found = score(here, here.stand.candidates[id_], any_start, self.fit)
+            found = score(prospect(here, here.stand.candidates[id_], any_start), self.fit)
             if found.held is None:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
             scores, nothing, untried = with_odds([found])
@@ -315,8 +344,8 @@ class Search:
                     current, changed = without, True
                     continue
                 missed[effect] = current.log_evidence - without.log_evidence
-                near = self._worth(without, current, ids)
-                found = self.round(without, near, instead=current)
+                every = dict.fromkeys((*ids, *current.effects))
+                found = self.round(without, every, instead=current, seen={*self._seen(), *current.effects})
                 best = found.scores[0] if found.scores else None
                 if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + 0.1:
                     changed = changed or best.candidate.id != effect
@@ -335,11 +364,9 @@ class Search:
         order = sorted(current.effects, key=lambda e: -missed.get(e, 0.0))
         return replace(current, effects=tuple(order)), equivalent
 
-    def _worth(self, without: Held, current: Held, ids: Sequence[str]) -> list[str]:
-        """The best of every round; what no round had among its best does not come back."""
-        seen = {s.candidate.id for r in self.rounds for s in r.scores[: self.settings.near] if s.held is not None}
-        every = dict.fromkeys((*ids, *current.effects))
-        return [id_ for id_ in every if id_ not in without.effects and (id_ in seen or id_ in current.effects)]
+    def _seen(self) -> set[str]:
+        """The best of every round."""
+        return {s.candidate.id for r in self.rounds for s in r.scores[: self.settings.near] if s.held is not None}
 
     def without(self, base: Held, held: Held, effect: str) -> Held:
         """The model with one effect switched off, refitted: from where it is, and from the round before it came in.

@@ -23,7 +23,7 @@ from aero_bayes.loop.tell import fitted_parameters, gain_text
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import CurveFit
 from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.kin import Extension
+from aero_bayes.physics.kin import Extension, rounded
 
 
 def add_effects(bench: Workbench, found: Found) -> Conclusion:
@@ -58,7 +58,7 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
 def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     """The port is clear and nothing listed fits: the learned curve goes into the model as a table."""
     bench.progress("writing the learned curve into the model", 0.75)
-    values = tuple(_significant(float(v)) for v in curve.values)
+    values = tuple(rounded(float(v)) for v in curve.values)
     use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
     family = bench.family
     assert isinstance(family, ModelFamily), "curves are learned for these"
@@ -150,7 +150,3 @@ def _width_influence(
     columns = [calibration.parameters.index(p.name) for p in effect.parameters]
     moved = [abs(again.coordinates[j] - fit.coordinates[j]) / max(fit.sd(j), 1e-300) for j in columns]
     return float(max(moved))
-
-
-def _significant(value: float) -> float:
-    return float(f"{value:.4g}")

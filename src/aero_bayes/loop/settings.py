@@ -22,7 +22,8 @@ class AttributeSettings:
     difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
     how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
     log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
-    ``near`` is how many of the best of each round are tried again in an effect's place. ``require`` names effects that
+    ``near`` is how many of the best of each round, and of the most promising others, are tried again in an effect's
+    place. ``require`` names effects that
     are added first and need not earn their place; ``max_effects`` counts them.
     """
 

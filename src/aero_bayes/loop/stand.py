@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.loop.starting import Around
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
@@ -35,6 +37,11 @@ class Held:
     @property
     def log_evidence(self) -> float:
         return self.optimum.log_evidence
+
+    @cached_property
+    def around(self) -> Around:
+        """How its parameters readjust: what every candidate beside it starts from."""
+        return Around(self.stand.study, self.optimum)
 
     def shows_shape(self, id_: str) -> bool:
         """Whether no shape of a law is on its bound, as far from any finer law as it may be."""

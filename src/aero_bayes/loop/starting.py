@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.loop.stand import Stand
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
 
@@ -39,7 +41,7 @@ class Start:
     gain: float = -math.inf
 
 
-def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[Start]:
+def starting_points(around: Around, candidate: Candidate) -> list[Start]:
     """Starting coordinates of a candidate, best first.
 
     What a start changes in the outputs, after the other parameters have readjusted along their own sensitivities, is a
@@ -47,51 +49,21 @@ def starting_points(stand: Stand, base: Optimum, candidate: Candidate) -> list[S
     present noise, and, where a misfit is far larger than that noise, by least squares, which sees the misfit as a
     whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated.
     """
-    study, columns = stand.study, candidate.columns
-    around = _Around(stand, base)
-    tried = _tried(stand, base, columns, candidate.starts)
+    columns = candidate.columns
+    tried = around.tried(columns, candidate.starts)
     lines = [around.line(row, residual) for row, residual in tried]
     if len(columns) == 1 and len(candidate.starts) >= GRID:
         for _ in range(CLOSER):
-            closer = _tried(stand, base, columns, _between(stand, candidate, lines))
+            closer = around.tried(columns, _between(around.study.parameters, candidate, lines))
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
     points = around.points(candidate, lines)
-    noise = _misfit(stand, base)
-    if noise is not None:
-        assert base.evaluation.slopes is not None
-        plain = study.whiten(base.evaluation.residual, base.evaluation.slopes, noise)
-        wide = _Around(stand, replace(base, noise=noise, whitened=plain))
-        total = float(plain.residual @ plain.residual)
+    if (wide := around.by_squares) is not None:
+        total = float(wide.base.whitened.residual @ wide.base.whitened.residual)
         for s in wide.points(candidate, [wide.line(row, residual) for row, residual in tried]):
             promise, gain = (-0.5 * PIECES * math.log(max(1.0 - 2.0 * g / total, 1e-12)) for g in (s.promise, s.gain))
             points.append(Start(promise, s.point, True, gain))
     return sorted(points, key=lambda s: -s.gain)
-
-
-def _tried(
-    stand: Stand, base: Optimum, columns: Sequence[int], starts: Sequence[tuple[float, ...]]
-) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
-    """Coordinates with a candidate at each start, all else as in the base, and the residuals there."""
-    parameters = stand.study.parameters
-    values = np.repeat(parameters.from_search(base.coordinates)[np.newaxis, :], len(starts), axis=0)
-    rows = np.repeat(base.coordinates[np.newaxis, :], len(starts), axis=0)
-    for row, at, start in zip(rows, values, starts, strict=True):
-        at[list(columns)] = start
-        row[list(columns)] = parameters.to_search(at)[list(columns)]
-    found = stand.study.residuals(rows) if len(rows) else []
-    return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
-
-
-def _misfit(stand: Stand, base: Optimum) -> dict[str, OutputNoise] | None:
-    """Each output's residual as white noise of its size, where one is far larger than the noise allows."""
-    squares: dict[str, list[FloatArray]] = {}
-    for series, residual in zip(stand.study.series, base.evaluation.residual, strict=True):
-        squares.setdefault(series.output, []).append(residual**2)
-    rms = {output: math.sqrt(float(np.mean(np.concatenate(parts)))) for output, parts in squares.items()}
-    if all(size < FAR * base.noise[output].sd for output, size in rms.items()):
-        return None
-    return {output: OutputNoise(max(size, 1e-300)) for output, size in rms.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +90,9 @@ class _Line:
         return (self.along - 0.5 * reach) * reach * self.power
 
 
-def _between(stand: Stand, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[float, ...]]:
+def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[float, ...]]:
     """Magnitudes on either side of the best of those tried, half way to the next."""
-    parameters, (column,) = stand.study.parameters, candidate.columns
+    (column,) = candidate.columns
     gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
     sizes = sorted(gains)
     # Of those that do not act at all, the last before the threshold.
@@ -128,13 +100,20 @@ def _between(stand: Stand, candidate: Candidate, lines: Sequence[_Line]) -> list
     return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
 
 
-class _Around:
-    """The surroundings of a base: how its parameters readjust to a change of the outputs, to first order."""
+class Around:
+    """The surroundings of a base: how its parameters readjust to a change of the outputs, to first order.
 
-    def __init__(self, stand: Stand, base: Optimum) -> None:
-        self.stand, self.base = stand, base
+    Parameters
+    ----------
+    study : Objective
+    base : Optimum
+        An optimum, or another place that was evaluated with slopes.
+    """
+
+    def __init__(self, study: Objective, base: Optimum) -> None:
+        self.study, self.base = study, base
         slopes, residual = base.whitened.slopes, base.whitened.residual
-        first, second = (d[list(base.free)] for d in stand.study.parameters.prior_derivatives(base.coordinates))
+        first, second = (d[list(base.free)] for d in study.parameters.prior_derivatives(base.coordinates))
         curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
         # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
         unit = 1.0 / np.sqrt(np.diag(curvature))
@@ -142,10 +121,44 @@ class _Around:
         self._own: FloatArray = self._step @ (slopes @ residual + first)
         self._left: FloatArray = residual - self._own @ slopes
 
+    @cached_property
+    def by_squares(self) -> Around | None:
+        """The same with each output's residual as white noise of its size; None unless one is far above its noise."""
+        noise = self._misfit()
+        if noise is None:
+            return None
+        found = self.base.evaluation
+        assert found.slopes is not None
+        return Around(
+            self.study, replace(self.base, noise=noise, whitened=self.study.whiten(found.residual, found.slopes, noise))
+        )
+
+    def _misfit(self) -> dict[str, OutputNoise] | None:
+        squares: dict[str, list[FloatArray]] = {}
+        for series, residual in zip(self.study.series, self.base.evaluation.residual, strict=True):
+            squares.setdefault(series.output, []).append(residual**2)
+        rms = {output: math.sqrt(float(np.mean(np.concatenate(parts)))) for output, parts in squares.items()}
+        if all(size < FAR * self.base.noise[output].sd for output, size in rms.items()):
+            return None
+        return {output: OutputNoise(max(size, 1e-300)) for output, size in rms.items()}
+
+    def tried(
+        self, columns: Sequence[int], starts: Sequence[tuple[float, ...]]
+    ) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
+        """Coordinates with a candidate at each start, all else as in the base, and the residuals there."""
+        parameters, at = self.study.parameters, self.base.coordinates
+        values = np.repeat(parameters.from_search(at)[np.newaxis, :], len(starts), axis=0)
+        rows = np.repeat(at[np.newaxis, :], len(starts), axis=0)
+        for row, value, start in zip(rows, values, starts, strict=True):
+            value[list(columns)] = start
+            row[list(columns)] = parameters.to_search(value)[list(columns)]
+        found = self.study.residuals(rows) if len(rows) else []
+        return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
+
     def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
         """From here to a point with these residuals."""
         whitened = self.base.whitened
-        change = whitened.residual - self.stand.study.whiten(residual, None, self.base.noise).residual
+        change = whitened.residual - self.study.whiten(residual, None, self.base.noise).residual
         back = self._step @ (whitened.slopes @ change)
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
@@ -153,7 +166,7 @@ class _Around:
 
     def points(self, candidate: Candidate, lines: Sequence[_Line]) -> list[Start]:
         """Both ends of the likeliest lines, with what a simulation of each gains."""
-        low, high = self.stand.study.parameters.box
+        low, high = self.study.parameters.box
         at, present = self.base.coordinates, self.base.whitened.log_likelihood
         # The first column of an effect is its magnitude, zero where the effect is off.
         size, free = candidate.columns[0], list(self.base.free)
@@ -168,10 +181,9 @@ class _Around:
             point[size] = np.clip(reach * line.row[size], low[size], high[size])
             point[free] = np.clip(at[free] + line.own - reach * line.back, low[free], high[free])
             points.append(Start(line.gain(max(line.along, 0.0)), point))
-        study = self.stand.study
-        found = study.residuals(np.array([s.point for s in points])) if points else []
+        found = self.study.residuals(np.array([s.point for s in points])) if points else []
         return [
-            replace(s, gain=study.whiten(residual, None, self.base.noise).log_likelihood - present)
+            replace(s, gain=self.study.whiten(residual, None, self.base.noise).log_likelihood - present)
             for s, residual in zip(points, found, strict=True)
             if residual is not None
         ]

@@ -32,7 +32,7 @@ from aero_bayes.export import (
 )
 from aero_bayes.export.library import rig_packages
 from aero_bayes.physics.catalogue import candidates_of, effect_parameter
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, moved
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, moved, rounded
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.simulation import Model
 
@@ -134,7 +134,7 @@ class ModelFamily:
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The base with chosen effects."""
         of = {id_: self.declared.effect(id_) for id_ in ids}
-        uses = [EffectUse(i, {p.name: _significant(values[p.name]) for p in e.parameters}) for i, e in of.items()]
+        uses = [EffectUse(i, {p.name: rounded(values[p.name]) for p in e.parameters}) for i, e in of.items()]
         written, model = self.with_effects(uses, folder)
         return Extension(
             written.name, written.path, written.text, self.diff(written), model,
@@ -194,7 +194,3 @@ class ModelFamily:
             return out if out.exists() else export_fmu(name, out, compiler=compiler, sources=files)
 
         return Model.load(first_compiler(self.compiler, made_by))
-
-
-def _significant(value: float) -> float:
-    return float(f"{value:.4g}")

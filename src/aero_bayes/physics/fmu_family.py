@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -20,12 +18,11 @@ from aero_bayes.physics.edit import unified_diff
 from aero_bayes.physics.kin import OpenSimulator, moved
 from aero_bayes.physics.ports import Candidate, Port, candidates
 from aero_bayes.physics.rig import RigFamily, Sizes
-from aero_bayes.physics.sizes import signal_size, typical_time
+from aero_bayes.physics.sizes import signal_size, signals_of, typical_time
 from aero_bayes.physics.use import Use
 from aero_bayes.physics.wrapper import modelica_text, write_ssp
 from aero_bayes.physics.write import Written
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import Outcome
 
 
 @dataclass(frozen=True)
@@ -93,30 +90,24 @@ class FmuFamily(RigFamily):
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
-        wanted = tuple(sorted(names))
-        experiments = tuple(replace(e, outputs=wanted, measured=None) for e in calibration.experiments)
-        values = calibration.parameters.from_search(fit.coordinates)
-        with open_simulator(replace(calibration, experiments=experiments).problem()) as simulator:
-            run = simulator.simulate(values[None])
-        if np.any(run.outcomes != Outcome.OK):
-            raise InputError(f"{self.fmu}: cannot be simulated at its fit")
-        seen = {name: signal_size([y[0, :, k] for y in run.outputs]) or 1.0 for k, name in enumerate(wanted)}
+        found = signals_of(calibration, sorted(names), fit, open_simulator)
+        seen = {name: signal_size(parts) or 1.0 for name, parts in found.items()}
         given: dict[str, float] = {}
         for v in inner.inputs:
             recorded = [s.values for e in calibration.experiments for s in e.inputs if s.name == v.name]
             given[v.name] = signal_size(recorded) or v.nominal or 1.0
         time = typical_time(calibration, fit)
-        found: dict[str, Mapping[str, float]] = {}
+        sizes: dict[str, Mapping[str, float]] = {}
         for port in self.ports:
             if port.kind == "motion":
                 assert port.entrance is not None
                 force = given[inner.inputs[port.entrance.equation].name]
                 speed, position = (seen[s] for s in (port.states[0], port.states[-1]))
-                found[port.id] = {"f_n": force, "v_n": speed, "x_n": position, "t_n": time}
+                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": position, "t_n": time}
             else:
                 size = given[port.id] if port.kind == "input" else seen[port.id.removeprefix("output_")]
-                found[port.id] = {"u_n": size, "t_n": time}
-        return found
+                sizes[port.id] = {"u_n": size, "t_n": time}
+        return sizes
 
     def _with(self, uses: Sequence[Use]) -> Model:
         seam = self._seam(uses)

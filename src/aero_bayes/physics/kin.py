@@ -135,3 +135,8 @@ def magnitude(
         return Parameter(name, unit, default, low, high, LogUniform(low, high), "log", description, target)
     prior = Normal(0.0, SPREAD * scale)
     return Parameter(name, unit, default, low, high, prior, "linear", description, target)
+
+
+def rounded(value: float, digits: int = 4) -> float:
+    """As it is written into a model: no more digits than a fit knows."""
+    return float(f"{value:.{digits}g}")

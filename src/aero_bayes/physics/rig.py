@@ -20,7 +20,7 @@ from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved
+from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
 from aero_bayes.physics.laws import Law, general_laws, laws_of
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
@@ -159,7 +159,7 @@ class RigFamily:
         uses: list[Use] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
-            own = {p.name: _significant(values[old.names[p.name]]) for p in old.parameters()}
+            own = {p.name: rounded(values[old.names[p.name]], 6) for p in old.parameters()}
             use = use_of(old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour)
             taken |= {use.instance, *use.names.values()}
             uses.append(use)
@@ -218,9 +218,9 @@ def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
     for k, p in enumerate(parameters):
         limits = use.limits(p)
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
-        alone = len(parameters) == 1 and low >= 0.0 and not use.law.moves
         scale = limits["nominal"]
         if k == 0:
+            alone = len(parameters) == 1 and low >= 0.0 and not use.law.moves
             sizes = [m * scale for m in (SIZES_ALONE if alone else SIZES)]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
         elif low > 0.0 and high < NARROW * low:
@@ -231,7 +231,3 @@ def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
             values = [scale] if low >= 0.0 else [scale, -scale]
         choices.append(values)
     return tuple(itertools.product(*choices))
-
-
-def _significant(value: float) -> float:
-    return float(f"{value:.6g}")

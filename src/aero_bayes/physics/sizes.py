@@ -70,14 +70,26 @@ class _Watched:
         names = tuple(self.names.values())
         with tempfile.TemporaryDirectory() as folder:
             model = Model.load(export_flat(flat, Path(folder) / "watched.fmu", quick=True))
-            experiments = tuple(replace(e, outputs=names, measured=None) for e in calibration.experiments)
-            problem = replace(calibration, model=model, experiments=experiments).problem()
-            values = calibration.parameters.from_search(fit.coordinates)
-            with open_simulator(problem) as simulator:
-                run = simulator.simulate(values[None])
-        if np.any(run.outcomes != Outcome.OK):
-            raise InputError(f"{flat.name}: cannot be simulated with its ports watched")
-        return {name: [y[0, :, k] for y in run.outputs] for k, name in enumerate(names)}
+            return signals_of(replace(calibration, model=model), names, fit, open_simulator)
+
+
+def signals_of(
+    calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
+) -> dict[str, list[FloatArray]]:
+    """Outputs of a model at a fit, by name, one array a recording.
+
+    Raises
+    ------
+    InputError
+        The model cannot be simulated there.
+    """
+    experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
+    values = calibration.parameters.from_search(fit.coordinates)
+    with open_simulator(replace(calibration, experiments=experiments).problem()) as simulator:
+        run = simulator.simulate(values[None])
+    if np.any(run.outcomes != Outcome.OK):
+        raise InputError(f"{calibration.model.name}: cannot be simulated with its ports watched")
+    return {name: [y[0, :, k] for y in run.outputs] for k, name in enumerate(names)}
 
 
 def _terms(flat: FlatModel, port: Port) -> list[Expression]:

@@ -9,22 +9,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, input_jumps, noise_floor
+from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.schema import LoopPart, ParameterResult, RecordingResult, RunResult
+from aero_bayes.schema import LoopPart, ParameterResult, RunResult
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
+from aero_bayes.workflow.describe import recording_row
 from aero_bayes.workflow.results import plain
 
 FloatArray = NDArray[np.float64]
 Role = Literal["train", "test"]
-
-#: Readings below which no noise floor is estimated.
-_LEAST = 50
 
 
 def view(
@@ -38,24 +36,10 @@ def view(
     variables = (*model.inputs, *model.states, *model.outputs) if model is not None else ()
     described = {v.name: {"unit": v.unit, "description": v.description} for v in variables}
     units = {name: unit for recording, _ in recordings for name, unit in recording.units.items()}
-    rows = [_row(recording, role) for recording, role in recordings]
+    rows = [recording_row(recording, role) for recording, role in recordings]
     found = RunResult.model_validate({"units": units, "signals": described, "recordings": rows, **result})
     measured = measured_series([recording for recording, _ in recordings])
     return RunDirectory(Path(), found, only_measured({**measured, **series}), posterior or {})
-
-
-def _row(recording: Recording, role: Role) -> RecordingResult:
-    jumps = input_jumps(recording)
-    floors = {
-        name: noise_floor(y, recording.time, jumps).sd
-        for name, y in recording.outputs.items()
-        if np.isfinite(y).sum() > _LEAST
-    }
-    return RecordingResult(
-        name=recording.name, role=role, rows=recording.rows, rate_hz=recording.rate_hz,
-        duration_s=recording.duration, inputs=list(recording.inputs), outputs=list(recording.outputs),
-        noise_floor=dict(floors),
-    )  # fmt: skip
 
 
 def fit_view(fit: Fit) -> RunDirectory:

@@ -39,8 +39,8 @@ def preamble(job: Job, command: str) -> Json:
             "engine": job.engine,
         },
         "recordings": [
-            *(_recording(recording, "train") for recording in job.recordings),
-            *(_recording(recording, "test") for recording in job.tests),
+            *(recording_row(recording, "train") for recording in job.recordings),
+            *(recording_row(recording, "test") for recording in job.tests),
         ],
     }
 
@@ -52,7 +52,8 @@ def is_simulated(recording: Recording) -> bool:
     return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
 
 
-def _recording(recording: Recording, role: str) -> Json:
+def recording_row(recording: Recording, role: str) -> Json:
+    """What result.json says of a recording; noise floors of outputs that were read often enough."""
     jumps = input_jumps(recording)
     floor = {
         name: noise_floor(values, recording.time, jumps).sd
