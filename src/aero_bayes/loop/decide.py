@@ -46,7 +46,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
                 return learned
         other = _other(bench, found)
         if other is not None:
-            return other
+            return _no_more_than_carries_over(bench, found, other)
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
         unseen = (
@@ -62,7 +62,7 @@ def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion
 
     While structure is left the noise is not known, and evidence is surer of itself than it should be.
     """
-    count = len(found.selection.effects)
+    count = len(named.effects)
     if count < 2 or not named.after.test or all(r.verdict != "structured" for r in named.reports):
         return named
     fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]

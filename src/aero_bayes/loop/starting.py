@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.physics.kin import Candidate
@@ -70,14 +71,15 @@ def starting_points(around: Around, candidate: Candidate) -> list[Start]:
 class _Line:
     """From the base towards a tried point ``row``: what it changes, the base's parameters readjusted (``back``).
 
-    ``power`` is the squared change in units of the noise; ``along`` how far to go to gain most, were it a line;
-    ``own`` the step of the base's parameters where the base is no optimum.
+    ``power`` is the squared change in units of the noise, ``alone`` the change were nothing readjusted; ``along`` is
+    how far to go to gain most, were it a line; ``own`` the step of the base's parameters where the base is no optimum.
     """
 
     row: FloatArray
     own: FloatArray
     back: FloatArray
     power: float
+    alone: float
     along: float
 
     @property
@@ -112,12 +114,19 @@ class Around:
 
     def __init__(self, study: Objective, base: Optimum) -> None:
         self.study, self.base = study, base
-        slopes, residual = base.whitened.slopes, base.whitened.residual
-        first, second = (d[list(base.free)] for d in study.parameters.prior_derivatives(base.coordinates))
-        curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
+        slopes, residual, free = base.whitened.slopes, base.whitened.residual, list(base.free)
+        first, second = (d[free] for d in study.parameters.prior_derivatives(base.coordinates))
+        # Delays stay: a reading moves over a jump of the input all at once, which no slope foretells.
+        delays = delay_columns(study, free)
+        steady = [k for k, j in enumerate(free) if j not in delays]
+        own = slopes[steady]
+        curvature = own @ own.T + np.diag(np.maximum(-second[steady], 1e-9))
         # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
         unit = 1.0 / np.sqrt(np.diag(curvature))
-        self._step = np.linalg.pinv(curvature * np.outer(unit, unit), hermitian=True) * np.outer(unit, unit)
+        both = np.outer(unit, unit)
+        step: FloatArray = np.linalg.pinv(curvature * both, 1e-10, hermitian=True) * both
+        self._step = np.zeros((len(free), len(free)))
+        self._step[np.ix_(steady, steady)] = step
         self._own: FloatArray = self._step @ (slopes @ residual + first)
         self._left: FloatArray = residual - self._own @ slopes
 
@@ -162,28 +171,40 @@ class Around:
         back = self._step @ (whitened.slopes @ change)
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
-        return _Line(row, self._own, back, power, float(direction @ self._left) / power if power > 0.0 else 0.0)
+        along = float(direction @ self._left) / power if power > 0.0 else 0.0
+        return _Line(row, self._own, back, power, math.sqrt(float(change @ change)), along)
 
     def points(self, candidate: Candidate, lines: Sequence[_Line]) -> list[Start]:
         """Both ends of the likeliest lines, with what a simulation of each gains."""
-        low, high = self.study.parameters.box
-        at, present = self.base.coordinates, self.base.whitened.log_likelihood
-        # The first column of an effect is its magnitude, zero where the effect is off.
-        size, free = candidate.columns[0], list(self.base.free)
         acting = [line for line in lines if line.power > 0.0]
         ends: list[tuple[_Line, float]] = []
         for reaches in ([1.0] * len(acting), [line.within for line in acting]):
             kind = sorted(zip(acting, reaches, strict=True), key=lambda end: -end[0].gain(end[1]))
             ends += kind[:LIKELIEST]
-        points = []
-        for line, reach in ends:
-            point = line.row.copy()
-            point[size] = np.clip(reach * line.row[size], low[size], high[size])
-            point[free] = np.clip(at[free] + line.own - reach * line.back, low[free], high[free])
-            points.append(Start(line.gain(max(line.along, 0.0)), point))
-        found = self.study.residuals(np.array([s.point for s in points])) if points else []
+        points = self._simulated([self._end(candidate, line, reach) for line, reach in ends])
+        if ends and all(s.gain < 0.0 for s in points):
+            # No line: from here, with so little of it as is just seen, a climb follows the tangent.
+            line = ends[0][0]
+            bare = replace(line, back=np.zeros_like(line.back), own=np.zeros_like(line.own))
+            points += self._simulated([self._end(candidate, bare, 1.0 / line.alone)])
+        return points
+
+    def _end(self, candidate: Candidate, line: _Line, reach: float) -> Start:
+        """The start so far along a line."""
+        low, high = self.study.parameters.box
+        # The first column of an effect is its magnitude, zero where the effect is off.
+        size, free = candidate.columns[0], list(self.base.free)
+        point = line.row.copy()
+        point[size] = np.clip(reach * line.row[size], low[size], high[size])
+        point[free] = np.clip(self.base.coordinates[free] + line.own - reach * line.back, low[free], high[free])
+        return Start(line.gain(max(line.along, 0.0)), point)
+
+    def _simulated(self, starts: Sequence[Start]) -> list[Start]:
+        """Those that can be simulated, with what each gains."""
+        found = self.study.residuals(np.array([s.point for s in starts])) if starts else []
+        present = self.base.whitened.log_likelihood
         return [
             replace(s, gain=self.study.whiten(residual, None, self.base.noise).log_likelihood - present)
-            for s, residual in zip(points, found, strict=True)
+            for s, residual in zip(starts, found, strict=True)
             if residual is not None
         ]
