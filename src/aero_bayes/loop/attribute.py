@@ -18,7 +18,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
-from aero_bayes.loop.starting import Around, Start, starting_points
+from aero_bayes.loop.starting import Around, Start, promised, starting_points
 from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]
@@ -78,6 +78,8 @@ class Selection:
 #: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
 #: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
 UNTRIED, TEMPER = 0.02, 0.5
+#: Least gain in log-evidence for which one effect takes the place of another.
+SWAP = 1.0
 
 
 def threshold(candidates: int, settings: AttributeSettings) -> float:
@@ -187,9 +189,9 @@ class Search:
         """Candidates beside what the model has, each group on its own stand; best first.
 
         ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
-        that were not ``seen``, if given, only the few most promising are refitted.
+        that were not ``seen``, if given, only the few most promising are looked at closely.
         """
-        found: list[Prospect] = []
+        beside: list[tuple[Held, Candidate, Around | None]] = []
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
             if own:
@@ -199,13 +201,14 @@ class Search:
                     # A law that is off can still be too stiff for this recording.
                     self.skipped |= dict.fromkeys(own)
                     continue
-                beside = _place(here, instead) if instead is not None else None
-                found += [prospect(here, here.stand.candidates[id_], self.settings, beside) for id_ in own]
+                place = _place(here, instead) if instead is not None else None
+                beside += [(here, here.stand.candidates[id_], place) for id_ in own]
         if seen is not None:
-            new = sorted((p for p in found if p.candidate.id not in seen), key=lambda p: -p.promise)
-            skip = {p.candidate.id for p in new[self.settings.near :]}
-            found = [p for p in found if p.candidate.id not in skip]
-        return sorted((score(p, self.fit) for p in found), key=lambda s: -s.gain)
+            new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
+            likely = sorted(new, key=lambda id_: -new[id_])[: self.settings.near]
+            beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
+        found = (score(prospect(here, c, self.settings, place), self.fit) for here, c, place in beside)
+        return sorted(found, key=lambda s: -s.gain)
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
         """Finer laws that explain far more than what they refine, which shows little by itself.
@@ -347,7 +350,7 @@ class Search:
                 every = dict.fromkeys((*ids, *current.effects))
                 found = self.round(without, every, instead=current, seen={*self._seen(), *current.effects})
                 best = found.scores[0] if found.scores else None
-                if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + 0.1:
+                if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + SWAP:
                     changed = changed or best.candidate.id != effect
                     current = best.held
                     missed[best.candidate.id] = best.gain

@@ -60,11 +60,18 @@ def starting_points(around: Around, candidate: Candidate) -> list[Start]:
             tried += closer
     points = around.points(candidate, lines)
     if (wide := around.by_squares) is not None:
-        total = float(wide.base.whitened.residual @ wide.base.whitened.residual)
         for s in wide.points(candidate, [wide.line(row, residual) for row, residual in tried]):
-            promise, gain = (-0.5 * PIECES * math.log(max(1.0 - 2.0 * g / total, 1e-12)) for g in (s.promise, s.gain))
-            points.append(Start(promise, s.point, True, gain))
+            points.append(Start(wide.in_pieces(s.promise), s.point, True, wide.in_pieces(s.gain)))
     return sorted(points, key=lambda s: -s.gain)
+
+
+def promised(around: Around, candidate: Candidate) -> float:
+    """The most that a line through one of its first starts foretells: a first look, at few simulations."""
+    tried = around.tried(candidate.columns, candidate.starts)
+    most = max((around.line(*one).most for one in tried), default=-math.inf)
+    if (wide := around.by_squares) is not None:
+        most = max((most, *(wide.in_pieces(wide.line(*one).most) for one in tried)))
+    return most
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +97,10 @@ class _Line:
     def gain(self, reach: float) -> float:
         """Gain in log-likelihood that going so far foretells."""
         return (self.along - 0.5 * reach) * reach * self.power
+
+    @property
+    def most(self) -> float:
+        return self.gain(max(self.along, 0.0))
 
 
 def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[float, ...]]:
@@ -151,6 +162,11 @@ class Around:
             return None
         return {output: OutputNoise(max(size, 1e-300)) for output, size in rms.items()}
 
+    def in_pieces(self, gain: float) -> float:
+        """A gain by squares as if the residual were a few independent pieces."""
+        total = float(self.base.whitened.residual @ self.base.whitened.residual)
+        return -0.5 * PIECES * math.log(max(1.0 - 2.0 * gain / total, 1e-12))
+
     def tried(
         self, columns: Sequence[int], starts: Sequence[tuple[float, ...]]
     ) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
@@ -197,7 +213,7 @@ class Around:
         point = line.row.copy()
         point[size] = np.clip(reach * line.row[size], low[size], high[size])
         point[free] = np.clip(self.base.coordinates[free] + line.own - reach * line.back, low[free], high[free])
-        return Start(line.gain(max(line.along, 0.0)), point)
+        return Start(line.most, point)
 
     def _simulated(self, starts: Sequence[Start]) -> list[Start]:
         """Those that can be simulated, with what each gains."""
