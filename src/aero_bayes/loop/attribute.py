@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -271,7 +272,10 @@ class Search:
             for second in likely[k + 1 :]:
                 if first.candidate.id == second.candidate.id or first.held is None:
                     continue
-                here = self.moved(first.held, [second.candidate.id])
+                try:
+                    here = self.moved(first.held, [second.candidate.id])
+                except CannotFinishError:
+                    continue
                 both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings), self.fit)
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
@@ -342,6 +346,8 @@ class Search:
                 if effect not in current.effects or effect in self.settings.require:
                     continue
                 without = self.without(base, current, effect)
+                if without is None:
+                    continue
                 bar = threshold(len(ids), self.settings)
                 if current.log_evidence - without.log_evidence < bar:
                     current, changed = without, True
@@ -371,17 +377,19 @@ class Search:
         """The best of every round."""
         return {s.candidate.id for r in self.rounds for s in r.scores[: self.settings.near] if s.held is not None}
 
-    def without(self, base: Held, held: Held, effect: str) -> Held:
+    def without(self, base: Held, held: Held, effect: str) -> Held | None:
         """The model with one effect switched off, refitted: from where it is, and from the round before it came in.
 
-        From one start only it may end in a wrong valley, and its rivals look better or worse than they are.
+        From one start only it may end in a wrong valley, and its rivals look better or worse than they are. None where
+        it cannot be simulated without.
         """
         rest = tuple(e for e in held.effects if e != effect)
         start = held.values
         off = {held.stand.study.parameters.names[j] for j in held.stand.candidates[effect].columns}
         first = {name: value for name, value in start.items() if name not in off}
-        tries = [held.stand.fit(first, rest, held.optimum.noise, self.fit)]
         before = next((r.base for r in self.rounds if r.chosen is not None and r.chosen.candidate.id == effect), base)
-        again = {**first, **before.values}
-        tries.append(held.stand.fit(again, rest, before.optimum.noise, self.fit))
-        return max(tries, key=lambda h: h.log_evidence)
+        tries: list[Held] = []
+        for values, noise in ((first, held.optimum.noise), ({**first, **before.values}, before.optimum.noise)):
+            with suppress(CannotFinishError):
+                tries.append(held.stand.fit(values, rest, noise, self.fit))
+        return max(tries, key=lambda h: h.log_evidence, default=None)

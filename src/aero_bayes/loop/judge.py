@@ -17,8 +17,9 @@ from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.recordings import Recordings
+from aero_bayes.physics.kin import Family
 from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import InputSignal, Problem, Simulator, StartTarget
+from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 
@@ -103,29 +104,40 @@ def predict(
     fit: Optimum,
     recordings: Recordings,
     settings: CalibrationSettings,
+    family: Family,
     open_simulator: Callable[[Problem], Simulator],
     extra: Mapping[int, InputSignal] | None = None,
 ) -> Prediction:
-    """Run a fitted model over whole recordings.
+    """Run a fitted model, or a fitted relative of it in its ``family``, over whole recordings.
 
     A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
-    readings, off by as much as those of the fitted ones were; where starts are estimated, they are so from its first
-    :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of a training recording.
+    readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
+    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of a training recording.
     """
     everything = [*recordings.train, *recordings.test]
     named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
-    shared = ParameterSet(tuple(p for p in calibration.parameters if p.recording is None))
+    plain = family.plain()
+    known = {v.name for v in plain.parameters}
+    shared = [p for p in calibration.parameters if p.recording is None]
+    new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
+    kept = ParameterSet(tuple(p for p in shared if p not in new))
     own = replace(
         settings, outputs=recordings.outputs, most_readings=None, standing=True, interpolation=calibration.interpolation
     )
-    whole = calibrate(named, calibration.model, shared, fixed=calibration.fixed, settings=own)
+    # Which states start at a reading is known of the model itself: a relative may read them through a law.
+    fixed = {name: value for name, value in calibration.fixed.items() if name in known}
+    known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
+    known_as = replace(known_as, parameters=known_as.parameters.extended(new))
+    whole = replace(family.on(known_as, calibration.model), fixed=calibration.fixed)
     if extra:
         experiments = list(whole.experiments)
         for e, signal in extra.items():
             experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
         whole = replace(whole, experiments=tuple(experiments))
-    row = _values(calibration, fit, whole, everything, len(recordings.train))
-    if settings.start == "estimated" and recordings.test:
+    row = _values(_renamed(calibration, known_as, whole), fit, known_as, everything, len(recordings.train))
+    # A law at an output hides where its state started.
+    hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
+    if recordings.test and (settings.start == "estimated" or hidden):
         row = _settled(whole, row, fit, len(recordings.train), open_simulator)
     with open_simulator(whole.problem()) as simulator:
         found = simulator.simulate(row[np.newaxis])
@@ -151,6 +163,13 @@ def predict(
             if unseen.any():
                 errors[1][key] = rms_error(residual[seen & unseen], interval)
     return Prediction(errors[0], errors[1], fitted)
+
+
+def _renamed(calibration: Calibration, known_as: Calibration, whole: Calibration) -> Calibration:
+    """A relative's calibration with its states named as in the model itself."""
+    old = {there.target: here.target for here, there in zip(known_as.parameters, whole.parameters, strict=True)}
+    items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
+    return replace(calibration, model=known_as.model, parameters=ParameterSet(items))
 
 
 def _values(

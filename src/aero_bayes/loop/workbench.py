@@ -79,4 +79,4 @@ class Workbench:
         self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
     ) -> Prediction:
         """Run a fitted model over all recordings, whole; ``extra`` as in :func:`~.judge.predict`."""
-        return predict(calibration, fit, self.recordings, self.settings.calibration, self.open, extra)
+        return predict(calibration, fit, self.recordings, self.settings.calibration, self.family, self.open, extra)

@@ -29,6 +29,7 @@ from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
+from aero_bayes.physics.writer import true_name
 from aero_bayes.simulation import Model
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
@@ -179,7 +180,11 @@ class RigFamily:
     def on(self, calibration: Calibration, model: Model) -> Calibration:
         """The calibration on a relative: a state takes the name of what it equals there."""
         structure = structure_of(self.flat)
-        there = {structure.of(s.name): s.name for s in model.states if s.name in structure.variables}
+        # A law at an output that is a state is given that state under a name of its own.
+        outer = [(u.instance, u.port.signals["u"]) for u in self._uses.values() if u.port.via == "output"]
+        given = {f"{instance}.u": y for instance, y in outer} | {true_name(y): y for _, y in outer}
+        own = {s.name: s.name if s.name in structure.variables else given.get(s.name, "") for s in model.states}
+        there = {structure.of(name): state for state, name in own.items() if name in structure.variables}
         known = [s.name for s in calibration.model.states if s.name in structure.variables]
         names = {s: there[structure.of(s)] for s in known if structure.of(s) in there}
         return moved(calibration, model, names)

@@ -24,6 +24,11 @@ from aero_bayes.physics.use import Use, plain_name
 LONGEST_FORMULA = 70
 
 
+def true_name(output: str) -> str:
+    """Name of what an output was before a law changed its reading."""
+    return f"{output}_true"
+
+
 class Writer:
     """Adds laws to the draft of a class."""
 
@@ -222,7 +227,7 @@ class Writer:
 
     def _true_value(self, use: Use, c: Component) -> None:
         """An output that other equations solve for: what it was gets a name of its own."""
-        true = f"{c.name}_true"
+        true = true_name(c.name)
         self.draft.declare(use, {"u": true}, {})
         self.draft.variables.append(
             f'Real {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
