@@ -112,7 +112,8 @@ def predict(
 
     A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
     readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of a training recording.
+    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of
+    a training recording.
     """
     everything = [*recordings.train, *recordings.test]
     named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
