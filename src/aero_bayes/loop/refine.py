@@ -69,7 +69,7 @@ def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Sel
     """The selection without effects that only made up for what the finer law now tells."""
     for other in [e for e in selection.effects if e != kept and e not in search.settings.require]:
         without = search.without(selection.base, selection.held, other)
-        if selection.held.log_evidence - without.log_evidence < bar:
+        if without is not None and selection.held.log_evidence - without.log_evidence < bar:
             same = tuple(ids for ids in selection.equivalent if other not in ids)
             selection = replace(selection, held=without, equivalent=same)
     return selection
@@ -77,7 +77,10 @@ def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Sel
 
 def _in_place_of(search: Search, held: Held, coarse: str, finer: str) -> Held | None:
     """Best refit with the finer law; its first parameter starts where the coarse law's stands."""
-    here = search.moved(held, [finer])
+    try:
+        here = search.moved(held, [finer])
+    except CannotFinishError:
+        return None
     stand, study = here.stand, here.stand.study
     parameters = study.parameters
     values = parameters.from_search(here.optimum.coordinates)
