@@ -18,7 +18,7 @@ from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.tokens import split_outside
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.physics.use import Use, plain_name, true_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
@@ -222,7 +222,7 @@ class Writer:
 
     def _true_value(self, use: Use, c: Component) -> None:
         """An output that other equations solve for: what it was gets a name of its own."""
-        true = f"{c.name}_true"
+        true = true_name(c.name)
         self.draft.declare(use, {"u": true}, {})
         self.draft.variables.append(
             f'Real {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
