@@ -4,6 +4,7 @@ import pytest
 
 from aero_bayes.loop.decide import _plainly_better
 from aero_bayes.loop.judge import Error, Prediction
+from aero_bayes.loop.tell import gain_text
 
 
 def prediction(**rms: float) -> Prediction:
@@ -22,3 +23,12 @@ def prediction(**rms: float) -> Prediction:
 )
 def test_one_output_gains_much_and_none_loses(after: dict[str, float], better: bool) -> None:
     assert _plainly_better(prediction(speed=1.0, angle=1.0), prediction(**after)) is better
+
+
+def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
+    units = {"speed": "rad/s"}
+    one = gain_text(prediction(speed=1.0, angle=1.0), prediction(speed=2.0, angle=0.1), units)
+    assert one == (
+        "on data that was not fitted the error of angle falls from 1 to 0.1, but of speed grows from 1 to 2 rad/s."
+    )
+    assert "speed" not in gain_text(prediction(speed=1.0, angle=1.0), prediction(speed=1.01, angle=0.1), units)

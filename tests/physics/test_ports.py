@@ -62,6 +62,7 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert tanks["h1"].neighbours == ("h2",)
     bodies = {p.id: p for p in ports_of(rig("Bodies.Pair"), laws)}
     assert "radiation" in bodies["one.port"].laws
+    assert not {"overflow", "root_loss"} & set(bodies["one.port"].laws)  # a temperature does not spill
 
 
 def test_temperatures_count_from_where_they_start(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
@@ -70,13 +71,14 @@ def test_temperatures_count_from_where_they_start(laws: tuple[Law, ...], models:
     assert levels_of(flat, port) == {"h_0": 295.0, "h_z": 0.0}
     tanks = rig("TankPair")
     assert [levels_of(tanks, p) for p in ports_of(tanks, laws) if p.kind == "storage"] == [{}, {}]
-    law = next(law for law in laws if law.id == "radiation")
     taken = [v.name for v in flat.variables]
-    use = use_of(law, port, taken, sizes={"h_n": 301.5, **levels_of(flat, port)}, values={"c": 2e-9})
-    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
-    point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
-    change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
-    assert change == pytest.approx(-2e-9 * (310.0**4 - 295.0**4) / 20, rel=1e-9)
+    for id_, c, flow in (("radiation", 2e-9, 2e-9 * (310.0**4 - 295.0**4)), ("square_loss", 0.3, 0.3 * 15.0**2)):
+        law = next(law for law in laws if law.id == id_)
+        use = use_of(law, port, taken, sizes={"h_n": 15.0, **levels_of(flat, port)}, values={"c": c})
+        base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+        point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
+        change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
+        assert change == pytest.approx(-flow / 20, rel=1e-9)
 
 
 def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:

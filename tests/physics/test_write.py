@@ -74,7 +74,8 @@ ONE_OF_EACH = [
     ("Rlc", "linear_loss@v_C"), ("Motor", "contact_drop@i"), ("Motor", "quadratic_drag@w"), ("Motor", "lag@speed"),
     ("Shaft.Motor", "saturation@V"), ("Shaft.Motor", "gain@speed"), ("Shaft.Motor", "series_resistance@inductor.p"),
     ("Shaft.Motor", "backlash@load.a"), ("Shaft.Motor", "stribeck_friction@rotor.a"),
-    ("Bodies.Pair", "radiation@one.port"), ("Bodies.Pair", "exchange@one.port"), ("Bodies.Pair", "overflow@two.port"),
+    ("Bodies.Pair", "radiation@one.port"), ("Bodies.Pair", "exchange@one.port"),
+    ("Bodies.Pair", "square_loss@two.port"),
 ]  # fmt: skip
 
 

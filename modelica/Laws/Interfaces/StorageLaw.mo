@@ -1,7 +1,7 @@
 within Laws.Interfaces;
 partial model StorageLaw "Flow that leaves a storage"
   parameter Real q_n = 1 "Typical size of the flow";
-  parameter Real h_n = 1 "Typical size of the level";
+  parameter Real h_n = 1 "Typical size of the level; of a temperature, above where it starts";
   parameter Real h_0 = 0 "Level of the surroundings";
   parameter Real h_z = 0 "Absolute zero of the level";
   parameter Real t_n = 1 "Typical time of the port's signals";

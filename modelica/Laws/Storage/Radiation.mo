@@ -1,7 +1,7 @@
 within Laws.Storage;
 model Radiation "Heat lost by radiation"
   extends Laws.Interfaces.StorageLaw(h(unit = "K"));
-  parameter Real c(min = 0, max = 10 * q_n / (h_n - h_z) ^ 4, nominal = 0.1 * q_n / (h_n - h_z) ^ 4) = 0 "Radiated heat at a temperature of one kelvin";
+  parameter Real c(min = 0, max = 10 * q_n / (h_n + h_0 - h_z) ^ 4, nominal = 0.1 * q_n / (h_n + h_0 - h_z) ^ 4) = 0 "Radiated heat at a temperature of one kelvin";
 equation
   q = c * ((h - h_z) ^ 4 - (h_0 - h_z) ^ 4);
   annotation (Documentation(info = "<html>

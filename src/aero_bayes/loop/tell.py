@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 
 #: How far a loop looks for an experiment, among signals of few jumps; the command for designs looks further.
 EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
+#: Share by which an error that grows is said to.
+GROWN = 1.05
 
 
 def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopResult:
@@ -100,14 +102,19 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
 
 
 def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
-    """By how much the error falls, of the output where it falls most."""
+    """By how much the error falls, of the output where it falls most; and of which outputs it grows plainly."""
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
-    worst = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
+    most = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
     where = "data that was not fitted" if role == "test" else "the fitted data"
-    verb = "falls" if second[worst] < first[worst] else "goes"
-    after_it = with_unit(f"{second[worst]:.3g}", units.get(worst, ""))
-    return f"on {where} the error of {worst} {verb} from {first[worst]:.3g} to {after_it}."
+
+    def change(output: str, verb: str) -> str:
+        after_it = with_unit(f"{second[output]:.3g}", units.get(output, ""))
+        return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
+
+    verb = "falls" if second[most] < first[most] else "goes"
+    grown = [change(o, "grows") for o in first if o != most and second[o] > GROWN * first[o]]
+    return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:

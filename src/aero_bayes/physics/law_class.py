@@ -98,10 +98,12 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
             values[c.name] = evaluate(parse_term(c.binding), values)
         elif c.name not in names:
             return None
-    known = {**{k: f"{v:.12g}" for k, v in values.items()}, **names}
+    known = {**{k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}, **names}
     begin, end = core[2].start - law.cls.start, core[-1].end - law.cls.start
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
-    text = re.sub(r"\(([\w.]+) - 0\)", r"\1", one_line(apply(law.text[begin:end], edits)))
+    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(law.text[begin:end], edits)))
+    text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
+    text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
     return f"({text})" if parse_term(tokenize(text)).kind == "sum" else text
 
 

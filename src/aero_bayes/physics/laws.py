@@ -78,7 +78,8 @@ class Law:
     """A law: ``id`` in snake case, the kind of port it fits, its class and its parameters, the switch first.
 
     ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given signals
-    that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one.
+    that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for`` a unit of
+    a signal where it makes no sense.
     """
 
     id: str
@@ -89,6 +90,7 @@ class Law:
     sizes: Mapping[str, float]
     uses: frozenset[str]
     needs_unit: Mapping[str, str]
+    not_for: str
     refines: str
     shape: Shape
     text: str
@@ -226,8 +228,8 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
     extends = next(s for s in cls.declarations if s.first == "extends")
     return Law(
         snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _refines(cls.annotation), shape, text, cls,
-        base, base_text,
+        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
+        _noted(cls.annotation, "refines"), shape, text, cls, base, base_text,
     )  # fmt: skip
 
 
@@ -261,8 +263,9 @@ def _units(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
             yield signal.word, value.word[1:-1]
 
 
-def _refines(annotation: Sequence[Token]) -> str:
+def _noted(annotation: Sequence[Token], word: str) -> str:
+    """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
     for key, equals, value in zip(*(annotation[k:] for k in range(3)), strict=False):
-        if key.word == "refines" and equals.word == "=":
+        if key.word == word and equals.word == "=":
             return str(value.word[1:-1])
     return ""

@@ -72,15 +72,19 @@ class Port:
 
 def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
+    if law.not_for and any(_is_unit(unit, law.not_for) for unit in port.units.values()):
+        return False
     if law.kind in ("overflow", "exchange"):
         return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))
     same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.takes_rate)
     if not same or not law.uses <= port.signals.keys():
         return False
-    return all(
-        port.units.get(signal) == unit or (unit == "K" and port.units.get(signal) in KELVIN)
-        for signal, unit in law.needs_unit.items()
-    )
+    return all(_is_unit(port.units.get(signal, ""), unit) for signal, unit in law.needs_unit.items())
+
+
+def _is_unit(unit: str, asked: str) -> bool:
+    """Whether a unit is the one asked for; ``K`` asks for any temperature."""
+    return unit == asked or (asked == "K" and unit in KELVIN)
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
-from aero_bayes.physics.structure import structure_of
-from aero_bayes.physics.use import Use, use_of
+from aero_bayes.physics.structure import Structure, structure_of
+from aero_bayes.physics.use import Use, true_name, use_of
 from aero_bayes.physics.write import Written, write_law
 from aero_bayes.physics.writer import true_name
 from aero_bayes.simulation import Model
@@ -187,7 +187,17 @@ class RigFamily:
         there = {structure.of(name): state for state, name in own.items() if name in structure.variables}
         known = [s.name for s in calibration.model.states if s.name in structure.variables]
         names = {s: there[structure.of(s)] for s in known if structure.of(s) in there}
-        return moved(calibration, model, names)
+        return moved(calibration, model, self._unread(model, structure) | names)
+
+    def _unread(self, model: Model, structure: Structure) -> dict[str, str]:
+        """For outputs that are states themselves: the name of the state where a law gives the reading."""
+        present = {s.name for s in model.states}
+        found: dict[str, str] = {}
+        for port in (p for p in self.ports if p.via == "output"):
+            reading = port.signals["u"]
+            unread = [f"{u.instance}.u" for u in self._uses.values() if u.port.id == port.id] + [true_name(reading)]
+            found |= {s: n for n in unread if n in present for s in structure.members(structure.of(reading))}
+        return found
 
     def summary(self, id_: str) -> str:
         """A law in words."""

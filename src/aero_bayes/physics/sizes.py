@@ -137,8 +137,10 @@ def _sizes(
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
     sizes = {name: value if value > 0.0 else 1.0 for name, value in sizes.items()}
     if port.kind == "storage" and port.units.get("h") in _KELVIN:
+        # counted from where it starts, so that a rig has the same laws in K as in degC
         first = float(found[seen["h"]][0][0])
-        sizes |= {"h_0": first, "h_z": _KELVIN[port.units["h"]]}
+        above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
+        sizes |= {"h_n": above, "h_0": first, "h_z": _KELVIN[port.units["h"]]}
     return sizes | {"t_n": time}
 
 

@@ -18,7 +18,7 @@ from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.tokens import split_outside
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.physics.use import Use, plain_name, true_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
