@@ -29,7 +29,6 @@ from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.structure import Structure, structure_of
 from aero_bayes.physics.use import Use, true_name, use_of
 from aero_bayes.physics.write import Written, write_law
-from aero_bayes.physics.writer import true_name
 from aero_bayes.simulation import Model
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has

@@ -24,11 +24,6 @@ from aero_bayes.physics.use import Use, plain_name, true_name
 LONGEST_FORMULA = 70
 
 
-def true_name(output: str) -> str:
-    """Name of what an output was before a law changed its reading."""
-    return f"{output}_true"
-
-
 class Writer:
     """Adds laws to the draft of a class."""
 
