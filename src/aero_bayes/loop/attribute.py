@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.loop.kept import starting_points
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
-from aero_bayes.loop.starting import Start, starting_points
+from aero_bayes.loop.starting import Start
 from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]

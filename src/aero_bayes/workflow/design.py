@@ -42,6 +42,7 @@ from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job, which_model
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings
 
 Json = dict[str, Any]
@@ -87,8 +88,8 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     rivals = _rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted, rivals)
-    with ProgressBar(options.quiet) as progress:
-        base = fit_job(job, progress)
+    with resumable(job, "design") as kept, ProgressBar(options.quiet) as progress:
+        base = fit_job(job, progress, kept)
         limits = _limits(base, wanted)
         part, plan, signal = (
             _narrow(job, base, limits, wanted, progress)
