@@ -92,25 +92,26 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
     job = open_job(files, options, tests=tests)
     if job.modelica:
         loop_settings(job)
-    with resumable(job, "all") as kept, ProgressBar(options.quiet) as progress:
-        base = fit_job(job, progress, kept)
-        loop = run_loop(job, progress, kept) if job.modelica else None
-        final = extended_job(job, loop) if loop is not None else job
-        found = base if final is job else fit_job(final, progress, kept, again=True)
-        doubts = _doubts(final, found, progress)
-        posterior = _sample(final, found, progress, kept)
-        table = _paper(job, progress) if paper else None
-    result, series = fit_part(final, found)
-    sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
-    series = series | bands | (table.series if table is not None else {})
-    if loop is None:
-        _finish(final, "all", began, [result, _closing(result)], series)
-        return
-    story = loop_part(job, loop)
-    closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
-    series = loop_series(job, loop) | measured_series(job.tests) | series
-    _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
+    with resumable(job, "all") as kept:
+        with ProgressBar(options.quiet) as progress:
+            base = fit_job(job, progress, kept)
+            loop = run_loop(job, progress, kept) if job.modelica else None
+            final = extended_job(job, loop) if loop is not None else job
+            found = base if final is job else fit_job(final, progress, kept, again=True)
+            doubts = _doubts(final, found, progress)
+            posterior = _sample(final, found, progress, kept)
+            table = _paper(job, progress) if paper else None
+        result, series = fit_part(final, found)
+        sampled, bands = _posterior_part(posterior)
+        result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
+        series = series | bands | (table.series if table is not None else {})
+        if loop is None:
+            _finish(final, "all", began, [result, _closing(result)], series)
+            return
+        story = loop_part(job, loop)
+        closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
+        series = loop_series(job, loop) | measured_series(job.tests) | series
+        _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
 
 
 def _paper(job: Job, progress: ProgressBar) -> Replay:
