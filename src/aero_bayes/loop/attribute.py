@@ -160,6 +160,7 @@ class Search:
         self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
         self.rounds: list[Round] = []
         self.skipped: dict[str, None] = {}
+        self._tell: Callable[[float], None] = lambda done: None
 
     def moved(self, held: Held, extra: Collection[str]) -> Held:
         """The same fit on a stand that has further candidates."""
@@ -184,7 +185,9 @@ class Search:
                     self.skipped |= dict.fromkeys(own)
                     continue
                 beside = _place(here, instead) if instead is not None else None
-                scores += [score(here, here.stand.candidates[id_], self.settings, self.fit, beside) for id_ in own]
+                for id_ in own:
+                    scores.append(score(here, here.stand.candidates[id_], self.settings, self.fit, beside))
+                    self._tell(len(scores) / len(ids))
         return sorted(scores, key=lambda s: -s.gain)
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
@@ -262,7 +265,7 @@ class Search:
         """
         current = self._required(base)
         while len(current.effects) < self.settings.max_effects:
-            told(f"round {len(self.rounds) + 1}", len(self.rounds) / (self.settings.max_effects + 1))
+            self._begin(told, f"round {len(self.rounds) + 1}", len(self.rounds))
             room = self.settings.max_effects - len(current.effects) > 1
             unexplained = structured(current)
             found = self.round(current, ids, wide=unexplained, pairs=room and unexplained)
@@ -272,11 +275,20 @@ class Search:
             current = found.chosen.held
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
         if len(current.effects) > 1:
-            told("drop and swap", self.settings.max_effects / (self.settings.max_effects + 1))
+            self._begin(told, "drop and swap", self.settings.max_effects)
             current, equivalent = self._swapped(base, current, ids)
         return Selection(
             current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1), tuple(self.skipped)
         )
+
+    def _begin(self, told: Callable[[str, float], None], what: str, step: int) -> None:
+        """Say what is done from now on, and say how far it is with each candidate."""
+
+        def tell(done: float) -> None:
+            told(what, (step + min(done, 1.0)) / (self.settings.max_effects + 1))
+
+        self._tell = tell
+        tell(0.0)
 
     def _required(self, base: Held) -> Held:
         """The fit with what the engineer requires, each a round of its own.
