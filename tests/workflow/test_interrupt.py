@@ -76,6 +76,18 @@ def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str
     ]
 
 
+def test_what_an_earlier_run_did_says_nothing_of_the_speed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with ProgressBar(quiet=False) as progress:
+        for share, then in ((0.0, 0.1), (0.25, 0.1), (0.5, 100.0), (0.6, 0.0)):
+            progress("rigs", share)
+            clock[0] += then
+    assert capsys.readouterr().err.splitlines() == ["rigs ...", "rigs: 60% after 100 s, about 401 s left"]
+
+
 def test_quiet_says_the_phases_only(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(time, "monotonic", iter(range(0, 1000, 100)).__next__)
     with ProgressBar(quiet=True) as progress:
