@@ -13,7 +13,7 @@ import click
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 
-#: In the output folder: where a posterior goes on from with ``--resume``.
+#: In the output folder: where a run goes on from with ``--resume``.
 CHECKPOINT = "checkpoint.npz"
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import arviz as az
+import h5py
 import numpy as np
 import pytest
 
@@ -77,8 +78,9 @@ def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior
     assert path.stat().st_size < 5e6
     assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
     data = az.from_netcdf(path)
-    for group in ("posterior", "log_likelihood", "posterior_predictive", "observed_data", "sample_stats"):
-        assert group in {str(g).strip("/") for g in data.groups()}, group
+    with h5py.File(path) as file:
+        for group in ("posterior", "log_likelihood", "posterior_predictive", "observed_data", "sample_stats"):
+            assert group in file, group
     np.testing.assert_allclose(data["posterior"]["R_a"].values.ravel(), posterior.samples("R_a"))
 
 

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.data import floors_of
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
@@ -248,18 +249,24 @@ class Climber:
         values = self.objective.parameters.from_search(start)
         with open_simulator(cheap.problem()) as simulator:
             target = Target(cheap, simulator, values, free, prior=self.settings.cost == "posterior")
-            few = Objective(cheap, simulator, outcomes=self.objective.outcomes)
+            few = self.objective.on(cheap, simulator)
             first = self.first_noise()
             near = self._near(few, start, free)
             if near is not None and self._is_enough(near, few):
                 return near.coordinates, None
             rows = few.noise_rows(first)
             low, high = target.box
-            swarm = pso.minimise(
-                lambda x: target.cost(x, rows), low, high, rng, self.settings.swarm, start[list(free)][None],
-                lambda i, c: self.progress("swarm", (i + 1) / limit, c),
-            )  # fmt: skip
-            self.objective.outcomes.update(target.outcomes)
+
+            def swarming() -> Arrays:
+                found = pso.minimise(
+                    lambda x: target.cost(x, rows), low, high, rng, self.settings.swarm, start[list(free)][None],
+                    lambda i, c: self.progress("swarm", (i + 1) / limit, c),
+                )  # fmt: skip
+                self.objective.outcomes.update(target.outcomes)
+                return pack(found, "")
+
+            asked = (start, tuple(free), self.settings.cost, self.settings.swarm, rng.bit_generator.state)
+            swarm = unpack(pso.SwarmResult, few.once("swarm", asked, swarming), "")
             starts = [] if near is not None else [start]
             if np.isfinite(swarm.cost):
                 for x in swarm.candidates[: self.settings.starts]:
@@ -363,6 +370,6 @@ def straighter(climber: Climber, here: Optimum, open_simulator: OpenSimulator) -
     if lines is None:
         return None
     with open_simulator(lines.problem()) as simulator:
-        other = Climber(Objective(lines, simulator, outcomes=climber.objective.outcomes), climber.settings)
+        other = Climber(climber.objective.on(lines, simulator), climber.settings)
         found = other.again(here.coordinates, here.free, here.noise)
     return (lines, found) if found.log_likelihood > here.log_likelihood + LEAST_GAIN else None

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
@@ -109,6 +111,12 @@ class Calibration:
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
     interpolation: Literal["hold", "linear"] = "hold"
+
+    @cached_property
+    def identity(self) -> str:
+        """Hash of what makes the problem this one: model, data, parameters, noise, solver."""
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("model", "recordings")}
+        return digest(self.model.sha256, own)
 
     @property
     def outputs(self) -> tuple[str, ...]:

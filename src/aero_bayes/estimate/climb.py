@@ -7,16 +7,18 @@ thousand correlated samples do not count as a thousand. The noise also weighs th
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.search import Ground, LocalSettings, Stop, search
+from aero_bayes.estimate.search import Found, Ground, LocalSettings, Stop, search
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
 
 FloatArray = NDArray[np.float64]
@@ -187,6 +189,19 @@ class _Posterior:
             white.slopes @ white.slopes.T + curvature, x, found, white, noise, log_prior,
         )  # fmt: skip
 
+    def back(self, kept: Arrays) -> Found[_Slope]:
+        """The end of a descent that was made before: one simulation, which is not counted again."""
+        point, iterations, evaluations = kept["point"].astype(np.float64), int(kept["steps"][0]), int(kept["steps"][1])
+        ground = None
+        if "outputs" in kept:
+            rows = unpack_all(OutputNoise, kept)
+            self.noise = dict(zip(kept["outputs"].tolist(), rows, strict=True))
+            counted = Counter(self.objective.outcomes)
+            ground = self.look(point)
+            self.objective.outcomes.clear()
+            self.objective.outcomes.update(counted)
+        return Found(point, ground, iterations, Stop(str(kept["reason"])), evaluations)
+
     def log_prior(self, x: FloatArray) -> float:
         """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
         if not self.settings.prior:
@@ -218,6 +233,15 @@ class _Posterior:
         return -first[self.free], curvature[np.ix_(self.free, self.free)]
 
 
+def _packed(found: Found[_Slope]) -> Arrays:
+    """What :meth:`_Posterior.back` needs of the end of a descent."""
+    steps = np.array([found.iterations, found.evaluations])
+    kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
+    if found.ground is None:
+        return kept
+    return kept | {"outputs": np.array(list(found.ground.noise)), **pack_all(list(found.ground.noise.values()))}
+
+
 def climb(
     objective: Objective,
     start: FloatArray,
@@ -236,7 +260,14 @@ def climb(
     settings = settings or ClimbSettings()
     terrain = _Posterior(objective, start, free, noise, settings)
     low, high = (bound[list(free)] for bound in objective.parameters.box)
-    found = search(terrain, terrain.base[list(free)], low, high, settings.local)
+    ends: list[Found[_Slope]] = []
+
+    def descend() -> Arrays:
+        ends.append(search(terrain, terrain.base[list(free)], low, high, settings.local))
+        return _packed(ends[0])
+
+    kept = objective.once("climb", (terrain.base, tuple(free), noise, settings), descend)
+    found = ends[0] if ends else terrain.back(kept)
     if found.ground is None:
         raise CannotFinishError("the model cannot be simulated at the values where a fit starts")
     here = found.ground

@@ -6,12 +6,14 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
@@ -105,6 +107,7 @@ def fit(
     seed: int = 1,
     workers: int | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint | Path | None = None,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -122,6 +125,8 @@ def fit(
         Worker processes; all cores by default.
     progress : callable, optional
         Told a phase, how far it is (0 to 1), and the cost.
+    checkpoint : Checkpoint or Path, optional
+        File to resume from and to keep up to date.
 
     Raises
     ------
@@ -154,11 +159,15 @@ def fit(
 
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
     with threadpool_limits(limits=1, user_api="blas"):
-        found = fit_calibration(calibration, opened, settings, np.random.default_rng(seed), progress)
-        return _with_sensors(found, opened, settings, progress) if settings.cost == "posterior" else found
+        kept = Checkpoint.at(checkpoint)
+        rng = np.random.default_rng(seed)
+        found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
+        return _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
 
 
-def _with_sensors(first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None) -> Fit:
+def _with_sensors(
+    first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, kept: Checkpoint | None
+) -> Fit:
     """The fit with its sensors described; where ripple is to be subtracted, again from where it ended."""
     began = time.perf_counter()
     calibration = first.calibration
@@ -167,7 +176,9 @@ def _with_sensors(first: Fit, opened: OpenSimulator, settings: FitSettings, prog
     if settings.ripple != "ignore":
         cleaned, ripple = without_ripple(calibration, first.fitted)
         if ripple and subtract:
-            found = _again(first, cleaned, opened, settings, progress)
+            with opened(cleaned.problem()) as simulator:
+                objective = Objective(cleaned, simulator, checkpoint=kept)
+                found = _again(first, Climber(objective, settings.ascent, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
     )]  # fmt: skip
@@ -175,15 +186,11 @@ def _with_sensors(first: Fit, opened: OpenSimulator, settings: FitSettings, prog
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
 
 
-def _again(
-    first: Fit, cleaned: Calibration, opened: OpenSimulator, settings: FitSettings, progress: Progress | None
-) -> Fit:
+def _again(first: Fit, climber: Climber, settings: FitSettings) -> Fit:
     """The fit to readings without their ripple, from where the first one ended."""
-    with opened(cleaned.problem()) as simulator:
-        climber = Climber(Objective(cleaned, simulator), settings.ascent, progress)
-        optimum = climber.again(cleaned.parameters.to_search(first.values), first.free, first.noise)
-        ascent = Ascent(optimum, first.swarm, (), climber.iterations)
-        again = _finish(climber, ascent, settings, first.seconds)
+    start = climber.objective.parameters.to_search(first.values)
+    optimum = climber.again(start, first.free, first.noise)
+    again = _finish(climber, Ascent(optimum, first.swarm, (), climber.iterations), settings, first.seconds)
     outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
     return replace(again, stages=first.stages, iterations=first.iterations + again.iterations, outcomes=outcomes)
 
@@ -219,10 +226,12 @@ def fit_calibration(
     progress: Progress | None = None,
     *,
     simulator: Simulator | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Fit a calibration through any simulator.
 
     ``simulator``, if given, is of the calibration's own problem and stays open; others are opened and closed here.
+    ``checkpoint`` keeps what its searches find.
     """
     settings, rng = settings or FitSettings(), rng if rng is not None else np.random.default_rng(1)
     began = time.perf_counter()
@@ -231,7 +240,7 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        climber = Climber(Objective(calibration, simulator), settings.ascent, progress)
+        climber = Climber(Objective(calibration, simulator, checkpoint=checkpoint), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.to_optimum(free, open_simulator, rng)
         lines = (
@@ -241,7 +250,7 @@ def fit_calibration(
         )
         if lines is not None:
             simulator = stack.enter_context(open_simulator(lines[0].problem()))
-            climber = Climber(Objective(lines[0], simulator, outcomes=climber.objective.outcomes), settings.ascent)
+            climber = Climber(climber.objective.on(lines[0], simulator), settings.ascent)
             ascent = replace(ascent, optimum=climber.again(lines[1].coordinates, free, lines[1].noise))
         wider = _free_what_shows(climber, ascent.optimum)
         if wider != free:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.checkpoint import Arrays, Checkpoint, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
 from aero_bayes.simulation.interface import GaussNewton, Outcome, Simulator, Trajectories
@@ -74,6 +75,8 @@ class Objective:
         Outputs that count; all by default.
     outcomes : Counter, optional
         Where simulations are counted, shared with the objective that this one is a part of.
+    checkpoint : Checkpoint, optional
+        Where the ends of searches are kept.
     """
 
     def __init__(
@@ -83,8 +86,9 @@ class Objective:
         *,
         outputs: Sequence[str] | None = None,
         outcomes: Counter[Outcome] | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> None:
-        self.calibration, self.simulator = calibration, simulator
+        self.calibration, self.simulator, self.checkpoint = calibration, simulator, checkpoint
         self.parameters = calibration.parameters
         self.outputs = tuple(o for o in calibration.outputs if outputs is None or o in outputs)
         self.series = tuple(s for s in _series(calibration) if s.output in self.outputs)
@@ -92,7 +96,29 @@ class Objective:
 
     def part(self, outputs: Sequence[str]) -> Objective:
         """The same with only some outputs counted."""
-        return Objective(self.calibration, self.simulator, outputs=outputs, outcomes=self.outcomes)
+        return self.on(self.calibration, self.simulator, outputs)
+
+    def on(self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None) -> Objective:
+        """Another calibration, its simulations counted and its searches kept where those of this one are."""
+        return Objective(calibration, simulator, outputs=outputs, outcomes=self.outcomes, checkpoint=self.checkpoint)
+
+    def once(self, kind: str, asked: Sequence[object], work: Callable[[], Arrays]) -> Arrays:
+        """What work finds that asks for nothing else than what is given; known already if it was kept.
+
+        Its simulations count either way.
+        """
+        if self.checkpoint is None:
+            return work()
+        key = digest(kind, self.calibration.identity, self.outputs, asked)
+        found = self.checkpoint.get(key)
+        if found is None:
+            before = Counter(self.outcomes)
+            found = work()
+            spent = [(int(outcome), count) for outcome, count in (self.outcomes - before).items()]
+            self.checkpoint.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
+        else:
+            self.outcomes.update({Outcome(outcome): count for outcome, count in found["spent"].tolist()})
+        return found
 
     @property
     def readings(self) -> int:

@@ -306,7 +306,7 @@ class Fit:
                 if swarm is None
                 else {
                     "evaluations": swarm.evaluations,
-                    "history": list(swarm.history),
+                    "history": swarm.history.tolist(),
                     "failures": swarm.failures,
                     "reason": swarm.reason,
                 },

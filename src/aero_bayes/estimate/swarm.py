@@ -43,7 +43,7 @@ class SwarmResult:
     cost: float
     candidates: FloatArray
     costs: FloatArray
-    history: tuple[float, ...]
+    history: FloatArray
     evaluations: int
     failures: int
     reason: str
@@ -158,5 +158,5 @@ def minimise(
     order = np.argsort(swarm.own_cost, kind="stable")
     return SwarmResult(
         swarm.own[order[0]], float(swarm.own_cost[order[0]]), swarm.own[order], swarm.own_cost[order],
-        tuple(history), len(history) * settings.particles, failures, reason,
+        np.array(history), len(history) * settings.particles, failures, reason,
     )  # fmt: skip

@@ -23,6 +23,10 @@ def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: 
             done += count
             bar("rigs", done / total, f"{done} of {total}")
 
-        found = fleet(config, out, seed=seed, executor=executor, progress=progress)
+        progress(0)
+        try:
+            found = fleet(config, out, seed=seed, executor=executor, progress=progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"the same command goes on from {out / 'rigs.sqlite'}") from None
     click.echo(found.verdict.text.replace("`", "") if found.verdict else "")
     click.echo(f"wrote {out / 'fleet.json'} and {out / 'report.html'}")

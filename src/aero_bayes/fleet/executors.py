@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -42,7 +43,9 @@ class LocalPool(Executor):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.workers, mp_context=context, max_tasks_per_child=RENEWED)
+        # What Ctrl-C sends reaches every process; only this one has something to say about it.
+        quiet = signal.signal, (signal.SIGINT, signal.SIG_DFL)
+        return ProcessPoolExecutor(self.workers, context, *quiet, max_tasks_per_child=RENEWED)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As any executor, but never broken."""

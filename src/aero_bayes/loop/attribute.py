@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.loop.kept import promised, starting_points
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
-from aero_bayes.loop.starting import Around, Start, promised, starting_points
+from aero_bayes.loop.starting import Around, Start
 from aero_bayes.physics.kin import Candidate
 
 FloatArray = NDArray[np.float64]
@@ -176,6 +177,7 @@ class Search:
         self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
         self.rounds: list[Round] = []
         self.skipped: dict[str, None] = {}
+        self._tell: Callable[[float], None] = lambda done: None
 
     def moved(self, held: Held, extra: Collection[str]) -> Held:
         """The same fit on a stand that has further candidates."""
@@ -208,8 +210,11 @@ class Search:
             new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
             likely = sorted(new, key=lambda id_: -new[id_])[: self.settings.near]
             beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
-        found = (score(prospect(here, c, self.settings, place), self.fit) for here, c, place in beside)
-        return sorted(found, key=lambda s: -s.gain)
+        scores: list[Scored] = []
+        for here, candidate, place in beside:
+            scores.append(score(prospect(here, candidate, self.settings, place), self.fit))
+            self._tell(len(scores) / len(beside))
+        return sorted(scores, key=lambda s: -s.gain)
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
         """Finer laws that explain far more than what they refine, which shows little by itself.
@@ -297,7 +302,7 @@ class Search:
         """
         current = self._required(base)
         while len(current.effects) < self.settings.max_effects:
-            told(f"round {len(self.rounds) + 1}", len(self.rounds) / (self.settings.max_effects + 1))
+            self._begin(told, f"round {len(self.rounds) + 1}", len(self.rounds))
             room = self.settings.max_effects - len(current.effects) > 1
             unexplained = structured(current)
             found = self.round(current, ids, wide=unexplained, pairs=room and unexplained)
@@ -307,11 +312,20 @@ class Search:
             current = found.chosen.held
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
         if len(current.effects) > 1:
-            told("drop and swap", self.settings.max_effects / (self.settings.max_effects + 1))
+            self._begin(told, "drop and swap", self.settings.max_effects)
             current, equivalent = self._swapped(base, current, ids)
         return Selection(
             current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1), tuple(self.skipped)
         )
+
+    def _begin(self, told: Callable[[str, float], None], what: str, step: int) -> None:
+        """Say what is done from now on, and say how far it is with each candidate."""
+
+        def tell(done: float) -> None:
+            told(what, (step + min(done, 1.0)) / (self.settings.max_effects + 1))
+
+        self._tell = tell
+        tell(0.0)
 
     def _required(self, base: Held) -> Held:
         """The fit with what the engineer requires, each a round of its own.

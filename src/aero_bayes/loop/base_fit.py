@@ -101,7 +101,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
     with bench.open(plain.problem()) as simulator:
-        study = Objective(plain, simulator)
+        study = bench.objective(plain, simulator)
         reports = inspect(plain, study.series, fit, floors)
     return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
 
@@ -118,7 +118,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
     settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
-        study = Objective(calibration, simulator)
+        study = bench.objective(calibration, simulator)
         climber = Climber(study, settings.ascent)
         found = climber.to_optimum(_seen(study), bench.open, np.random.default_rng(settings.seed)).optimum
         lines = straighter(climber, found, bench.open) if settings.calibration.interpolation == "auto" else None
@@ -130,7 +130,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     if not ripple:
         return calibration, found
     with bench.open(cleaned.problem()) as simulator:
-        study = Objective(cleaned, simulator)
+        study = bench.objective(cleaned, simulator)
         found = Climber(study, settings.ascent).again(found.coordinates, found.free, found.noise)
         bench.tally.count(study)
     return cleaned, found

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -45,6 +46,7 @@ def close_loop(
     out_dir: Path | None = None,
     cache: Path | None = None,
     progress: Progress | None = None,
+    checkpoint: Checkpoint | Path | None = None,
 ) -> LoopResult:
     """Find the effect that a model lacks, add it to the model, and judge the gain on data that was not fitted.
 
@@ -65,6 +67,8 @@ def close_loop(
         Where FMUs are kept between runs; ``out_dir/fmu`` by default.
     progress : callable, optional
         Told what happens and how far it is (0 to 1).
+    checkpoint : Checkpoint or Path, optional
+        File to resume from and to keep up to date.
 
     Raises
     ------
@@ -92,7 +96,7 @@ def close_loop(
         family = _family(model, sources, cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
-        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally())
+        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), Checkpoint.at(checkpoint))
         base = fit_as_it_stands(bench)
         found = search(bench, base)
         conclusion = decide(bench, found)

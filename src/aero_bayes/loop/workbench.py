@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
@@ -55,6 +56,7 @@ class Workbench:
     folder: Path
     progress: Progress
     tally: Tally
+    checkpoint: Checkpoint | None = None
 
     @property
     def units(self) -> dict[str, str]:
@@ -73,7 +75,11 @@ class Workbench:
 
     def open_objective(self, calibration: Calibration) -> Objective:
         """A calibration with a simulator of its own, which the caller closes."""
-        return Objective(calibration, self.open(calibration.problem()))
+        return self.objective(calibration, self.open(calibration.problem()))
+
+    def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
+        """A calibration on a simulator that is open; what its searches find is kept."""
+        return Objective(calibration, simulator, checkpoint=self.checkpoint)
 
     def predict(
         self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None

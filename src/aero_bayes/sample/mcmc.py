@@ -7,7 +7,6 @@ one invariant distribution.
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.sample.checkpoint import read_arrays, write_arrays
+from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.sample.diagnostics import Diagnosis
 from aero_bayes.sample.moves import HeavyTail
 from aero_bayes.sample.stopping import Verdict, judge
@@ -124,7 +123,7 @@ def run(
     settings: SampleSettings,
     seed: int,
     *,
-    checkpoint: Path | None = None,
+    checkpoint: Checkpoint | Path | None = None,
     identity: str = "",
     moves: MakeMoves = standard_moves,
     progress: Callable[[str, float, str], None] | None = None,
@@ -140,8 +139,8 @@ def run(
         First approximation of the density; the ensembles start from draws of it, widened.
     settings : SampleSettings
     seed : int
-    checkpoint : Path, optional
-        File that is kept up to date; if it holds the state of the same run (seed, settings, ``identity``), the run goes
+    checkpoint : Checkpoint or Path, optional
+        Kept up to date; if it holds the state of the same run (seed, settings, ``identity``), the run goes
         on from there and gives bit by bit what it would have given without the interruption.
     identity : str
         What makes the density this one and no other (hashes of model and data).
@@ -157,9 +156,9 @@ def run(
     """
     began = saved = time.perf_counter()
     walk = Walk(density, proposal, settings, moves)
-    key = hashlib.sha256(repr((seed, settings_key(settings), identity, proposal.mean.tolist())).encode()).hexdigest()
-    stored = read_arrays(checkpoint) if checkpoint is not None else None
-    if stored is not None and str(stored.get("key")) == key:
+    key = digest("chain", seed, settings_key(settings), identity, proposal.mean)
+    kept = Checkpoint.at(checkpoint)
+    if kept is not None and (stored := kept.get(key)) is not None:
         walk.restore(stored)
     else:
         walk.start(np.random.default_rng(seed))
@@ -168,9 +167,9 @@ def run(
     while True:
         now = time.perf_counter()
         walk.seconds = before + now - began
-        kept, late = walk.kept, walk.seconds > settings.time_limit
-        over = late or kept >= settings.max_steps
-        if kept >= walk.next_check or over:
+        late = walk.seconds > settings.time_limit
+        over = late or walk.kept >= settings.max_steps
+        if walk.kept >= walk.next_check or over:
             verdict = judge(walk.chain()[0], settings, coupled=walk.coupled)
             walk.next_check = verdict.next_check
             if verdict.enough or over:
@@ -181,11 +180,11 @@ def run(
         elif progress is not None:
             words = verdict.line if verdict.diagnoses else f"{walk.kept} steps"
             progress("sampling", min(1.0, walk.kept / walk.next_check), words)
-        if checkpoint is not None and now - saved > settings.checkpoint_seconds:
-            write_arrays(checkpoint, walk.state() | {"key": np.array(key)})
+        if kept is not None and now - saved > settings.checkpoint_seconds:
+            kept.put(key, walk.state(), now=True)
             saved = time.perf_counter()
-    if checkpoint is not None:
-        write_arrays(checkpoint, walk.state() | {"key": np.array(key)})
+    if kept is not None:
+        kept.put(key, walk.state(), now=True)
     limit = "" if verdict.enough else f"stopped at the {'time' if late else 'step'} limit: "
     points, level = walk.chain()
     return Chain(

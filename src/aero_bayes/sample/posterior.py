@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
@@ -357,7 +357,7 @@ def sample(
     settings: SampleSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
-    checkpoint: Path | None = None,
+    checkpoint: Checkpoint | Path | None = None,
     progress: Progress | None = None,
     simulator: Simulator | None = None,
 ) -> Posterior:
@@ -370,7 +370,7 @@ def sample(
     seed : int
     workers : int, optional
         Worker processes; all cores by default.
-    checkpoint : Path, optional
+    checkpoint : Checkpoint or Path, optional
         File to resume from and to keep up to date.
     progress : callable, optional
         Told a phase, how far it is (0 to 1), and a line of text.
@@ -405,7 +405,7 @@ def _sample(
     fit: Fit,
     settings: SampleSettings,
     seed: int,
-    checkpoint: Path | None,
+    checkpoint: Checkpoint | Path | None,
     progress: Progress | None,
     simulator: Simulator,
 ) -> Posterior:
@@ -442,15 +442,7 @@ def _sample(
 
 def identity(fit: Fit) -> str:
     """Hash of what makes a posterior this one: model, data, parameters, noise kinds."""
-    digest = hashlib.sha256(fit.calibration.model.sha256.encode())
-    for experiment in fit.calibration.experiments:
-        digest.update(experiment.time.tobytes())
-        digest.update(np.asarray(experiment.measured).tobytes())
-        for signal in experiment.inputs:
-            digest.update(signal.time.tobytes() + signal.values.tobytes())
-    digest.update(repr((fit.calibration.parameters, sorted(fit.calibration.fixed.items()), fit.free)).encode())
-    digest.update(repr((fit.values.tolist(), sorted(fit.noise.items()))).encode())
-    return digest.hexdigest()
+    return digest(fit.calibration.identity, fit.free, fit.values, fit.noise)
 
 
 def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:

@@ -12,8 +12,8 @@ import numpy as np
 from emcee.moves import GaussianMove, Move, RedBlueMove
 from numpy.typing import NDArray
 
+from aero_bayes.checkpoint import Arrays, pack, pack_random, unpack, unpack_random
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sample.checkpoint import pack, pack_random, unpack, unpack_random
 from aero_bayes.sample.moves import (
     DifferentialMove,
     HeavyTail,
@@ -188,7 +188,7 @@ class Walk:
             arrays |= {f"{key}{e}": value for key, value in pack_random(random).items()}
         return arrays
 
-    def restore(self, arrays: dict[str, NDArray[np.generic]]) -> None:
+    def restore(self, arrays: Arrays) -> None:
         """Continue where :meth:`state` was taken."""
         self.tuned = unpack(Tuned, arrays, "tuned.")
         self.rounds, self._left, self.evaluations, self.next_check = map(int, arrays["counts"])

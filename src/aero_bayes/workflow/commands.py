@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from aero_bayes.bench import default_recordings
-from aero_bayes.cli import CHECKPOINT
+from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import load_config
 from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.fit import fit
@@ -36,6 +36,7 @@ from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
+from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
 Json = dict[str, Any]
@@ -45,35 +46,38 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with ProgressBar(options.quiet) as progress:
-        found = fit_job(job, progress)
-        doubts = _doubts(job, found, progress)
-    result, series = fit_part(job, found)
-    _finish(job, "fit", began, [result, doubts, _closing(result)], series)
+    with resumable(job, "fit") as kept:
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, kept)
+            doubts = _doubts(job, found, progress)
+        result, series = fit_part(job, found)
+        _finish(job, "fit", began, [result, doubts, _closing(result)], series)
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with ProgressBar(options.quiet) as progress:
-        found = fit_job(job, progress)
-        doubts = _doubts(job, found, progress)
-        posterior = _sample(job, found, progress)
-    result, series = fit_part(job, found)
-    sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled, doubts)
-    _finish(job, "posterior", began, [result, _closing(result)], series | bands)
+    with resumable(job, "posterior") as kept:
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, kept)
+            doubts = _doubts(job, found, progress)
+            posterior = _sample(job, found, progress, kept)
+        result, series = fit_part(job, found)
+        sampled, bands = _posterior_part(posterior)
+        result = merge(result, sampled, doubts)
+        _finish(job, "posterior", began, [result, _closing(result)], series | bands)
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with ProgressBar(options.quiet) as progress:
-        loop = run_loop(job, progress)
-    series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
-    _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
+    with resumable(job, "close-loop") as kept:
+        with ProgressBar(options.quiet) as progress:
+            loop = run_loop(job, progress, kept)
+        series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
+        _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *, paper: bool = True) -> None:
@@ -88,25 +92,26 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
     job = open_job(files, options, tests=tests)
     if job.modelica:
         loop_settings(job)
-    with ProgressBar(options.quiet) as progress:
-        base = fit_job(job, progress)
-        loop = run_loop(job, progress) if job.modelica else None
-        final = extended_job(job, loop) if loop is not None else job
-        found = base if final is job else fit_job(final, progress, again=True)
-        doubts = _doubts(final, found, progress)
-        posterior = _sample(final, found, progress)
-        table = _paper(job, progress) if paper else None
-    result, series = fit_part(final, found)
-    sampled, bands = _posterior_part(posterior)
-    result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
-    series = series | bands | (table.series if table is not None else {})
-    if loop is None:
-        _finish(final, "all", began, [result, _closing(result)], series)
-        return
-    story = loop_part(job, loop)
-    closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
-    series = loop_series(job, loop) | measured_series(job.tests) | series
-    _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
+    with resumable(job, "all") as kept:
+        with ProgressBar(options.quiet) as progress:
+            base = fit_job(job, progress, kept)
+            loop = run_loop(job, progress, kept) if job.modelica else None
+            final = extended_job(job, loop) if loop is not None else job
+            found = base if final is job else fit_job(final, progress, kept, again=True)
+            doubts = _doubts(final, found, progress)
+            posterior = _sample(final, found, progress, kept)
+            table = _paper(job, progress) if paper else None
+        result, series = fit_part(final, found)
+        sampled, bands = _posterior_part(posterior)
+        result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
+        series = series | bands | (table.series if table is not None else {})
+        if loop is None:
+            _finish(final, "all", began, [result, _closing(result)], series)
+            return
+        story = loop_part(job, loop)
+        closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
+        series = loop_series(job, loop) | measured_series(job.tests) | series
+        _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
 
 
 def _paper(job: Job, progress: ProgressBar) -> Replay:
@@ -175,7 +180,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def fit_job(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
+def fit_job(job: Job, progress: ProgressBar, kept: Checkpoint | None = None, *, again: bool = False) -> Fit:
     """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
     settings = fit_settings(job)
     return fit(
@@ -187,23 +192,20 @@ def fit_job(job: Job, progress: ProgressBar, *, again: bool = False) -> Fit:
         seed=job.options.seed,
         workers=job.options.workers,
         progress=progress,
+        checkpoint=kept,
     )
 
 
-def _sample(job: Job, found: Fit, progress: ProgressBar) -> Posterior:
-    checkpoint = job.options.out / CHECKPOINT
-    if not job.options.resume:
-        checkpoint.unlink(missing_ok=True)
+def _sample(job: Job, found: Fit, progress: ProgressBar, kept: Checkpoint) -> Posterior:
     posterior = sample(
         found,
         settings=sample_settings(job),
         seed=job.options.seed,
         workers=job.options.workers,
-        checkpoint=checkpoint,
+        checkpoint=kept,
         progress=progress,
     )
     posterior.save(job.options.out / "posterior.nc")
-    checkpoint.unlink(missing_ok=True)
     return posterior
 
 

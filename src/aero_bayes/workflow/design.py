@@ -42,6 +42,7 @@ from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job, which_model
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings
 
 Json = dict[str, Any]
@@ -87,24 +88,25 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     rivals = _rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted, rivals)
-    with ProgressBar(options.quiet) as progress:
-        base = fit_job(job, progress)
-        limits = _limits(base, wanted)
-        part, plan, signal = (
-            _narrow(job, base, limits, wanted, progress)
-            if rivals is None
-            else _separate(job, base, rivals, limits, wanted, progress)
-        )
-    result, series = fit_part(job, base)
-    closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
-    write_series(options.out, only_measured(series) | plan)
-    signal.write_csv(options.out / SIGNAL)
-    result = merge(result, part, closing)
-    result |= context_part(job, result)
-    write_result(options.out, result)
-    page = write_report(options.out)
-    click.echo(result["verdict"]["text"].replace("`", ""))
-    click.echo(f"wrote {options.out / SIGNAL}, {options.out / 'result.json'} and {page}")
+    with resumable(job, "design") as kept:
+        with ProgressBar(options.quiet) as progress:
+            base = fit_job(job, progress, kept)
+            limits = _limits(base, wanted)
+            part, plan, signal = (
+                _narrow(job, base, limits, wanted, progress)
+                if rivals is None
+                else _separate(job, base, rivals, limits, wanted, progress)
+            )
+        result, series = fit_part(job, base)
+        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
+        write_series(options.out, only_measured(series) | plan)
+        signal.write_csv(options.out / SIGNAL)
+        result = merge(result, part, closing)
+        result |= context_part(job, result)
+        write_result(options.out, result)
+        page = write_report(options.out)
+        click.echo(result["verdict"]["text"].replace("`", ""))
+        click.echo(f"wrote {options.out / SIGNAL}, {options.out / 'result.json'} and {page}")
 
 
 def _narrow(

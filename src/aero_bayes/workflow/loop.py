@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.check.structure import reports_table
+from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
@@ -26,7 +27,7 @@ Json = dict[str, Any]
 ENOUGH = 1.2
 
 
-def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
+def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopResult:
     """Close the loop on a job.
 
     Raises
@@ -45,6 +46,7 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         out_dir=job.options.out,
         cache=job.options.cache,
         progress=lambda what, share: progress(f"loop: {what}", share),
+        checkpoint=checkpoint,
     )
 
 

@@ -12,6 +12,8 @@ from tqdm import tqdm
 RESOLUTION = 1000
 #: Seconds between lines where nobody watches a bar.
 LINE_EVERY = 15.0
+#: Seconds within which what is done was done before, by a run that this one resumes.
+AT_ONCE = 0.5
 _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
 
 
@@ -35,7 +37,9 @@ class ProgressBar:
         work = phase.partition(":")[0]
         if work != self._work:
             self.close()
-            self._work, self._began, self._first = work, time.monotonic(), share
+            self._work, self._began = work, time.monotonic()
+        if time.monotonic() - self._began < AT_ONCE:
+            self._first = share
         beside = value if isinstance(value, str) else f"{value:.6g}"
         if self._lines:
             self._line(phase, share, beside)

@@ -1,0 +1,162 @@
+"""What long work has found so far, in one file that is either the old one or the new one, whenever the process dies.
+
+A search is found again by what it was asked, so that a run that is resumed asks the same questions in the same order
+and gets most of the answers at once: it ends bit by bit as it would have ended without the interruption.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.files import whole_file
+
+T = TypeVar("T")
+Arrays = Mapping[str, NDArray[np.generic]]
+
+#: Seconds between two writes at least, and how many times as long as the last one took.
+EVERY, SPARING = 1.0, 50.0
+
+
+class Checkpoint:
+    """Answers by what was asked, kept in a file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file; what it holds is taken up.
+    identity : str
+        What makes a run this one and no other.
+
+    Raises
+    ------
+    InputError
+        If the file is of another run.
+    """
+
+    def __init__(self, path: Path, identity: str = "") -> None:
+        self.path, self._identity = path, identity
+        stored = read_arrays(path)
+        if stored is not None and str(stored.pop("identity", "")) != identity:
+            raise InputError(f"{path} is of a run with other data, model or settings: without --resume it begins anew")
+        self._answers: dict[str, dict[str, NDArray[np.generic]]] = {}
+        for name, values in (stored or {}).items():
+            key, _, field = name.partition("/")
+            self._answers.setdefault(key, {})[field] = values
+        self._next = time.monotonic() + EVERY
+
+    @classmethod
+    def at(cls, place: Checkpoint | Path | None) -> Checkpoint | None:
+        """The checkpoint in a file."""
+        return cls(place) if isinstance(place, Path) else place
+
+    def get(self, key: str) -> Arrays | None:
+        """What was put under a key."""
+        return self._answers.get(key)
+
+    def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
+        """Keep arrays under a key; on disk at once, or before long."""
+        self._answers[key] = dict(arrays)
+        began = time.monotonic()
+        if not now and began < self._next:
+            return
+        rows = {f"{key}/{field}": values for key, own in self._answers.items() for field, values in own.items()}
+        write_arrays(self.path, rows | {"identity": np.array(self._identity)})
+        ended = time.monotonic()
+        self._next = ended + max(EVERY, SPARING * (ended - began))
+
+
+def digest(*items: object) -> str:
+    """Hash of texts, numbers, arrays, mappings, sequences, and dataclasses of these."""
+    found = hashlib.sha256()
+    for item in items:
+        if isinstance(item, np.ndarray):
+            found.update(f"{item.dtype}{item.shape}".encode() + item.tobytes())
+        elif is_dataclass(item) and not isinstance(item, type):
+            found.update((type(item).__name__ + digest({f.name: getattr(item, f.name) for f in fields(item)})).encode())
+        elif isinstance(item, Mapping):
+            pairs = sorted(item.items(), key=lambda pair: repr(pair[0]))
+            found.update(("mapping" + digest(*(part for pair in pairs for part in pair))).encode())
+        elif isinstance(item, list | tuple):
+            found.update(("sequence" + digest(*item)).encode())
+        else:
+            found.update(repr(item.item() if isinstance(item, np.generic) else item).encode())
+        found.update(b"\0")
+    return found.hexdigest()
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write arrays to a temporary file beside ``path``, force it to disk, and rename it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:
+    """What :func:`write_arrays` wrote; None if there is no such file or it is no such file."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}
+    except (FileNotFoundError, zipfile.BadZipFile, ValueError, OSError, KeyError):
+        return None
+
+
+def pack(item: Any, prefix: str) -> dict[str, NDArray[np.generic]]:
+    """Fields of a dataclass of numbers, arrays and other such dataclasses, as arrays; what is None is left out."""
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for field in fields(item):
+        value, name = getattr(item, field.name), prefix + field.name
+        if is_dataclass(value):
+            arrays |= pack(value, name + ".")
+        elif value is not None:
+            arrays[name] = np.asarray(value)
+    return arrays
+
+
+def unpack(kind: type[T], arrays: Arrays, prefix: str) -> T:
+    """The dataclass that :func:`pack` took apart."""
+    values: dict[str, Any] = {}
+    for name, hint in get_type_hints(kind).items():
+        inner = next((k for k in (hint, *get_args(hint)) if is_dataclass(k)), None)
+        if isinstance(inner, type):
+            known = any(key.startswith(f"{prefix}{name}.") for key in arrays)
+            values[name] = unpack(inner, arrays, f"{prefix}{name}.") if known else None
+        elif (value := arrays.get(prefix + name)) is not None:
+            values[name] = value if value.ndim else value.item()
+    return kind(**values)
+
+
+def pack_all(items: Sequence[Any]) -> dict[str, NDArray[np.generic]]:
+    """Dataclasses of one kind, of numbers and arrays of one shape, field by field."""
+    return {f.name: np.array([getattr(item, f.name) for item in items]) for f in fields(items[0])} if items else {}
+
+
+def unpack_all(kind: type[T], arrays: Arrays) -> list[T]:
+    """The dataclasses that :func:`pack_all` took apart."""
+    columns = {name: arrays[name] for name in get_type_hints(kind) if name in arrays}
+    rows = zip(*columns.values(), strict=True)
+    return [kind(**{n: v if v.ndim else v.item() for n, v in zip(columns, row, strict=True)}) for row in rows]
+
+
+def pack_random(random: np.random.RandomState) -> dict[str, NDArray[np.generic]]:
+    """State of a Mersenne twister as arrays."""
+    state: tuple[Any, ...] = random.get_state(legacy=True)  # type: ignore[assignment]
+    return {"keys": np.asarray(state[1]), "rest": np.array([float(state[2]), float(state[3]), float(state[4])])}
+
+
+def unpack_random(arrays: Arrays) -> tuple[str, NDArray[np.generic], int, int, float]:
+    """The tuple that ``RandomState.set_state`` takes."""
+    position, has_gauss, cached = (float(x) for x in arrays["rest"])
+    return ("MT19937", arrays["keys"], int(position), int(has_gauss), cached)

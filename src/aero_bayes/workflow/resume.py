@@ -1,0 +1,31 @@
+"""What a command has found so far, kept in its folder until it is done, for ``--resume``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.cli import CHECKPOINT
+from aero_bayes.workflow.job import Job
+from aero_bayes.workflow.results import versions
+
+
+@contextmanager
+def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
+    """The checkpoint of a command: taken up where that was asked for, gone once the command is done.
+
+    Raises
+    ------
+    InputError
+        If it was left by a run on other data, another model or with other settings. How long a posterior is sampled
+        may change.
+    """
+    options = job.options
+    path = options.out / CHECKPOINT
+    if not options.resume:
+        path.unlink(missing_ok=True)
+    data = [recording.to_dict() for recording in (*job.recordings, *job.tests)]
+    settings = job.config.model_dump(exclude={"posterior"})
+    yield Checkpoint(path, digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings))
+    path.unlink(missing_ok=True)
