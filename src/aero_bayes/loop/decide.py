@@ -19,6 +19,8 @@ CARRIES_OVER = 0.1
 #: What other effects may leave of it in some output, to be named where those found first do not carry over; and how
 #: many are tried.
 PLAINLY, MOST = 0.5, 6
+#: The same where they leave far more than noise.
+PARTLY = 1.0 / 3.0
 #: How many times the error of fewer effects on data that was not fitted is plainly worse.
 WORSE = 1.05
 
@@ -44,7 +46,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             learned = add_curve(bench, found, best)
             if not _astray(found, learned, bench.settings.astray):
                 return learned
-        other = _other(bench, found)
+        other = _other(bench, found) or _partial(bench, found)
         if other is not None:
             return _no_more_than_carries_over(bench, found, other)
     plain = nothing_added(bench, found, refused)
@@ -84,6 +86,22 @@ def _other(bench: Workbench, found: Found) -> Conclusion | None:
     return None
 
 
+def _partial(bench: Workbench, found: Found) -> Conclusion | None:
+    """What is no whole explanation, but predicts data that was not fitted several times better.
+
+    That is a discovery: such a gain is not had by chance. What it leaves is said.
+    """
+    fits = [found.selection.held, *_fits(found)][: MOST + 1]
+    predicted = [(held, bench.predict(held.stand.study.calibration, held.optimum)) for held in fits]
+    likely = [(held, after) for held, after in predicted if _plainly_better(found.before, after, PARTLY)]
+    for held, _ in sorted(likely, key=lambda one: _unseen(one[1])):
+        named = add_effects(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
+        if _plainly_better(found.before, named.after, PARTLY):
+            rest = "It is not all: what is left, there and where it was fitted, is more than noise."
+            return replace(named, sentence=f"{named.sentence} {rest}")
+    return None
+
+
 def _fits(found: Found) -> list[Held]:
     """What the rounds chose, and what was as good, likeliest first; not what was selected in the end."""
     selection = found.selection
@@ -111,13 +129,13 @@ def _unseen(prediction: Prediction) -> float:
     return sum(math.log(max(rms, 1e-300)) for rms in prediction.pooled("test").values())
 
 
-def _plainly_better(before: Prediction, after: Prediction) -> bool:
+def _plainly_better(before: Prediction, after: Prediction, share: float = PLAINLY) -> bool:
     """Whether the error on data that was not fitted is far smaller in some output, and in none larger.
 
     An output that the missing effect does not reach, such as another motor's speed, has nothing to gain.
     """
     pairs = [(before.test[key], error) for key, error in after.test.items()]
-    gained = any(error.rms < PLAINLY * old.rms for old, error in pairs)
+    gained = any(error.rms < share * old.rms for old, error in pairs)
     return gained and all(error.rms <= old.rms + error.sd for old, error in pairs)
 
 
