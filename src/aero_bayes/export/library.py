@@ -151,22 +151,6 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
     return found
 
 
-def linked(packages: Mapping[str, Path]) -> Path:
-    """A folder that holds just these packages under their plain names.
-
-    It stays where it is for the same packages, since a compiler may keep what it has read by its path.
-    """
-    key = hashlib.sha256(repr(sorted(packages.items())).encode()).hexdigest()[:16]
-    folder = user_cache() / "libraries" / key
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, target in packages.items():
-        link = folder / (name if target.is_dir() else f"{name}.mo")
-        if not link.is_symlink():
-            with contextlib.suppress(FileExistsError):
-                link.symlink_to(target)
-    return folder
-
-
 def _package(name: str, roots: Sequence[Path]) -> Path | None:
     def version(path: Path) -> list[int]:
         return [int(n) for n in re.findall(r"\d+", path.name.removeprefix(name))]

@@ -417,8 +417,9 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     return fmi2OK;
 }
 
-/* initial values that depend on parameters, unless somebody has set them */
-static void start_states(Model *m) {
+/* Initial values that depend on parameters, unless somebody has set them; whether the initial equations are solved. */
+static int start_states(Model *m) {
+    int solved = 1;
     double relations[INFO.relations + 1];
     need_k(m);
     for (int round = 0; round < 20; round++) { /* they may depend on which branches are taken */
@@ -427,8 +428,8 @@ static void start_states(Model *m) {
         stale(m, moved);
         double *x = group(m, START);
         for (int i = 0; i < INFO.initial.n; i++) x[i] = m->data[INFO.initial_at[i]];
-        if (INFO.initial.n && !solve_block(m, &INFO.initial, x)) m->failed = 1;
-        for (int i = 0; i < INFO.initial.n && !m->failed; i++) {
+        solved = !INFO.initial.n || solve_block(m, &INFO.initial, x);
+        for (int i = 0; i < INFO.initial.n && solved; i++) {
             int at = INFO.initial_at[i];
             if (at >= NX || !group(m, STARTED)[at]) m->data[at] = x[i];
         }
@@ -436,13 +437,15 @@ static void start_states(Model *m) {
         first_event(m);
         if (!memcmp(relations, group(m, REL), sizeof(double) * INFO.relations)) break;
     }
+    return solved;
 }
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Instance *s = c;
     if (s->m->phase != INITIALIZATION) return fail(s, fmi2Error, "fmi2ExitInitializationMode: not in initialisation mode");
-    start_states(s->m);
+    int solved = start_states(s->m);
     s->m->phase = EVENT;
+    if (!solved) return fail(s, fmi2Discard, "the initial equations have no solution near the start values");
     return checked(s);
 }
 
