@@ -44,7 +44,9 @@ def linked(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
         stamp = _stamp(root)
         index = _index(root, stamp)
         alone = packages.keys() <= _STANDARD
-        parts = _reachable(index, set(mentioned)) if alone else _reachable(index, {w for p in index for w in p.split("/")})
+        parts = (
+            _reachable(index, set(mentioned)) if alone else _reachable(index, {w for p in index for w in p.split("/")})
+        )
     key = hashlib.sha256(repr((sorted(packages.items()), stamp, sorted(parts))).encode()).hexdigest()[:16]
     folder = user_cache() / "libraries" / key
     if not folder.is_dir():

@@ -9,6 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
 from aero_bayes.export.array_functions import ARRAY_FUNCTIONS, array_function
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
+from aero_bayes.export.choices import choices
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
 from aero_bayes.export.flat import FlatEquation, Function, Place
@@ -471,11 +472,11 @@ class Scope:
         turns = []
         for _ in range(MAX_TURNS):
             going = self.scalar(condition)
+            if choices(self.builder, going) == frozenset((0.0,)):
+                break
             if going.op != "const":
                 turns.append((going, self.values))
                 self.values = dict(self.values)
-            elif not going.value:
-                break
             self.run(body)
         else:
             raise self.fail(f"a while loop that no constant ends within {MAX_TURNS} turns; write it as a for loop")
