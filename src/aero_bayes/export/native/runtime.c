@@ -110,9 +110,10 @@ static int solve_block(Model *m, const Block *b, double *w) {
         for (int halved = 0; halved < 12; halved++, share *= 0.5) {
             for (int i = 0; i < n; i++) w[i] = old[i] - share * step[i];
             next = residual(m, b, f, j);
-            if (next <= size || near) break;
+            if (next <= size || near || b->linear) break;
         }
         if (!isfinite(next)) return 0;
+        if (b->linear && round) return 1; /* solved and refined once: what is left is rounding, however small w is */
         if (done || next == 0 || (near && round > 2 && next >= 0.5 * size)) return 1;
         size = next;
     }
