@@ -91,14 +91,37 @@ static double residual(Model *m, const Block *b, double *f, double *j) {
     }
     return worst;
 }
+/* The Newton step into f; 2 where the equations leave it open and it is the shortest, 0 where there is none. */
+static int newton_step(double *j, double *f, int n) {
+    double a[n * n], right[n], ridge = 0;
+    int pivot[n];
+    memcpy(a, j, sizeof a);
+    if (factorise(a, pivot, n)) {
+        substitute(a, pivot, f, n);
+        return 1;
+    }
+    for (int i = 0; i < n; i++) {
+        right[i] = 0;
+        for (int r = 0; r < n; r++) right[i] += j[i * n + r] * f[r];
+        for (int k = 0; k < n; k++) {
+            a[k * n + i] = 0;
+            for (int r = 0; r < n; r++) a[k * n + i] += j[i * n + r] * j[k * n + r];
+        }
+        ridge = fmax(ridge, a[i * n + i]);
+    }
+    for (int i = 0; i < n; i++) a[i * n + i] += 1e-12 * ridge;
+    if (!factorise(a, pivot, n)) return 0;
+    substitute(a, pivot, right, n);
+    memcpy(f, right, sizeof right);
+    return 2;
+}
 static int solve_block(Model *m, const Block *b, double *w) {
     const int n = b->n;
     double f[n], j[n * n], old[n];
-    int pivot[n];
     double size = residual(m, b, f, j);
     for (int round = 0; round < 100; round++) {
-        if (!isfinite(size) || !factorise(j, pivot, n)) return 0;
-        substitute(j, pivot, f, n);
+        int found = isfinite(size) ? newton_step(j, f, n) : 0;
+        if (!found) return 0;
         memcpy(old, w, sizeof old);
         int done = 1, near = 1;
         for (int i = 0; i < n; i++) {
@@ -113,7 +136,12 @@ static int solve_block(Model *m, const Block *b, double *w) {
             if (next <= size || near || b->linear) break;
         }
         if (!isfinite(next)) return 0;
-        if (b->linear && round) return 1; /* solved and refined once: what is left is rounding, however small w is */
+        if (found == 2) { /* two locked brakes on one shaft share the load as they like, if they agree */
+            double most = 1;
+            for (int i = 0; i < n; i++) most = fmax(most, fabs(w[i]));
+            if (next <= 1e-10 * most) return 1;
+            if (done) return 0;
+        } else if (b->linear && round) return 1; /* solved and refined once: what is left is rounding, however small w is */
         if (done || next == 0 || (near && round > 2 && next >= 0.5 * size)) return 1;
         size = next;
     }
