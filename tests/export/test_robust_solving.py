@@ -154,7 +154,7 @@ def test_a_while_loop_that_is_left_early() -> None:
 
 
 def test_a_while_loop_without_an_end_in_sight_is_refused() -> None:
-    with pytest.raises(InputError, match="while loop that no constant ends .* write it as a for loop"):
+    with pytest.raises(InputError, match=r"while loop that no constant ends .* write it as a for loop"):
         _scope(1.0, Call("<=", (Name("k"), Name("x"))), _plus_one("k"))
 
 
@@ -167,3 +167,26 @@ def test_choices_are_every_value_that_branches_leave() -> None:
     assert choices(b, b.binary("and", b.binary("gt", n, b.const(9.0)), c)) == {0.0}
     assert choices(b, b.add(n, c)) is None
     assert choices(b, b.const(math.pi)) == {math.pi}
+
+
+def test_friction_that_comes_to_rest_is_stuck(tmp_path: Path) -> None:
+    """Sliding backwards under a push that either direction of sliding would answer by turning round."""
+    text = """model Rest
+  parameter Real push = 1, hold = 3;
+  Real w(start = -2, fixed = true), a, sa, tau;
+  Boolean forward(start = false, fixed = true), backward(start = false, fixed = true), locked;
+  Integer mode(start = -1, fixed = true);
+  output Real y = w;
+equation
+  der(w) = a;
+  a = push - tau;
+  forward = pre(mode) == 0 and sa > hold;
+  backward = pre(mode) == 0 and sa < -hold;
+  locked = not (pre(mode) == 1 or forward or pre(mode) == -1 or backward);
+  a = if locked then 0 elseif forward or pre(mode) == 1 then sa - hold else sa + hold;
+  tau = if locked then sa elseif forward or pre(mode) == 1 then hold else -hold;
+  mode = if (pre(mode) == 1 or forward) and w > 0 then 1 elseif (pre(mode) == -1 or backward) and w < 0 then -1 else 0;
+end Rest;
+"""
+    found = simulate(tmp_path, "Rest", text, ["y"])
+    assert found["y"] == pytest.approx(np.minimum(-2 + 4 * found["time"], 0.0), abs=1e-8)

@@ -250,9 +250,10 @@ static int settle(Model *m) {
     }
     return 0;
 }
-/* Relations and rounded values at this instant; whether any has changed. */
-static int refresh(Model *m) {
-    int changed = 0;
+/* Relations and rounded values at this instant; whether any has changed. ``singly``: of relations at most one, and one
+   that becomes false before one that becomes true; those that take turns come to rest so. */
+static int refresh(Model *m, int singly) {
+    int changed = 0, off = -1, on = -1;
     need_w(m);
     INFO.watch(m);
     INFO.times(m);
@@ -261,9 +262,14 @@ static int refresh(Model *m) {
         double value = d[i];
         if (INFO.timed[i]) value += group(m, SLOPE)[i] * 1e-12 * fmax(1, fabs(m->time));
         double now = INFO.below[i] ? value < 0 : value > 0;
-        changed |= now != group(m, REL)[i];
-        group(m, REL)[i] = now;
+        if (now == group(m, REL)[i]) continue;
+        changed = 1;
+        if (!singly) group(m, REL)[i] = now;
+        else if (now == 0 && off < 0) off = i;
+        else if (now != 0 && on < 0) on = i;
     }
+    if (off >= 0) group(m, REL)[off] = 0;
+    else if (on >= 0) group(m, REL)[on] = 1;
     for (int i = 0; i < INFO.roundings; i++) {
         double now = floor(d[INFO.relations + i]);
         changed |= now != group(m, ROUND)[i];
@@ -272,15 +278,18 @@ static int refresh(Model *m) {
     if (changed) stale(m, moved);
     return changed;
 }
-/* Until nothing changes; whether states were set anew, or -1 where it does not end. */
+/* Until nothing changes; whether states were set anew, or -1 where it does not end. Relations, discrete values and loops
+   come to agree before earlier values give way: friction that comes to rest is stuck, if that holds, before it slides. */
 static int iterate(Model *m) {
     int states = 0;
     for (int round = 0; round < 200; round++) {
         if (!settle(m)) return -1;
+        for (int k = 0; k < 50 && refresh(m, k > 5); k++)
+            if (!settle(m)) return -1;
         int changed = INFO.reinit(m);
         states |= changed;
         if (changed) stale(m, moved);
-        changed |= refresh(m);
+        changed |= refresh(m, 0);
         changed |= memcmp(group(m, PRE), group(m, D), sizeof(double) * INFO.nd) != 0;
         memcpy(group(m, PRE), group(m, D), sizeof(double) * INFO.nd);
         if (!changed) return states;
@@ -340,7 +349,7 @@ static int first_event(Model *m) {
     stale(m, moved);
     for (int round = 0; round < 100; round++) {
         if (!settle(m)) return -1;
-        if (!refresh(m)) break;
+        if (!refresh(m, 0)) break;
     }
     for (int i = first; i < INFO.nd; i++) pre[i] = d[i];
     *group(m, INITIAL) = 1;
@@ -783,7 +792,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
     stale(m, moved);
     int status = event(m); /* inputs may have jumped */
     memcpy(x, group(m, R), NX * sizeof *x);
-    double h = m->step > 0 ? m->step : size * 1e-3;
+    double h = m->step > 0 ? m->step : size * 1e-3, since = start;
+    int events = 0;
     if (nz) indicate(m, z);
     for (long count = 0; (NX > 0 || nz || isfinite(m->next_event)) && t < end && status >= 0; count++) {
         /* an event due at the end belongs to this step: its values are those after it */
@@ -805,6 +815,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
             memcpy(x, y, NX * sizeof *x);
             h = last && now * grow < h ? h : now * grow;
             if (found || at_event) {
+                if (t - since > 1e-9 * fmax(1, fabs(t))) { since = t; events = 0; }
+                if (++events > 10000) {
+                    m->phase = FAILED;
+                    return fail(s, fmi2Error, "fmi2DoStep: events without end at t = %g", t);
+                }
                 go(m, t, x);
                 status = event(m);
                 memcpy(x, group(m, R), NX * sizeof *x);
