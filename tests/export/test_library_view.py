@@ -11,8 +11,8 @@ from aero_bayes.export.library_view import linked, words_of
 
 FILES = {
     "package.mo": "package Modelica\nend Modelica;\n",
-    "Blocks/package.mo": "package Blocks\npackage Examples\n  model Heavy\n    Fluid.Pipe p;\n  end Heavy;\nend Examples;\n"
-    "end Blocks;\n",
+    "Blocks/package.mo": "package Blocks\npackage Examples\n  model Heavy\n    Fluid.Pipe p;\n"
+    "  end Heavy;\nend Examples;\nend Blocks;\n",
     "Blocks/Gain.mo": "block Gain \"not Fluid\" // nor Fluid\nend Gain;\n",
     "Fluid/package.mo": "package Fluid\nend Fluid;\n",
     "Fluid/Pipe.mo": "model Pipe\n  Modelica.Media.Water w;\nend Pipe;\n",
