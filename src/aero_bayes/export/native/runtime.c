@@ -278,13 +278,18 @@ static int refresh(Model *m, int singly) {
     if (changed) stale(m, moved);
     return changed;
 }
+/* Whether a when clause is due: what it does goes by the relations before it. */
+static int fires(Model *m) {
+    const int first = INFO.nd - INFO.conditions;
+    return memcmp(group(m, PRE) + first, group(m, D) + first, sizeof(double) * INFO.conditions) != 0;
+}
 /* Until nothing changes; whether states were set anew, or -1 where it does not end. Relations, discrete values and loops
    come to agree before earlier values give way: friction that comes to rest is stuck, if that holds, before it slides. */
 static int iterate(Model *m) {
     int states = 0;
     for (int round = 0; round < 200; round++) {
         if (!settle(m)) return -1;
-        for (int k = 0; k < 50 && refresh(m, k > 5); k++)
+        for (int k = 0; k < 50 && !fires(m) && refresh(m, k > 5); k++)
             if (!settle(m)) return -1;
         int changed = INFO.reinit(m);
         states |= changed;
