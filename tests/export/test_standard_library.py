@@ -16,7 +16,8 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.export.library import library_roots, linked, needed_libraries
+from aero_bayes.export.library import library_roots, needed_libraries
+from aero_bayes.export.library_view import linked
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
 MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)

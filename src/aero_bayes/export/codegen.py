@@ -237,7 +237,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "double nominal": [repr(x) for x in nominals],
         "unsigned char below": [str(int(r.below)) for r in events.relations],
         "unsigned char timed": [str(int(i in instants)) for i in range(len(events.relations))],
-        "Block block": _blocks(loops),
+        "Block block": _blocks(b, model.loops),
         "int initial_at": [
             leaves[u].removeprefix("m->data[").removesuffix("]")
             for u in (model.initial.unknowns if model.initial is not None else ())
@@ -264,11 +264,13 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _blocks(loops: Sequence[Sequence[Node]]) -> list[str]:
+def _blocks(b: Builder, loops: Sequence[Loop]) -> list[str]:
     found, at = [], 0
     for i, loop in enumerate(loops):
-        found.append(f"{{{at}, {len(loop)}, eval_loop_{i}}}")
-        at += len(loop)
+        slopes = (b.derivative(r, u) for r in loop.residuals for u in loop.unknowns)
+        linear = not any(b.symbols(s) & set(loop.unknowns) for s in slopes)
+        found.append(f"{{{at}, {len(loop.unknowns)}, eval_loop_{i}, {int(linear)}}}")
+        at += len(loop.unknowns)
     return found
 
 

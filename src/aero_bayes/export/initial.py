@@ -8,6 +8,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.expression import Node
 from aero_bayes.export.linear import linear_solve
 from aero_bayes.export.loops import Loop
+from aero_bayes.export.matching import components
 from aero_bayes.export.translate import System
 
 
@@ -47,22 +48,39 @@ def initial_values(
     for k in range(len(rows)):
         if not place(k, set()) and k < len(stated):
             raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
-    used, residuals = list(owner), [rows[k] for k in owner.values()]
+    states_of = list(owner)
+    row_of = list(owner.values())
+    at = {s: i for i, s in enumerate(states_of)}
+    found: dict[Node, Node] = {}
+    used: list[Node] = []
+    residuals: list[Node] = []
+    for block in components([sorted(at[s] for s in reach[k] if s in at) for k in row_of]):
+        symbols = [states_of[i] for i in sorted(block)]
+        here = [b.substitute(rows[row_of[i]], dict(found)) for i in sorted(block)]
+        solution = None
+        if not any(b.symbols(r) & (in_loops | set(used)) for r in here):
+            solution = _linear(system, here, symbols)
+        if solution is None:
+            used += symbols
+            residuals += here
+        else:
+            found.update(zip(symbols, solution, strict=True))
+    starts |= found
     unsolved = None
     if residuals:
-        matrix = [[b.derivative(r, s) for s in used] for r in residuals]
-        solution = None
-        if not any(b.symbols(a) & set(used) for row in matrix for a in row) and not any(
-            b.symbols(r) & in_loops for r in residuals
-        ):
-            right = [b.neg(b.substitute(r, {s: b.zero for s in used})) for r in residuals]
-            solution = linear_solve(system, matrix, right, used)
-        if solution is not None:
-            starts.update(zip(used, solution, strict=True))
-        else:
-            more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
-            unsolved = Loop(
-                (*used, *(u for loop in more for u in loop.unknowns)),
-                (*residuals, *(r for loop in more for r in loop.residuals)),
-            )
+        more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
+        unsolved = Loop(
+            (*used, *(u for loop in more for u in loop.unknowns)),
+            (*residuals, *(r for loop in more for r in loop.residuals)),
+        )
     return tuple(starts[b.symbol(n)] for n in states), unsolved
+
+
+def _linear(system: System, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:
+    """The values of symbols, where the residuals are linear in them."""
+    b = system.builder
+    matrix = [[b.derivative(r, s) for s in symbols] for r in residuals]
+    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
+        return None
+    right = [b.neg(b.substitute(r, {s: b.zero for s in symbols})) for r in residuals]
+    return linear_solve(system, matrix, right, symbols)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import os
 import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
 from aero_bayes.declared import FILE, MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
-from aero_bayes.export.build import user_cache
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
 _FIRST = re.compile(r'(?<![\w."])([A-Z]\w*)(?=\.[A-Za-z_])')
@@ -149,22 +146,6 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
             "[model] libraries or MODELICAPATH"
         )
     return found
-
-
-def linked(packages: Mapping[str, Path]) -> Path:
-    """A folder that holds just these packages under their plain names.
-
-    It stays where it is for the same packages, since a compiler may keep what it has read by its path.
-    """
-    key = hashlib.sha256(repr(sorted(packages.items())).encode()).hexdigest()[:16]
-    folder = user_cache() / "libraries" / key
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, target in packages.items():
-        link = folder / (name if target.is_dir() else f"{name}.mo")
-        if not link.is_symlink():
-            with contextlib.suppress(FileExistsError):
-                link.symlink_to(target)
-    return folder
 
 
 def _package(name: str, roots: Sequence[Path]) -> Path | None:

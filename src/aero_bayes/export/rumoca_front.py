@@ -13,7 +13,8 @@ from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library import check_model_name, library_roots, linked, needed_libraries, rig_packages, stage
+from aero_bayes.export.library import check_model_name, library_roots, needed_libraries, rig_packages, stage
+from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.scratch import ScratchFolder
@@ -68,7 +69,8 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         own = files[len(rig_packages()) :]
         added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
-        answer = _run(model, root, files, [linked(packages)] if packages else [])
+        mentioned = {*model.split("."), *words_of(added)} if packages else set()
+        answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
         try:
             return read_structured(model, answer["flat"], answer["files"])
         except InputError as error:

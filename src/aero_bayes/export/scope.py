@@ -9,6 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
 from aero_bayes.export.array_functions import ARRAY_FUNCTIONS, array_function
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
+from aero_bayes.export.choices import choices
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
 from aero_bayes.export.flat import FlatEquation, Function, Place
@@ -31,9 +32,10 @@ from aero_bayes.export.syntax import (
     Refused,
     Statement,
     Text,
+    WhileStatement,
     show,
 )
-from aero_bayes.export.tables import call_table, is_table_function
+from aero_bayes.export.tables import call_table, is_table_function, searched_anew
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
@@ -42,6 +44,7 @@ _OPERATORS = {
     "and": "and", "or": "or", "min": "min", "max": "max", "atan2": "atan2",
 }  # fmt: skip
 MAX_UNROLLED = 10_000
+MAX_TURNS = 1000
 
 
 class Scope:
@@ -378,7 +381,7 @@ class Scope:
             raise self.fail(f"function {function.name!r} called with {len(args)} arguments")
         inner = Scope(self.builder, self.functions, {}, f"function {function.name}", records=self.records)
         inner.depth = self.depth + 1
-        for a, tree in zip(function.inputs, args, strict=False):
+        for a, tree in zip(function.inputs, searched_anew(function.name, args), strict=False):
             inner.values[a.name] = self.value(tree)
         for a in function.inputs[len(args) :]:
             if a.default is None:
@@ -418,6 +421,8 @@ class Scope:
                 case ForStatement(variable, values, inner):
                     for _ in self._each(variable, values):
                         self.run(inner)
+                case WhileStatement(condition, inner):
+                    self._while(condition, inner)
                 case IfStatement(branches, otherwise):
                     self._branch(branches, otherwise)
                 case AssertStatement():
@@ -460,11 +465,28 @@ class Scope:
         then = self.values
         self.values = before
         self._branch(branches[1:], otherwise)
-        merged = dict(self.values)
-        for name in then.keys() | merged.keys():
-            if name in then and name in merged:
-                x, y = then[name], merged[name]
+        self.values = self._merged(condition, then, self.values)
+
+    def _while(self, condition: Expression, body: Sequence[Statement]) -> None:
+        """Turn by turn, each under its condition, until the condition is known to fail."""
+        turns = []
+        for _ in range(MAX_TURNS):
+            going = self.scalar(condition)
+            if choices(self.builder, going) == frozenset((0.0,)):
+                break
+            if going.op != "const":
+                turns.append((going, self.values))
+                self.values = dict(self.values)
+            self.run(body)
+        else:
+            raise self.fail(f"a while loop that no constant ends within {MAX_TURNS} turns; write it as a for loop")
+        for going, before in reversed(turns):
+            self.values = self._merged(going, self.values, before)
+
+    def _merged(self, condition: Node, then: Mapping[str, Value], otherwise: Mapping[str, Value]) -> dict[str, Value]:
+        merged = {}
+        for name, y in otherwise.items():
+            if name in then:
+                x = then[name]
                 merged[name] = x if x is y else arrays.select(self.builder, condition, x, y)
-            else:
-                merged.pop(name, None)
-        self.values = merged
+        return merged

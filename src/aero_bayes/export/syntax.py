@@ -108,6 +108,12 @@ class ForStatement:
 
 
 @dataclass(frozen=True)
+class WhileStatement:
+    condition: Expression
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
 class WhenStatement:
     branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
 
@@ -131,7 +137,9 @@ class Refused:
     what: str
 
 
-Statement = Assign | IfStatement | ForStatement | WhenStatement | ReinitStatement | AssertStatement | Refused
+Statement = (
+    Assign | IfStatement | ForStatement | WhileStatement | WhenStatement | ReinitStatement | AssertStatement | Refused
+)
 
 
 def show(tree: Expression) -> str:
@@ -216,6 +224,8 @@ def rebuilt_statement(s: Statement, change: Callable[[Name], Expression], target
             return IfStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches), body(otherwise))
         case ForStatement(variable, values, inner):
             return ForStatement(variable, rebuilt(values, change), body(inner))
+        case WhileStatement(condition, inner):
+            return WhileStatement(rebuilt(condition, change), body(inner))
         case WhenStatement(branches):
             return WhenStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches))
         case ReinitStatement(state, value):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.syntax import Expression, Number
 
 _TYPES = "Modelica.Blocks.Types."
 #: For each kind of table the arguments of its constructor that count, by name.
@@ -15,6 +16,8 @@ _CONSTRUCTORS = {
     "ExternalCombiTable2D": {"rows": 2, "smoothness": 3, "extrapolation": 4},
     "ExternalCombiTimeTable": {"rows": 2, "start": 3, "columns": 4, "smoothness": 5, "extrapolation": 6, "shift": 7},
 }
+#: Functions that search a table from the row of an argument on, and which argument.
+_SEARCHES = {"Modelica.Blocks.Sources.TimeTable.getInterpolationCoefficients": 4}
 _INTERNAL = "Modelica.Blocks.Tables.Internal."
 _LINEAR, _STEPS = 1.0, 3.0
 _HOLD, _PERIODIC = 1.0, 3.0
@@ -71,6 +74,15 @@ def call_table(b: Builder, function: str, args: Sequence[Value], events: Events 
     before = _less(b, u, numbers(table.field("start"))[0], events)
     found = _interpolated(b, first, values, b.sub(u, numbers(table.field("shift"))[0]), table, events)
     return b.select(before, b.zero, found)
+
+
+def searched_anew(function: str, args: tuple[Expression, ...]) -> tuple[Expression, ...]:
+    """The arguments, where the search for a row of ``TimeTable`` starts at the first one and not at the last found.
+
+    It finds the same, and its number of turns is known.
+    """
+    at = _SEARCHES.get(function)
+    return args if at is None or at >= len(args) else (*args[:at], Number(1.0), *args[at + 1 :])
 
 
 def _surface(

@@ -89,6 +89,9 @@ class TreeReader:
                 for index in reversed(d["indices"]):
                     inner = (syntax.ForStatement(_ident(index["ident"]), self.expression(index["range"]), inner),)
                 return inner
+            case "While":
+                block = d["block"]
+                return (syntax.WhileStatement(self.expression(block["cond"]), self.statements(block["stmts"])),)
             case "When":
                 blocks = tuple((self.expression(b["cond"]), self.statements(b["stmts"])) for b in d["blocks"])
                 return (syntax.WhenStatement(blocks),)

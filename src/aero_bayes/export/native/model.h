@@ -19,6 +19,7 @@ typedef struct Model {
 typedef struct {
     int first, n;
     void (*residual)(const Model *m, double *f, double *j); /* j by columns, cleared before */
+    int linear; /* in its unknowns */
 } Block;
 
 typedef struct {

@@ -91,14 +91,37 @@ static double residual(Model *m, const Block *b, double *f, double *j) {
     }
     return worst;
 }
+/* The Newton step into f; 2 where the equations leave it open and it is the shortest, 0 where there is none. */
+static int newton_step(double *j, double *f, int n) {
+    double a[n * n], right[n], ridge = 0;
+    int pivot[n];
+    memcpy(a, j, sizeof a);
+    if (factorise(a, pivot, n)) {
+        substitute(a, pivot, f, n);
+        return 1;
+    }
+    for (int i = 0; i < n; i++) {
+        right[i] = 0;
+        for (int r = 0; r < n; r++) right[i] += j[i * n + r] * f[r];
+        for (int k = 0; k < n; k++) {
+            a[k * n + i] = 0;
+            for (int r = 0; r < n; r++) a[k * n + i] += j[i * n + r] * j[k * n + r];
+        }
+        ridge = fmax(ridge, a[i * n + i]);
+    }
+    for (int i = 0; i < n; i++) a[i * n + i] += 1e-12 * ridge;
+    if (!factorise(a, pivot, n)) return 0;
+    substitute(a, pivot, right, n);
+    memcpy(f, right, sizeof right);
+    return 2;
+}
 static int solve_block(Model *m, const Block *b, double *w) {
     const int n = b->n;
     double f[n], j[n * n], old[n];
-    int pivot[n];
     double size = residual(m, b, f, j);
     for (int round = 0; round < 100; round++) {
-        if (!isfinite(size) || !factorise(j, pivot, n)) return 0;
-        substitute(j, pivot, f, n);
+        int found = isfinite(size) ? newton_step(j, f, n) : 0;
+        if (!found) return 0;
         memcpy(old, w, sizeof old);
         int done = 1, near = 1;
         for (int i = 0; i < n; i++) {
@@ -110,9 +133,15 @@ static int solve_block(Model *m, const Block *b, double *w) {
         for (int halved = 0; halved < 12; halved++, share *= 0.5) {
             for (int i = 0; i < n; i++) w[i] = old[i] - share * step[i];
             next = residual(m, b, f, j);
-            if (next <= size || near) break;
+            if (next <= size || near || b->linear) break;
         }
         if (!isfinite(next)) return 0;
+        if (found == 2) { /* two locked brakes on one shaft share the load as they like, if they agree */
+            double most = 1;
+            for (int i = 0; i < n; i++) most = fmax(most, fabs(w[i]));
+            if (next <= 1e-10 * most) return 1;
+            if (done) return 0;
+        } else if (b->linear && round) return 1; /* solved and refined once: what is left is rounding, however small w is */
         if (done || next == 0 || (near && round > 2 && next >= 0.5 * size)) return 1;
         size = next;
     }
@@ -221,9 +250,10 @@ static int settle(Model *m) {
     }
     return 0;
 }
-/* Relations and rounded values at this instant; whether any has changed. */
-static int refresh(Model *m) {
-    int changed = 0;
+/* Relations and rounded values at this instant; whether any has changed. ``singly``: of relations at most one, and one
+   that becomes false before one that becomes true; those that take turns come to rest so. */
+static int refresh(Model *m, int singly) {
+    int changed = 0, off = -1, on = -1;
     need_w(m);
     INFO.watch(m);
     INFO.times(m);
@@ -232,9 +262,14 @@ static int refresh(Model *m) {
         double value = d[i];
         if (INFO.timed[i]) value += group(m, SLOPE)[i] * 1e-12 * fmax(1, fabs(m->time));
         double now = INFO.below[i] ? value < 0 : value > 0;
-        changed |= now != group(m, REL)[i];
-        group(m, REL)[i] = now;
+        if (now == group(m, REL)[i]) continue;
+        changed = 1;
+        if (!singly) group(m, REL)[i] = now;
+        else if (now == 0 && off < 0) off = i;
+        else if (now != 0 && on < 0) on = i;
     }
+    if (off >= 0) group(m, REL)[off] = 0;
+    else if (on >= 0) group(m, REL)[on] = 1;
     for (int i = 0; i < INFO.roundings; i++) {
         double now = floor(d[INFO.relations + i]);
         changed |= now != group(m, ROUND)[i];
@@ -243,15 +278,23 @@ static int refresh(Model *m) {
     if (changed) stale(m, moved);
     return changed;
 }
-/* Until nothing changes; whether states were set anew, or -1 where it does not end. */
+/* Whether a when clause is due: what it does goes by the relations before it. */
+static int fires(Model *m) {
+    const int first = INFO.nd - INFO.conditions;
+    return memcmp(group(m, PRE) + first, group(m, D) + first, sizeof(double) * INFO.conditions) != 0;
+}
+/* Until nothing changes; whether states were set anew, or -1 where it does not end. Relations, discrete values and loops
+   come to agree before earlier values give way: friction that comes to rest is stuck, if that holds, before it slides. */
 static int iterate(Model *m) {
     int states = 0;
     for (int round = 0; round < 200; round++) {
         if (!settle(m)) return -1;
+        for (int k = 0; k < 50 && !fires(m) && refresh(m, k > 5); k++)
+            if (!settle(m)) return -1;
         int changed = INFO.reinit(m);
         states |= changed;
         if (changed) stale(m, moved);
-        changed |= refresh(m);
+        changed |= refresh(m, 0);
         changed |= memcmp(group(m, PRE), group(m, D), sizeof(double) * INFO.nd) != 0;
         memcpy(group(m, PRE), group(m, D), sizeof(double) * INFO.nd);
         if (!changed) return states;
@@ -311,7 +354,7 @@ static int first_event(Model *m) {
     stale(m, moved);
     for (int round = 0; round < 100; round++) {
         if (!settle(m)) return -1;
-        if (!refresh(m)) break;
+        if (!refresh(m, 0)) break;
     }
     for (int i = first; i < INFO.nd; i++) pre[i] = d[i];
     *group(m, INITIAL) = 1;
@@ -417,8 +460,9 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
     return fmi2OK;
 }
 
-/* initial values that depend on parameters, unless somebody has set them */
-static void start_states(Model *m) {
+/* Initial values that depend on parameters, unless somebody has set them; whether the initial equations are solved. */
+static int start_states(Model *m) {
+    int solved = 1;
     double relations[INFO.relations + 1];
     need_k(m);
     for (int round = 0; round < 20; round++) { /* they may depend on which branches are taken */
@@ -427,8 +471,8 @@ static void start_states(Model *m) {
         stale(m, moved);
         double *x = group(m, START);
         for (int i = 0; i < INFO.initial.n; i++) x[i] = m->data[INFO.initial_at[i]];
-        if (INFO.initial.n && !solve_block(m, &INFO.initial, x)) m->failed = 1;
-        for (int i = 0; i < INFO.initial.n && !m->failed; i++) {
+        solved = !INFO.initial.n || solve_block(m, &INFO.initial, x);
+        for (int i = 0; i < INFO.initial.n && solved; i++) {
             int at = INFO.initial_at[i];
             if (at >= NX || !group(m, STARTED)[at]) m->data[at] = x[i];
         }
@@ -436,13 +480,15 @@ static void start_states(Model *m) {
         first_event(m);
         if (!memcmp(relations, group(m, REL), sizeof(double) * INFO.relations)) break;
     }
+    return solved;
 }
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Instance *s = c;
     if (s->m->phase != INITIALIZATION) return fail(s, fmi2Error, "fmi2ExitInitializationMode: not in initialisation mode");
-    start_states(s->m);
+    int solved = start_states(s->m);
     s->m->phase = EVENT;
+    if (!solved) return fail(s, fmi2Discard, "the initial equations have no solution near the start values");
     return checked(s);
 }
 
@@ -699,7 +745,8 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
     }
     double worst = 0;
     for (int i = 0; i < NX; i++) {
-        double scale = m->tolerance * (fabs(INFO.nominal[i]) + fmax(fabs(x[i]), fabs(y[i])));
+        /* small against the nominal value, which is 1 where nobody states it: fluxes and charges are far smaller */
+        double scale = m->tolerance * (1e-3 * fabs(INFO.nominal[i]) + fmax(fabs(x[i]), fabs(y[i])));
         double e = fabs(u[5][i]) / scale;
         if (!(e <= worst)) worst = e;
     }
@@ -750,7 +797,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
     stale(m, moved);
     int status = event(m); /* inputs may have jumped */
     memcpy(x, group(m, R), NX * sizeof *x);
-    double h = m->step > 0 ? m->step : size * 1e-3;
+    double h = m->step > 0 ? m->step : size * 1e-3, since = start;
+    int events = 0;
     if (nz) indicate(m, z);
     for (long count = 0; (NX > 0 || nz || isfinite(m->next_event)) && t < end && status >= 0; count++) {
         /* an event due at the end belongs to this step: its values are those after it */
@@ -772,6 +820,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
             memcpy(x, y, NX * sizeof *x);
             h = last && now * grow < h ? h : now * grow;
             if (found || at_event) {
+                if (t - since > 1e-9 * fmax(1, fabs(t))) { since = t; events = 0; }
+                if (++events > 10000) {
+                    m->phase = FAILED;
+                    return fail(s, fmi2Error, "fmi2DoStep: events without end at t = %g", t);
+                }
                 go(m, t, x);
                 status = event(m);
                 memcpy(x, group(m, R), NX * sizeof *x);
