@@ -19,6 +19,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import Port
+from aero_bayes.physics.structure import reference
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import Outcome
 
@@ -42,7 +43,7 @@ def port_sizes(
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     for port in ports:
-        seen[port.id] = {signal: watched.of(Name(variable)) for signal, variable in port.signals.items()}
+        seen[port.id] = {signal: watched.of(reference(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     found = watched.run(calibration, fit, open_simulator)
     time = typical_time(calibration, fit)
