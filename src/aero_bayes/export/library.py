@@ -167,6 +167,13 @@ def linked(packages: Mapping[str, Path]) -> Path:
     return folder
 
 
+def in_library(file: str) -> str:
+    """Path of a library's file from the library's own folder on; that of any other file as it is."""
+    folder = user_cache() / "libraries"
+    inside = Path(file).parts[len(folder.parts) + 1 :] if Path(file).is_relative_to(folder) else ()
+    return "/".join(inside) or file
+
+
 def _package(name: str, roots: Sequence[Path]) -> Path | None:
     def version(path: Path) -> list[int]:
         return [int(n) for n in re.findall(r"\d+", path.name.removeprefix(name))]
