@@ -115,7 +115,7 @@ def _sizes(
 ) -> dict[str, float]:
     own = {signal: signal_size(found[name]) for signal, name in seen.items()}
     act = max((signal_size(found[name]) for name in acting), default=0.0)
-    if port.kind in ("input", "output"):
+    if port.kind in ("input", "output", "reading"):
         inputs = [s.values for e in calibration.experiments for s in e.inputs if s.name == port.id]
         sizes = {"u_n": signal_size(inputs) if port.kind == "input" else own.get("u", 0.0)}
     elif port.kind == "motion":

@@ -39,7 +39,9 @@ FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
-ACTS: Mapping[PortKind, str] = {"input": "u_n", "output": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n"}
+ACTS: Mapping[PortKind, str] = {
+    "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
+}  # fmt: skip
 #: Response to a probe, as a share of the strongest port's, from which a port counts as seen, and as hardly seen.
 SEEN, HARDLY = 1e-2, 1e-4
 
