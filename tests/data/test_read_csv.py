@@ -185,6 +185,7 @@ def test_degrees_and_rpm_through_a_mapping(tmp_path: Path) -> None:
     [
         ("theta", ColumnMap("theta", unit="furlong"), "unknown unit"),
         ("theta", ColumnMap("theta", unit="V"), "cannot become rad"),
+        ("theta", ColumnMap("theta", unit="degC"), "cannot become rad"),
         ("theta", ColumnMap("theta", unit="count"), "counts_per_revolution"),
         ("theta", ColumnMap("pitch"), "no column pitch"),
         ("phi", ColumnMap("theta"), "phi is not a column of the model"),

@@ -5,13 +5,14 @@ from __future__ import annotations
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu, modelica_root
 from aero_bayes.export.build import c_compiler, write_archive
 from aero_bayes.export.source_check import refuse_dropped
-from aero_bayes.export.units import base_units
+from aero_bayes.export.units import base_units, conversion, spelled
 
 
 def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,3 +97,31 @@ def test_base_units(unit: str, factor: float, exponents: dict[str, int]) -> None
 @pytest.mark.parametrize("unit", ["furlong", "m//s", "", "m^2"])
 def test_unknown_units_are_not_guessed(unit: str) -> None:
     assert base_units(unit) is None
+
+
+@pytest.mark.parametrize(
+    ("by_hand", "unit"),
+    [
+        ("kg*m^2", "kg.m2"), ("N*m*s/rad", "N.m.s/rad"), ("m/s^2", "m/s2"), ("m3/s/V", "m3/(s.V)"), ("Nm/A", "N.m/A"),
+        ("1/(K*s)", "1/(K.s)"), ("N s/m", "N.s/m"), ("kg·m**2", "kg.m2"), ("kg.m^-1", "kg.m-1"), ("-", "1"),
+        ("(m.s)/(kg)", "(m.s)/(kg)"), ("°C", "degC"), ("%", "%"), ("V^0.5", ""), ("1/sqrt(Hz)", ""), ("m)", ""),
+    ],
+)  # fmt: skip
+def test_units_as_they_are_written_by_hand(by_hand: str, unit: str) -> None:
+    assert spelled(by_hand) == unit
+    assert spelled(unit) == unit
+
+
+@pytest.mark.parametrize(
+    ("unit", "to", "number", "expected"),
+    [
+        ("degC", "K", 20.0, 293.15), ("K", "degC", 293.15, 20.0), ("degF", "degC", 212.0, 100.0),
+        ("min", "s", 2.0, 120.0), ("kPa", "bar", 250.0, 2.5), ("l/min", "m3/s", 60.0, 1e-3), ("deg", "deg", 7.0, 7.0),
+        ("rpm", "rad/s", 30.0, np.pi), ("furlong", "furlong", 3.0, 3.0),
+    ],
+)  # fmt: skip
+def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expected: float) -> None:
+    found = conversion(unit, to)
+    assert found is not None
+    assert number * found[0] + found[1] == pytest.approx(expected)
+    assert conversion(unit, "V") is None

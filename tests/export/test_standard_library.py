@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
+from aero_bayes.export import export_fmu, load_flat
 from aero_bayes.export.library import library_roots, needed_libraries
 from aero_bayes.export.library_view import linked
 
@@ -99,3 +99,21 @@ def test_libraries_are_found_by_name_and_version(tmp_path: Path) -> None:
     )
     found = needed_libraries("Rig", [source], [tmp_path])
     assert {n: p.name for n, p in found.items()} == {"Tanks": "Tanks 1.10.0", "Pumps": "Pumps"}
+
+
+def test_a_package_may_use_a_library_that_its_first_file_does_not_name(tmp_path: Path) -> None:
+    """And units that are written by hand do not keep it from being read."""
+    (tmp_path / "libraries").mkdir()
+    (tmp_path / "libraries" / "Modelica.mo").write_text(
+        'package Modelica\n  connector RealInput = input Real;\n  type Mass = Real(unit = "kg");\nend Modelica;\n'
+    )
+    package = tmp_path / "Own"
+    package.mkdir()
+    (package / "package.mo").write_text("package Own\nend Own;\n")
+    (package / "Rig.mo").write_text(
+        "within Own;\nmodel Rig\n  parameter Modelica.Mass m = 2;\n  Modelica.RealInput u;\n"
+        '  Real p(unit = "kg*m/s", start = 0, fixed = true);\nequation\n  der(p) = u / m;\nend Rig;\n'
+    )
+    flat = load_flat("Own.Rig", [package], [tmp_path / "libraries"])
+    assert {v.name: v.unit for v in flat.variables} == {"m": "kg", "u": "", "p": "kg.m/s"}
+    assert (package / "package.mo").read_text() == "package Own\nend Own;\n"

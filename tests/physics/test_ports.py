@@ -13,6 +13,7 @@ from aero_bayes.physics.compose import Models, compose_law, probe, screening
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import candidates, port_table
+from aero_bayes.physics.terms import dimension_of_unit, unit_text
 from aero_bayes.physics.use import levels_of, use_of
 from aero_bayes.physics.write import write_law
 
@@ -250,3 +251,20 @@ def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Ge
         elif port.kind in ("motion", "storage"):
             state = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s)
             assert felt[f"der({state})"] > expected[f"der({state})"], port.id
+
+
+def test_the_unit_of_a_term_where_numbers_and_factors_have_none(tmp_path: Path) -> None:
+    """9.81 hides an acceleration, and what is added to 1 is a number."""
+    path = tmp_path / "Slope.mo"
+    path.write_text("""model Slope
+  parameter Real m(unit = "kg") = 2;
+  parameter Real kappa = 0.4;
+  input Real angle(unit = "rad");
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  (1 + kappa) * m * der(v) = -m * 9.81 * sin(angle);
+end Slope;
+""")
+    (port,) = (p for p in ports_of(load_flat("Slope", [path])) if p.kind == "motion")
+    assert port.unit == "N"
+    assert unit_text(dimension_of_unit("J/s")) == "W"

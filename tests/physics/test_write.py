@@ -21,6 +21,7 @@ from aero_bayes.physics.compose import Models, compose_laws
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import candidates
+from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 
@@ -429,3 +430,42 @@ def test_the_library_is_read_by_a_second_reader() -> None:
         tree = parser.parse(text)
         assert tree is not None, path
         assert path.stem in tree.classes
+
+
+def test_readings_that_are_states_take_inputs_at_once_or_are_connected(tmp_path: Path) -> None:
+    """What the reading was is found again: after a modifier of the same name, by its aliases, without its rate."""
+    path = tmp_path / "Read.mo"
+    path.write_text("""package Read
+  connector Out = output Real;
+  model Inner
+    Real i(start = 0, fixed = true);
+    Out y;
+    input Real u;
+  equation
+    der(i) = u - i;
+    y = i;
+  end Inner;
+  model Rig
+    input Real u;
+    output Real x(start = 0, fixed = true);
+    output Real z = 2 * x + u;
+    Out i;
+    Inner plant(u = u, i(start = 1));
+  equation
+    der(x) = u - 3 * x;
+    connect(plant.y, i);
+  end Rig;
+end Read;
+""")
+    family = RigFamily("Read.Rig", (path,), tmp_path / "fmu")
+    assert {p.id: p.kind for p in family.ports if p.via == "output"}["z"] == "reading"
+    lags = [c for c in candidates(family.ports, family.laws) if c.port.via == "output" and c.law.id == "lag"]
+    assert {c.port.signals["u"] for c in lags} == {"x", "z", "i"}
+    for c in lags:
+        use = use_of(c.law, c.port, {v.name for v in family.flat.variables}, sizes={})
+        written = write_law([path], "Read.Rig", family.flat, [use], tmp_path / "out")
+        flat = load_flat(written.name, [path, written.path])
+        assert {v.name for v in flat.variables if v.causality == "output"} >= {"x", "z", "i"}
+        export_flat(flat, tmp_path / "out" / f"{c.port.signals['u']}.fmu", quick=True)
+    same = family._aliases
+    assert same["plant.i"] == same["i"]

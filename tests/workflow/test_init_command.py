@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aero_bayes.cli import main
-from aero_bayes.workflow.init import main_class, match_columns
+from aero_bayes.workflow.init import main_class, match_columns, split_unit
 
 RIG = """within ;
 partial model Base
@@ -130,3 +130,22 @@ def test_several_models_are_a_question(tmp_path):
 def test_the_model_is_the_one_that_nothing_uses(rig):
     known = tomllib.loads((rig / "rig.toml").read_text())["model"]["name"]
     assert main_class(rig / "Rig.mo") == known
+
+
+def test_columns_are_matched_without_their_units_which_are_written_where_they_differ(rig):
+    record(rig / "odd.csv", "t_ms,U [mV],level/g")
+    assert run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml").exit_code == 0
+    assert tomllib.loads((rig / "rig.toml").read_text())["data"]["columns"] == {
+        "time": {"source": "t_ms", "unit": "ms"},
+        "u": {"source": "U [mV]", "unit": "mV"},
+        "level": {"source": "level/g", "unit": "g"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "unit"),
+    [("time/s", "time", "s"), ("phi (deg)", "phi", "deg"), ("T_degC", "T", "degC"), ("F_cmd", "F_cmd", ""),
+     ("temp_1", "temp_1", ""), ("q [l/min]", "q", "l/min"), ("Zeit [s]", "Zeit", "s"), ("m", "m", "")],
+)  # fmt: skip
+def test_a_unit_in_a_column_s_name(column, name, unit):
+    assert split_unit(column) == (name, unit)

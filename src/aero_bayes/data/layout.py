@@ -6,36 +6,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aero_bayes.declared import Declaration, Quantity
 from aero_bayes.errors import InputError
+from aero_bayes.export.units import TEMPERATURES, base_units, conversion, spelled
 
-TURN = 2.0 * math.pi
-
-#: Factor from a unit to the SI unit that recordings use.
-TO_SI: Mapping[str, tuple[float, str]] = {
-    "s": (1.0, "s"),
-    "ms": (1e-3, "s"),
-    "us": (1e-6, "s"),
-    "V": (1.0, "V"),
-    "mV": (1e-3, "V"),
-    "A": (1.0, "A"),
-    "mA": (1e-3, "A"),
-    "rad": (1.0, "rad"),
-    "mrad": (1e-3, "rad"),
-    "deg": (TURN / 360.0, "rad"),
-    "rev": (TURN, "rad"),
-    "rad/s": (1.0, "rad/s"),
-    "deg/s": (TURN / 360.0, "rad/s"),
-    "rev/s": (TURN, "rad/s"),
-    "rpm": (TURN / 60.0, "rad/s"),
-}
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ColumnMap:
     """Where a column of the contract is found in a file, and how it becomes SI.
 
-    The value is ``(raw + offset) * scale`` in ``unit``, then converted to SI.
+    The value is ``(raw + offset) * scale`` in ``unit``, then converted to the unit of the model.
 
     Parameters
     ----------
@@ -43,8 +28,8 @@ class ColumnMap:
         Name of the file's column or variable. In a MATLAB file ``log(2)`` is the second row (or column) of the matrix
         ``log``, ``run.signals(1)`` the first signal of a structure with time.
     unit : str, optional
-        Unit in the file: one of s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, rpm, or ``count``
-        (with ``counts_per_revolution``). Left out, the file is in SI.
+        Unit in the file, any that can become the model's: ``ms``, ``rpm``, ``cm``, ``degC``, ``l/min``; or ``count``
+        (with ``counts_per_revolution``). Left out, the file is in the model's unit.
     scale, offset : float
         For anything else.
     counts_per_revolution : float, optional
@@ -57,22 +42,23 @@ class ColumnMap:
     offset: float = 0.0
     counts_per_revolution: float | None = None
 
-    def factor(self, column: str, expected: str) -> float:
-        """Total factor to the SI unit ``expected``. Raises InputError for a unit of another kind."""
+    def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
+        """Raw numbers in the unit ``expected``, in SI where that is empty. InputError for a unit of another kind."""
+        values = (values + self.offset) * self.scale
         if self.unit is None:
-            return self.scale
-        if self.unit in ("count", "count/s"):
+            return values
+        unit, turns = self.unit, 1.0
+        if unit in ("count", "count/s"):
             if not self.counts_per_revolution or self.counts_per_revolution <= 0.0:
-                raise InputError(f"column {column}: unit {self.unit} needs counts_per_revolution, e.g. 2048")
-            factor, si = TURN / self.counts_per_revolution, "rad" + self.unit[5:]
-        elif self.unit in TO_SI:
-            factor, si = TO_SI[self.unit]
-        else:
-            known = ", ".join([*TO_SI, "count", "count/s"])
-            raise InputError(f"column {column}: unknown unit {self.unit!r}, expected one of {known}")
-        if expected and si != expected:
-            raise InputError(f"column {column}: unit {self.unit} cannot become {expected}")
-        return factor * self.scale
+                raise InputError(f"column {column}: unit {unit} needs counts_per_revolution, e.g. 2048")
+            unit, turns = "rev" + unit[5:], 1.0 / self.counts_per_revolution
+        known = base_units(spelled(unit))
+        found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
+        if found is None:
+            if known is None and spelled(unit) not in TEMPERATURES:
+                raise InputError(f"column {column}: unknown unit {unit!r}, expected one like {expected or 'rad/s'}")
+            raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
+        return values * (turns * found[0]) + found[1]
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ def read_recording(
     if not any(quantity.name in found for quantity in layout.outputs):
         missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
         raise InputError(f"{file}: no output column, expected at least one of {missing}")
-    values = {name: _to_si(column, name, maps.get(name), layout) for name, column in found.items()}
+    values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
     recording = Recording(
         name=file.stem,
         time=values["time"],
@@ -132,7 +132,5 @@ def _sample(row: int) -> str:
     return f"sample {row + 1}"
 
 
-def _to_si(values: FloatArray, name: str, column: ColumnMap | None, layout: Layout) -> FloatArray:
-    if column is None:
-        return values
-    return (values + column.offset) * column.factor(name, layout.units[name])
+def _in_unit(values: FloatArray, name: str, column: ColumnMap | None, layout: Layout) -> FloatArray:
+    return values if column is None else column.convert(values, name, layout.units[name])

@@ -63,6 +63,13 @@ def linked(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
     return folder
 
 
+def in_library(file: str) -> str:
+    """Path of a library's file from the library's own folder on; that of any other file as it is."""
+    folder = user_cache() / "libraries"
+    inside = Path(file).parts[len(folder.parts) + 1 :] if Path(file).is_relative_to(folder) else ()
+    return "/".join(inside) or file
+
+
 def words_of(files: Iterable[Path]) -> set[str]:
     """Every name that Modelica files use outside of comments and strings."""
     return {w for f in files for w in _WORD.findall(_plain(f))}

@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,11 @@ from aero_bayes.export.library import check_model_name, library_roots, needed_li
 from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
+from aero_bayes.export.units import spelled
 from aero_bayes.scratch import ScratchFolder
 
 TIME_LIMIT = 300.0
+_UNIT = re.compile(r'(\b(?:unit|displayUnit)\s*=\s*")([^"\n]*)(")')
 
 _WORK = """
 import json, os, re, sys
@@ -69,6 +71,8 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         own = files[len(rig_packages()) :]
         added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
+        _spell_units(added)
+        _mention(packages, _file_of(model, files))
         mentioned = {*model.split("."), *words_of(added)} if packages else set()
         answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
         try:
@@ -99,8 +103,24 @@ def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
     return answer
 
 
+def _spell_units(files: Iterable[Path]) -> None:
+    """Write units as the grammar has them: rumoca refuses ``kg*m^2``, which other tools take."""
+    for file in files:
+        text = file.read_bytes().decode("utf-8", "replace")
+        if (spelt := _UNIT.sub(lambda m: m[1] + spelled(m[2]) + m[3], text)) != text:
+            file.write_bytes(spelt.encode())
+
+
+def _mention(packages: Collection[str], main: Path) -> None:
+    """Name libraries at the end of the file that is loaded: rumoca opens only those that it finds named in that one."""
+    if packages:
+        with main.open("a", encoding="utf-8") as file:
+            file.write(f"\n// {' '.join(f'{name}.' for name in packages)}\n")
+
+
 def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
     """Put file and line before a message where rumoca or the sources tell them."""
+    diagnostic = re.sub(r"\n *\u2502 (?=\S)", " ", diagnostic)  # a message that was wrapped
     syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
     if syntax is not None and syntax[1] in line:
         return f"{syntax[2]}: {syntax[1]}"

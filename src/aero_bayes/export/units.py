@@ -38,7 +38,17 @@ _DERIVED: dict[str, tuple[float, dict[str, int]]] = {
     "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
     "rpm": (0.10471975511965977, {"rad": 1, "s": -1}),
 }
+#: Temperatures: their zero and their degree, both in K.
+TEMPERATURES = {"K": (0.0, 1.0), "degC": (273.15, 1.0), "degF": (459.67 / 1.8, 1.0 / 1.8)}
+#: What units are called by hand, as the grammar spells them.
+_BY_HAND = {
+    "ohm": "Ohm", "Ω": "Ohm", "Nm": "N.m", "sec": "s", "degree": "deg", "degrees": "deg", "°": "deg", "°C": "degC",
+    "Celsius": "degC", "L": "l", "-": "1",
+}  # fmt: skip
 _PREFIX = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
+_ITEM = r"(?:1|[^\W\d_]+|[%°])"
+_PRODUCT = rf"{_ITEM}(?:[+-]?\d+)?(?:\.{_ITEM}(?:[+-]?\d+)?)*"
+_GRAMMAR = re.compile(rf"(?:{_PRODUCT}|\({_PRODUCT}\))(?:/(?:{_ITEM}(?:[+-]?\d+)?|\({_PRODUCT}\)))?")
 _FACTOR = re.compile(r"([A-Za-z]+|1)([+-]?\d+)?$")
 
 
@@ -71,3 +81,43 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
         factor, exponents = _DERIVED[name[1:]]
         return factor * _PREFIX[name[0]], exponents
     return None
+
+
+def spelled(unit: str) -> str:
+    """A unit as the Modelica grammar spells it: ``kg*m^2`` is ``kg.m2``, ``m3/s/V`` is ``m3/(s.V)``.
+
+    Empty where that cannot be done. A symbol that is not known stays.
+    """
+    text = re.sub(r"\s*(\*\*|[*·⋅./^()])\s*", r"\1", unit.strip()).replace("**", "^")
+    text = re.sub(r"[*·⋅\s]", ".", text).replace("²", "2").replace("³", "3").replace("µ", "u").replace("μ", "u")
+    text = re.sub(r"\^(?:\(([+-]?\d+)\)|([+-]?\d+)(?![.\d]))", lambda m: m[1] or m[2], text)
+    text = re.sub(r"[^()./\d+-]+|^-$", lambda m: _BY_HAND.get(m[0], m[0]), text)
+    if _GRAMMAR.fullmatch(text):
+        return text
+    if not text or text.count("(") != text.count(")") or re.search(r"[^()./]\(", text):
+        return ""
+    above: list[str] = []
+    below: list[str] = []
+    sign, outer = 1, [1]
+    for token in re.findall(r"[()./]|[^()./]+", text):
+        if token in "()./":
+            outer = [*outer, outer[-1] * sign] if token == "(" else (outer[:-1] or [1]) if token == ")" else outer
+            sign = -1 if token == "/" else 1
+            continue
+        (above if sign * outer[-1] > 0 else below).append(token)
+        sign = 1
+    bottom = ".".join(b for b in below if b != "1")
+    text = (".".join(above) or "1") + (f"/({bottom})" if "." in bottom else f"/{bottom}" if bottom else "")
+    return text if _GRAMMAR.fullmatch(text) else ""
+
+
+def conversion(unit: str, to: str) -> tuple[float, float] | None:
+    """Factor and offset that turn a number in one unit into a number in another; None where none does."""
+    one, other = spelled(unit), spelled(to)
+    if one in TEMPERATURES and other in TEMPERATURES:
+        (zero, degree), (new_zero, new_degree) = TEMPERATURES[one], TEMPERATURES[other]
+        return degree / new_degree, (zero - new_zero) / new_degree
+    own, wanted = base_units(one), base_units(other)
+    if own is None or wanted is None or own[1] != wanted[1]:
+        return (1.0, 0.0) if one and one == other else None
+    return own[0] / wanted[0], 0.0

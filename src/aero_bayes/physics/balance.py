@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 from aero_bayes.physics.edit import Edit
-from aero_bayes.physics.terms import Dimension, Term, dimension, evaluate, parse_term
+from aero_bayes.physics.terms import Dimension, Term, dimension, evaluate, has_number, parse_term
 from aero_bayes.physics.tokens import Token, find_outside
 
 Driver = Callable[[Term], bool]
@@ -34,9 +34,15 @@ class Entry:
         opening = [Edit(start, start, "(")] if wrap else []
         return [*opening, Edit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
-    def dimension(self, of: Callable[[str], Dimension | None]) -> Dimension | None:
-        """Unit of its terms, from the first one whose names all have one; a plain name before a product."""
-        ordered = sorted(self.like, key=lambda t: t.kind != "name")
+    def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Term] = ()) -> Dimension | None:
+        """Unit of its terms, from the first one whose names all have one; a plain name before a product.
+
+        A number may have a unit that nobody wrote, such as 9.81: terms without one come first, then those of the
+        equation's sides, where nothing multiplies the sum.
+        """
+        others = [] if self.factors else [p for s in sides for _, p in (s.parts if s.kind == "sum" else (("", s),))]
+        terms = [*self.like, *(t for t in others if not has_number(t))]
+        ordered = sorted(terms, key=lambda t: (has_number(t), t.kind != "name"))
         return next((d for t in ordered if (d := dimension(t, of)) is not None), None)
 
 

@@ -178,7 +178,7 @@ class Draft:
                 names.add(s.core[0].start)
             edits += [
                 e
-                for e in replace_names(s.tokens, self.read.get)
+                for e in replace_names(s.tokens, self.read.get, functions=False)
                 if e.start not in names and not any(start <= e.start < end for start, end in gone)
             ]
         edits += self._retyped_in("", cls, text)
@@ -187,7 +187,7 @@ class Draft:
 
     def _renamed(self, tokens: Sequence[Token]) -> str:
         begin = tokens[0].start
-        edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get)]
+        edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get, functions=False)]
         return apply(text_of(self.file.text, tokens), edits)
 
     def _description(self) -> Edit:

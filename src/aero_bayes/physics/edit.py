@@ -119,18 +119,22 @@ def rename_class(cls: ClassText, name: str) -> list[Edit]:
     return edits
 
 
-def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None]) -> list[Edit]:
+def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None], *, functions: bool = True) -> list[Edit]:
     """Replace the first part of references; names of modifiers and what follows a dot stay.
 
-    ``new`` gives the text for a name, or None where it stays.
+    ``new`` gives the text for a name, or None where it stays. Without ``functions`` it gives none for a function, so
+    that what stands before parentheses in a list is a modifier: ``i(start = 0)``.
     """
     edits = []
     for k, token in enumerate(tokens):
         if token.kind != "name" or (k > 0 and tokens[k - 1].word == "."):
             continue
-        opened = k > 0 and tokens[k - 1].word in ("(", ",")
+        before = k - 1
+        while before > 0 and tokens[before].word in ("each", "final"):
+            before -= 1
+        opened = before >= 0 and tokens[before].word in ("(", ",")
         after = tokens[k + 1].word if k + 1 < len(tokens) else ""
-        if opened and after == "=" and _in_parentheses(tokens, k):
+        if opened and (after == "=" or (after == "(" and not functions)) and _in_parentheses(tokens, k):
             continue
         text = new(token.word)
         if text is not None:

@@ -39,7 +39,7 @@ def entrance_of(
     for operator, factor in entry.factors:
         scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
     return Entrance(
-        equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, units)
+        equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, sides, units)
     )
 
 
@@ -55,7 +55,7 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
     return found
 
 
-def _unit(entry: Entry, units: Mapping[str, str]) -> str:
+def _unit(entry: Entry, sides: tuple[Term, Term], units: Mapping[str, str]) -> str:
     """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
     for term in entry.like:
         if term.kind == "name" and units.get(term.word):
@@ -64,7 +64,7 @@ def _unit(entry: Entry, units: Mapping[str, str]) -> str:
     def of(name: str) -> Dimension | None:
         return dimension_of_unit(units.get(name, ""))
 
-    found = entry.dimension(of)
+    found = entry.dimension(of, sides)
     if found is None:
         return ""
     mechanical = "kg" in found and "rad" in found

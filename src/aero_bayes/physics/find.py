@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from aero_bayes.errors import InputError
+from aero_bayes.export.causalise import causalise
+from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, names_in
+from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.connections import node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, fits
+from aero_bayes.physics.ports import Port, PortKind, fits
 from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
 from aero_bayes.physics.structure import Structure, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
@@ -29,10 +33,11 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
         Those that are looked at for :attr:`Port.laws`.
     """
     s = structure_of(flat)
+    rated = _rated(flat, [v.name for v in flat.variables if _top(v, "output")])
     flat = s.flat
     balances = list(_balances(s))
     taken = {p.id for p in balances}
-    outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s)]
+    outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(flat), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
@@ -48,13 +53,26 @@ def _inputs(flat: FlatModel) -> Iterator[Port]:
             yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
 
 
-def _outputs(s: Structure) -> Iterator[Port]:
+def _outputs(s: Structure, rated: Collection[str]) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "output"):
             own = s.of(v.name)
             giving = [e for e in s.flat.equations if isinstance(e.left, Name) and e.left.name == v.name]
             states = (own,) if own in s.states else tuple(x for e in giving for x in s.states_in(e.right))
-            yield Port(v.name, "output", "output", v.unit, {"u": v.unit, "y": v.unit}, v.place, states, {"u": v.name})
+            kind: PortKind = "output" if v.name in rated else "reading"
+            yield Port(v.name, kind, "output", v.unit, {"u": v.unit, "y": v.unit}, v.place, states, {"u": v.name})
+
+
+def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
+    """Outputs whose rate the model gives; that of one which an input acts on at once is not known."""
+    wider = flat
+    for n, name in enumerate(outputs):
+        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (Name(name),)))
+    try:
+        causalise(translate(wider))
+    except InputError:
+        return {name for one in outputs for name in _rated(flat, [one])} if len(outputs) > 1 else set()
+    return set(outputs)
 
 
 def _balances(s: Structure) -> Iterator[Port]:

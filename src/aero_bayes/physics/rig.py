@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
+import zipfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from xml.etree import ElementTree
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -26,9 +28,10 @@ from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
-from aero_bayes.physics.structure import Structure, structure_of
-from aero_bayes.physics.use import Use, true_name, use_of
+from aero_bayes.physics.structure import structure_of
+from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
+from aero_bayes.physics.writer import TRUE
 from aero_bayes.simulation import Model
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
@@ -61,6 +64,7 @@ class RigFamily:
     libraries: tuple[Path, ...] = ()
     narrowed: Narrowed = field(default_factory=Narrowed)
     _uses: dict[str, Use] = field(default_factory=dict, compare=False, repr=False)
+    _read: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def title(self) -> str:
@@ -113,6 +117,7 @@ class RigFamily:
             use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
             taken |= {use.instance, *use.names.values()}
             self._uses[use.id] = use
+            self._read.update(_read_by(use))
         return tuple(self._uses)
 
     def _candidates(self, calibration: Calibration) -> Sequence[Trial]:
@@ -163,6 +168,7 @@ class RigFamily:
             use = use_of(old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour)
             taken |= {use.instance, *use.names.values()}
             uses.append(use)
+            self._read.update(_read_by(use))
             names[old.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
         written, model = self._write(uses, values, folder)
         parameters = tuple(p for use in uses for p in _parameters(use))
@@ -179,24 +185,26 @@ class RigFamily:
     def on(self, calibration: Calibration, model: Model) -> Calibration:
         """The calibration on a relative: a state takes the name of what it equals there."""
         structure = structure_of(self.flat)
-        # A law at an output that is a state is given that state under a name of its own.
-        outer = [(u.instance, u.port.signals["u"]) for u in self._uses.values() if u.port.via == "output"]
-        given = {f"{instance}.u": y for instance, y in outer} | {true_name(y): y for _, y in outer}
-        own = {s.name: s.name if s.name in structure.variables else given.get(s.name, "") for s in model.states}
-        there = {structure.of(name): state for state, name in own.items() if name in structure.variables}
-        known = [s.name for s in calibration.model.states if s.name in structure.variables]
-        names = {s: there[structure.of(s)] for s in known if structure.of(s) in there}
-        return moved(calibration, model, self._unread(model, structure) | names)
+        there: dict[str, str] = {}
+        for s in model.states:
+            # what an output's law reads is what the output was
+            was = self._read.get(s.name, s.name.removesuffix(TRUE) if s.name not in self._aliases else s.name)
+            there.setdefault(self._aliases.get(was, was), s.name)
+            if was in structure.variables:
+                there.setdefault(structure.of(was), s.name)
+        known = {s.name: structure.of(s.name) for s in calibration.model.states if s.name in structure.variables}
+        names = {s: there.get(s, there.get(same, s)) for s, same in known.items()}
+        return moved(calibration, model, names)
 
-    def _unread(self, model: Model, structure: Structure) -> dict[str, str]:
-        """For outputs that are states themselves: the name of the state where a law gives the reading."""
-        present = {s.name for s in model.states}
-        found: dict[str, str] = {}
-        for port in (p for p in self.ports if p.via == "output"):
-            reading = port.signals["u"]
-            unread = [f"{u.instance}.u" for u in self._uses.values() if u.port.id == port.id] + [true_name(reading)]
-            found |= {s: n for n in unread if n in present for s in structure.members(structure.of(reading))}
-        return found
+    @cached_property
+    def _aliases(self) -> dict[str, str]:
+        """A state of the model by the name of each variable that equals it."""
+        model = self.plain()
+        with zipfile.ZipFile(model.path) as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        states = {str(s.value_reference): s.name for s in model.states}
+        variables = [(v.get("name", ""), v.get("valueReference", "")) for v in root.iter("ScalarVariable")]
+        return {name: states[reference] for name, reference in variables if reference in states}
 
     def summary(self, id_: str) -> str:
         """A law in words."""
@@ -211,6 +219,11 @@ class RigFamily:
             self.folder.mkdir(parents=True, exist_ok=True)
             export_flat(flat, out, members=declared_members(self.base, self.sources))
         return Model.load(out)
+
+
+def _read_by(use: Use) -> dict[str, str]:
+    """The output that a law stands before, by the law's own name for its quantity."""
+    return {f"{use.instance}.u": use.port.signals["u"]} if use.port.via == "output" else {}
 
 
 def _parameters(use: Use) -> list[Parameter]:

@@ -19,6 +19,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import Port
+from aero_bayes.physics.structure import reference
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import Outcome
 
@@ -42,7 +43,7 @@ def port_sizes(
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     for port in ports:
-        seen[port.id] = {signal: watched.of(Name(variable)) for signal, variable in port.signals.items()}
+        seen[port.id] = {signal: watched.of(reference(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     found = watched.run(calibration, fit, open_simulator)
     time = typical_time(calibration, fit)
@@ -126,7 +127,7 @@ def _sizes(
 ) -> dict[str, float]:
     own = {signal: signal_size(found[name]) for signal, name in seen.items()}
     act = max((signal_size(found[name]) for name in acting), default=0.0)
-    if port.kind in ("input", "output"):
+    if port.kind in ("input", "output", "reading"):
         inputs = [s.values for e in calibration.experiments for s in e.inputs if s.name == port.id]
         sizes = {"u_n": signal_size(inputs) if port.kind == "input" else own.get("u", 0.0)}
     elif port.kind == "motion":

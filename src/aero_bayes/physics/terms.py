@@ -158,7 +158,8 @@ def dimension(term: Term, of: Callable[[str], Dimension | None]) -> Dimension | 
         case "group":
             return dimension(term.parts[0][1], of)
         case "sum":
-            return next((d for _, p in term.parts if (d := dimension(p, of)) is not None), None)
+            known = next((d for _, p in term.parts if (d := dimension(p, of)) is not None), None)
+            return {} if known is None and any(p.kind == "number" for _, p in term.parts) else known
         case "product":
             total: dict[str, float] = {}
             for operator, part in term.parts:
@@ -185,6 +186,13 @@ def dimension(term: Term, of: Callable[[str], Dimension | None]) -> Dimension | 
         case "call":
             return {}
     return None
+
+
+def has_number(term: Term) -> bool:
+    """Whether a number is a factor in a term; what is added to one is a number itself."""
+    if term.kind == "group":
+        return has_number(term.parts[0][1])
+    return term.kind == "product" and any(p.kind == "number" or has_number(p) for _, p in term.parts)
 
 
 def _clean(total: Mapping[str, float]) -> Dimension:
@@ -217,8 +225,8 @@ def unit_text(factors: Dimension | None) -> str:
     """A unit expression of such exponents; empty where they are unknown or not whole."""
     if factors is None or any(abs(v - round(v)) > 1e-9 for v in factors.values()):
         return ""
-    for name in _NAMED:
-        for suffix in ("", "/s", "/s2") if "/" not in name else ("",):
+    for suffix in ("", "/s", "/s2"):
+        for name in _NAMED if not suffix else (n for n in _NAMED if "/" not in n):
             if dimension_of_unit(name + suffix) == factors:
                 return name + suffix
     above = [f"{b}{round(v) if v != 1 else ''}" for b, v in factors.items() if v > 0]

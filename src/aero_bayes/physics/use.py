@@ -129,11 +129,6 @@ def levels_of(flat: FlatModel, port: Port) -> dict[str, float]:
     return {"h_0": start, "h_z": 0.0 if unit == "K" else -273.15}
 
 
-def true_name(output: str) -> str:
-    """Name of what an output reads, where a law gives the reading."""
-    return f"{output}_true"
-
-
 def plain_name(path: str) -> str:
     """A path as part of a name: ``rotor.a`` -> ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")

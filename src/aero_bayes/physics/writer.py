@@ -18,10 +18,12 @@ from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.tokens import split_outside
-from aero_bayes.physics.use import Use, plain_name, true_name
+from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
+#: How the quantity behind a reading that is a state is called, after the reading's name.
+TRUE = "_true"
 
 
 class Writer:
@@ -222,10 +224,11 @@ class Writer:
 
     def _true_value(self, use: Use, c: Component) -> None:
         """An output that other equations solve for: what it was gets a name of its own."""
-        true = true_name(c.name)
+        true = f"{c.name}{TRUE}"
         self.draft.declare(use, {"u": true}, {})
+        # a connector stays one, since it may be connected
         self.draft.variables.append(
-            f'Real {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
+            f'{c.type} {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
         )
         if c.arguments:
             kept = [f"{k} = {text_of(self.draft.file.text, v)}" for k, v in c.modifiers if k in ("unit", "displayUnit")]

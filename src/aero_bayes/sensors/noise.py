@@ -28,7 +28,7 @@ LONGEST = 0.02
 #: Steps that differ by more than this share are uneven; a filter that has settled to this share stays as it is.
 _EVEN, _SETTLED = 1e-3, 1e-6
 #: Even stretches shorter than this many samples, on average, are weighed by a banded factor instead of a filter.
-_SHORT = 12
+_SHORT = 300
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
+from aero_bayes.export.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.files import whole_file
 from aero_bayes.library import load_model
 from aero_bayes.physics.sources import read_classes_of
@@ -30,6 +31,8 @@ from aero_bayes.workflow.job import columns_of, layout_of
 
 FloatArray = NDArray[np.float64]
 
+#: What a column of time is called, without its unit.
+TIME = {"time", "t", "timestamp", "zeit"}
 #: Sample times on which the outputs' reaction is looked at.
 SAMPLES = 2000
 #: Change of an output, as a share of its range, by a change of a parameter by its own size, below which it is not felt.
@@ -111,11 +114,12 @@ def main_class(source: Path) -> str:
 
 
 def match_columns(signals: Sequence[str], columns: Sequence[str]) -> Matched:
-    """Match a file's columns: by exact name, without case and a unit in brackets, and the last one to the last one."""
+    """Match a file's columns: by exact name, without case and unit, by a word for time; the last to the last."""
     found = {s: s for s in signals if s in columns}
-    plain = {c: _plain(c) for c in columns}
+    plain = {c: split_unit(c)[0].casefold() for c in columns}
     for signal in signals:
-        near = [c for c in columns if plain[c] == signal.casefold() and c not in found.values()]
+        words = TIME if signal == "time" else {signal.casefold()}
+        near = [c for c in columns if plain[c] in words and c not in found.values()]
         if signal not in found and len(near) == 1:
             found[signal] = near[0]
     signals_left = [s for s in signals if s not in found]
@@ -125,9 +129,15 @@ def match_columns(signals: Sequence[str], columns: Sequence[str]) -> Matched:
     return Matched(found, tuple(signals_left), tuple(columns_left))
 
 
-def _plain(column: str) -> str:
-    """A column's name without case and a unit in brackets."""
-    return re.sub(r"\s*[\[(].*[\])]\s*$", "", column).casefold()
+def split_unit(column: str) -> tuple[str, str]:
+    """A column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``."""
+    if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
+        return brackets[1], spelled(brackets[2])
+    for mark in ("/", "_", " "):
+        name, _, unit = column.partition(mark) if mark == "/" else column.rpartition(mark)
+        if name and (spelled(unit) in TEMPERATURES or base_units(spelled(unit) or "?")) and spelled(unit) != "1":
+            return name, spelled(unit)
+    return column, ""
 
 
 def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: Matched) -> str:
@@ -146,12 +156,20 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         *_signal_lines("inputs", model.inputs, matched),
         *_signal_lines("outputs", model.outputs, matched),
     ]
-    renamed = [(signal, column) for signal, column in matched.columns.items() if signal != column]
-    lines += ["", "# Where a signal has another name in the file; unit, scale and offset can be given too.",
+    units = {"time": "s"} | {v.name: v.unit for v in (*model.inputs, *model.outputs)}
+    lines += ["", "# Where a signal has another name or unit in the file; scale and offset can be given too.",
               "[data.columns]"]  # fmt: skip
-    for signal, column in renamed:
-        doubt = "" if _plain(column) == signal.casefold() else "  # the only one left: is it this?"
-        lines.append(f"{_key(signal)} = {{source = {_text(column)}}}{doubt}")
+    for signal, column in matched.columns.items():
+        plain, unit = split_unit(column)
+        known = conversion(unit, units[signal]) if unit and units[signal] else (1.0, 0.0)
+        if signal == column:
+            continue
+        given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) else ""
+        alike = plain.casefold() == signal.casefold() or (signal == "time" and plain.casefold() in TIME)
+        doubts = [] if alike else ["the only one left: is it this?"]
+        doubts += [] if known else [f"in {unit}, and the model in {units[signal]}: see scale"]
+        doubt = f"  # {'; '.join(doubts)}" if doubts else ""
+        lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
     left = f"columns left: {', '.join(matched.columns_left)}" if matched.columns_left else "no column is left"
     lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
     lines += ["", "[fit]", "# reading, estimated, or auto: whether states start at the first reading or anywhere",

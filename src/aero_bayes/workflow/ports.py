@@ -21,6 +21,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.library_view import in_library
 from aero_bayes.export.syntax import Number
 from aero_bayes.physics.compose import probe
 from aero_bayes.physics.fmu_family import FmuFamily
@@ -38,7 +39,9 @@ FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
-ACTS: Mapping[PortKind, str] = {"input": "u_n", "output": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n"}
+ACTS: Mapping[PortKind, str] = {
+    "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
+}  # fmt: skip
 #: Response to a probe, as a share of the strongest port's, from which a port counts as seen, and as hardly seen.
 SEEN, HARDLY = 1e-2, 1e-4
 
@@ -178,7 +181,7 @@ def _cells(row: Row) -> dict[str, str]:
     for key, value in row.items():
         if key == "line":
             continue
-        text = f"{value}:{row['line']}" if key == "file" and value else value
+        text = f"{in_library(value)}:{row['line']}" if key == "file" and value else value
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"
