@@ -97,8 +97,7 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     for held, _ in sorted(likely, key=lambda one: _unseen(one[1])):
         named = add_effects(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
         if _plainly_better(found.before, named.after, PARTLY):
-            rest = "It is not all: what is left, there and where it was fitted, is more than noise."
-            return replace(named, sentence=f"{named.sentence} {rest}")
+            return replace(named, sentence=f"{named.sentence} More is missing than that.")
     return None
 
 
