@@ -20,7 +20,7 @@ CARRIES_OVER = 0.1
 #: many are tried.
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
-PARTLY = 1.0 / 3.0
+PARTLY = 0.25
 #: How many times the error of fewer effects on data that was not fitted is plainly worse.
 WORSE = 1.05
 
