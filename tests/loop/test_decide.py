@@ -2,7 +2,7 @@
 
 import pytest
 
-from aero_bayes.loop.decide import _plainly_better
+from aero_bayes.loop.decide import PARTLY, _plainly_better
 from aero_bayes.loop.judge import Error, Prediction
 from aero_bayes.loop.tell import gain_text
 
@@ -23,6 +23,11 @@ def prediction(**rms: float) -> Prediction:
 )
 def test_one_output_gains_much_and_none_loses(after: dict[str, float], better: bool) -> None:
     assert _plainly_better(prediction(speed=1.0, angle=1.0), prediction(**after)) is better
+
+
+@pytest.mark.parametrize(("angle", "named"), [(0.3, False), (0.2, True)])
+def test_more_is_asked_of_what_leaves_much(angle: float, named: bool) -> None:
+    assert _plainly_better(prediction(speed=1.0, angle=1.0), prediction(speed=1.0, angle=angle), PARTLY) is named
 
 
 def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
