@@ -32,6 +32,7 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     bench.progress("writing the extended model", 0.75)
     values = selection.held.values
     written = bench.family.extend(selection.effects, values, bench.folder)
+    bench.tally.written.append(written.path)
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
     bench.tally.lap("extension")
     bench.progress("refitting the extended model", 0.85)
@@ -63,6 +64,7 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     family = bench.family
     assert isinstance(family, ModelFamily), "curves are learned for these"
     table, model = family.with_effects([use], bench.folder)
+    bench.tally.written.append(table.path)
     written = Extension(table.name, table.path, table.text, family.diff(table), model, (), {}, {})
     bench.tally.lap("extension")
     start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))

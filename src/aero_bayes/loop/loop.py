@@ -100,6 +100,7 @@ def close_loop(
         base = fit_as_it_stands(bench)
         found = search(bench, base)
         conclusion = decide(bench, found)
+        bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
         base.stands.forget()
         result = result_of(bench, found, conclusion)
         progress("done", 1.0)

@@ -23,9 +23,10 @@ Progress = Callable[[str, float], None]
 
 
 class Tally:
-    """Seconds spent by stage and simulations run so far: the one thing on the bench that changes."""
+    """Seconds spent by stage, simulations run and models written so far: the one thing on the bench that changes."""
 
     def __init__(self) -> None:
+        self.written: list[Path] = []
         self.seconds: dict[str, float] = {}
         self.simulations = self.failures = 0
         self._clock = time.perf_counter()
@@ -35,6 +36,12 @@ class Tally:
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
         self._clock = now
+
+    def keep_only(self, chosen: Path | None) -> None:
+        """Remove what was written of models that were not chosen."""
+        for name in {path.with_suffix("") for path in self.written if path != chosen}:
+            for path in name.parent.glob(f"{name.name}.*"):
+                path.unlink()
 
     def count(self, study: Objective) -> None:
         """Add a study's simulations."""
