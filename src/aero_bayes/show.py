@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook: one short line, and a small table."""
+"""How objects show themselves: one short line, a small table, and lists in a sentence."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
 def with_unit(text: str, unit: str) -> str:
     """A number with its unit behind it; none where it is dimensionless (``1``) or unknown."""
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 class Settings:

@@ -12,6 +12,7 @@ from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Extension
+from aero_bayes.show import listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +63,17 @@ def _sentence(found: Found, refused: str) -> str:
             f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
             "residual better than any effect; it belongs to that moment and is not made into physics."
         )
-    best = " and ".join(selection.effects)
+    best = listed(selection.effects)
+    explain, is_ = ("explain", "are") if len(selection.effects) > 1 else ("explains", "is")
     if refused:
         return (
-            f"The residual is structured; {best} explains it where it was fitted but is far off on data that was "
+            f"The residual is structured; {best} {explain} it where it was fitted but {is_} far off on data that was "
             f"not: {refused}. The missing physics is something else."
         )
     if selection.effects:
         left = ", ".join(sorted({r.output for r in _structured(found.left)}))
         return (
-            f"The residual is structured; {best} explains part of it, but what is left in {left} says that the "
+            f"The residual is structured; {best} {explain} part of it, but what is left in {left} says that the "
             "missing physics is something else."
         )
     last = selection.rounds[-1] if selection.rounds else None

@@ -13,6 +13,7 @@ from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
+from aero_bayes.show import listed
 
 #: A model that leaves less than this share of the error on data that was not fitted carries over to it.
 CARRIES_OVER = 0.1
@@ -119,8 +120,9 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
     part = replace(found, selection=replace(selection, held=held, equivalent=()), left=found.base.report(held))
     if _incomplete(part, bench.settings.left_over):
         return None
-    named, first = add_effects(bench, part), " and ".join(selection.effects)
-    return replace(named, sentence=f"{named.sentence} {first}, found first, carries over less to that data.")
+    named, first = add_effects(bench, part), listed(selection.effects)
+    carry = "carry" if len(selection.effects) > 1 else "carries"
+    return replace(named, sentence=f"{named.sentence} {first}, found first, {carry} over less to that data.")
 
 
 def _unseen(prediction: Prediction) -> float:

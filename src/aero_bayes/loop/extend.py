@@ -24,6 +24,7 @@ from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import CurveFit
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.kin import Extension, rounded
+from aero_bayes.show import listed
 
 
 def add_effects(bench: Workbench, found: Found) -> Conclusion:
@@ -47,8 +48,8 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     structured = [r for r in reports if r.verdict == "structured"]
     required = bench.settings.attribute.require
     given, lacking = ([e.id for e in effects if (e.id in required) is asked] for asked in (True, False))
-    said = [f"was given {' and '.join(given)}, as required"] if given else []
-    said += [f"lacks {' and '.join(lacking)}"] if lacking else []
+    said = [f"was given {listed(given)}, as required"] if given else []
+    said += [f"lacks {listed(lacking)}"] if lacking else []
     sentence = f"The model {' and '.join(said)}: " + gain_text(found.before, after, bench.units)
     if structured:
         sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
