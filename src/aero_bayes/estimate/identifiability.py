@@ -14,6 +14,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.show import listed
+
 FloatArray = NDArray[np.float64]
 
 #: Posterior over prior standard deviation below which a parameter counts as identified, and above which as not at all.
@@ -90,8 +92,7 @@ def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
 
 def _listed(words: Sequence[str]) -> str:
     """Names, marked as such, in a sentence."""
-    marked = [f"`{word}`" for word in words]
-    return marked[0] if len(marked) == 1 else f"{', '.join(marked[:-1])} and {marked[-1]}"
+    return listed([f"`{word}`" for word in words])
 
 
 def assess(
