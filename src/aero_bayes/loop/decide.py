@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from aero_bayes.check.structure import ResidualReport
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
 from aero_bayes.loop.judge import Prediction
@@ -38,9 +40,11 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
         return add_curve(bench, found, rival.curve)
     refused = ""
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
-        named = add_effects(bench, found)
-        refused = _astray(found, named, bench.settings.astray)
-        if not refused:
+        named = _added(bench, found)
+        refused = "it cannot be simulated there"
+        if named is not None:
+            refused = _astray(found, named, bench.settings.astray)
+        if named is not None and not refused:
             return _no_more_than_carries_over(bench, found, named)
         best = rival.best_curve
         if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
@@ -69,11 +73,10 @@ def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion
     if count < 2 or not named.after.test or all(r.verdict != "structured" for r in named.reports):
         return named
     fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
-    errors = [_unseen(bench.predict(held.stand.study.calibration, held.optimum)) for held in fewer]
-    least = min(range(len(fewer)), key=errors.__getitem__, default=None)
-    if least is None or errors[least] > _unseen(named.after) - math.log(WORSE):
+    least, held = min(_predicted(bench, fewer), key=lambda one: one[0], default=(math.inf, None))
+    if held is None or least > _unseen(named.after) - math.log(WORSE):
         return named
-    return _with(bench, found, fewer[least]) or named
+    return _with(bench, found, held) or named
 
 
 def _other(bench: Workbench, found: Found) -> Conclusion | None:
@@ -92,14 +95,30 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
 
     That is a discovery: such a gain is not had by chance. What it leaves is said.
     """
-    fits = [found.selection.held, *_fits(found)][: MOST + 1]
-    predicted = [(held, bench.predict(held.stand.study.calibration, held.optimum)) for held in fits]
-    likely = [(held, after) for held, after in predicted if _plainly_better(found.before, after, PARTLY)]
-    for held, _ in sorted(likely, key=lambda one: _unseen(one[1])):
-        named = add_effects(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
-        if _plainly_better(found.before, named.after, PARTLY):
+    predicted = _predicted(bench, [found.selection.held, *_fits(found)][: MOST + 1])
+    bar = _unseen(found.before) + math.log(PLAINLY)
+    for _, held in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
+        named = _added(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
+        if named is not None and _plainly_better(found.before, named.after, PARTLY):
             return replace(named, sentence=f"{named.sentence} More is missing than that.")
     return None
+
+
+def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held]]:
+    """Fits as the search left them with what they leave of unseen data; those that cannot be simulated there not."""
+    found = []
+    for held in fits:
+        with suppress(CannotFinishError):
+            found.append((_unseen(bench.predict(held.stand.study.calibration, held.optimum)), held))
+    return found
+
+
+def _added(bench: Workbench, found: Found) -> Conclusion | None:
+    """The model with the selected effects; None where it cannot be simulated over the whole recordings."""
+    try:
+        return add_effects(bench, found)
+    except CannotFinishError:
+        return None
 
 
 def _fits(found: Found) -> list[Held]:
@@ -120,7 +139,9 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
     part = replace(found, selection=replace(selection, held=held, equivalent=()), left=found.base.report(held))
     if _incomplete(part, bench.settings.left_over):
         return None
-    named, first = add_effects(bench, part), listed(selection.effects)
+    named, first = _added(bench, part), listed(selection.effects)
+    if named is None:
+        return None
     carry = "carry" if len(selection.effects) > 1 else "carries"
     return replace(named, sentence=f"{named.sentence} {first}, found first, {carry} over less to that data.")
 
