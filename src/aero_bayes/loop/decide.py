@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
@@ -24,6 +26,8 @@ CARRIES_OVER = 0.1
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
 PARTLY = 0.25
+#: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
+FOLLOWS = 1.0 / 3.0
 #: How many times the error of fewer effects on data that was not fitted is plainly worse.
 WORSE = 1.05
 
@@ -99,9 +103,18 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     bar = _unseen(found.before) + math.log(PLAINLY)
     for _, held in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
         named = _added(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
-        if named is not None and _plainly_better(found.before, named.after, PARTLY):
+        if named is None or not _follows(bench, named):
+            continue
+        if _plainly_better(found.before, named.after, PARTLY):
             return replace(named, sentence=f"{named.sentence} More is missing than that.")
     return None
+
+
+def _follows(bench: Workbench, named: Conclusion) -> bool:
+    """Whether every reading that was not fitted is followed, not only missed by less."""
+    recordings = (*bench.recordings.train, *bench.recordings.test)
+    spread = {(r.name, o): float(np.nanstd(y)) for r in recordings for o, y in r.outputs.items()}
+    return all(error.rms < FOLLOWS * spread[key] for key, error in named.after.test.items())
 
 
 def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held]]:
