@@ -187,6 +187,6 @@ def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
         Objective(problem, ClippedSimulator(measured)), {"clip": Candidate("clip", "in", starts, (2,))}, (0, 1)
     )
     base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
-    found = score(prospect(base, stand.candidates["clip"], AttributeSettings()), ClimbSettings())
+    found = score(prospect(base, stand.candidates["clip"], AttributeSettings(), ClimbSettings()), ClimbSettings())
     assert found.gain > 20.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)

@@ -2,16 +2,18 @@ within Laws.Inputs;
 model Lag "Actuator that follows its input late"
   extends Laws.Interfaces.InputLaw;
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
-  Real z(start = 0, fixed = true, nominal = u_n) "Input after the lag";
+  Real z(nominal = u_n) "Input after the lag";
 protected
   final parameter Real T_min = 5e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = sqrt(T_l ^ 2 + T_min ^ 2) "Time constant in use";
+initial equation
+  z = u;
 equation
   T * der(z) = u - z;
   y = u - T_l / T * (u - z);
   annotation (Documentation(info = "<html>
 <p><code>T_l dy/dt = u - y</code>. A lag shorter than <code>T_min</code> is taken to first order in <code>T_l</code>, so that the equations stay regular down to
-zero, where nothing is left of it. Before the start the input was zero.</p>
+zero, where nothing is left of it. Before the start the input was what it is there.</p>
 <p>Source: L. Ljung, System Identification (Prentice Hall, 1999), ch. 4.</p>
 </html>"));
 end Lag;

@@ -110,19 +110,22 @@ class Prospect:
     promise: float
 
 
-def prospect(base: Held, candidate: Candidate, settings: AttributeSettings, beside: Around | None = None) -> Prospect:
+def prospect(
+    base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings, beside: Around | None = None
+) -> Prospect:
     """The most promising starts of a candidate; none where all promise almost nothing.
 
     ``beside`` is another place on the same stand that a start is looked for from as well.
     """
-    points = starting_points(base.around, candidate)
+    few = fit.rough(6, 0.5)
+    points = starting_points(base.around, candidate, few)
     first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
     likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
     own = [s for s in likely if not s.squares][: settings.starts]
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
     starts += [s for s in likely if s.squares][:1]
     if beside is not None:
-        starts += starting_points(beside, candidate)[:1]
+        starts += starting_points(beside, candidate, few)[:1]
     return Prospect(base, candidate, tuple(starts), first)
 
 
@@ -212,7 +215,7 @@ class Search:
             beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
         scores: list[Scored] = []
         for here, candidate, place in beside:
-            scores.append(score(prospect(here, candidate, self.settings, place), self.fit))
+            scores.append(score(prospect(here, candidate, self.settings, self.fit, place), self.fit))
             self._tell(len(scores) / len(beside))
         return sorted(scores, key=lambda s: -s.gain)
 
@@ -281,7 +284,7 @@ class Search:
                     here = self.moved(first.held, [second.candidate.id])
                 except CannotFinishError:
                     continue
-                both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings), self.fit)
+                both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings, self.fit), self.fit)
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
                     if best is None or gain > best.gain:
@@ -338,7 +341,7 @@ class Search:
         any_start = replace(self.settings, promise=-math.inf)
         for id_ in self.settings.require:
             here = self.moved(base, [id_])
-            found = score(prospect(here, here.stand.candidates[id_], any_start), self.fit)
+            found = score(prospect(here, here.stand.candidates[id_], any_start, self.fit), self.fit)
             if found.held is None:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
             scores, nothing, untried = with_odds([found])

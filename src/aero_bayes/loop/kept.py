@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
+from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.loop import starting
 from aero_bayes.physics.kin import Candidate
 
 
-def starting_points(around: starting.Around, candidate: Candidate) -> list[starting.Start]:
+def starting_points(around: starting.Around, candidate: Candidate, steps: ClimbSettings) -> list[starting.Start]:
     """See :func:`.starting.starting_points`."""
 
     def look() -> Arrays:
-        return pack_all(starting.starting_points(around, candidate))
+        return pack_all(starting.starting_points(around, candidate, steps))
 
-    return unpack_all(starting.Start, around.study.once("starts", _asked(around, candidate), look))
+    return unpack_all(starting.Start, around.study.once("starts", (*_asked(around, candidate), steps), look))
 
 
 def promised(around: starting.Around, candidate: Candidate) -> float:

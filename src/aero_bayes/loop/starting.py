@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -11,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
@@ -28,6 +30,10 @@ FAR, PIECES = 1.5, 50.0
 GRID, CLOSER, LIKELIEST = 6, 3, 3
 
 
+#: Share of what a line promises that a simulation must find for the line to be believed.
+BORNE_OUT = 0.3
+
+
 @dataclass(frozen=True, eq=False)
 class Start:
     """Where a refit may start.
@@ -42,13 +48,14 @@ class Start:
     gain: float = -math.inf
 
 
-def starting_points(around: Around, candidate: Candidate) -> list[Start]:
+def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) -> list[Start]:
     """Starting coordinates of a candidate, best first.
 
     What a start changes in the outputs, after the other parameters have readjusted along their own sensitivities, is a
     direction in the space of residuals; how far to go along it and what that gains follow in closed form: under the
     present noise, and, where a misfit is far larger than that noise, by least squares, which sees the misfit as a
-    whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated.
+    whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated. Where
+    neither bears the promise out the other parameters readjust by a few ``steps`` of a climb, with the law held.
     """
     columns = candidate.columns
     tried = around.tried(columns, candidate.starts)
@@ -59,6 +66,8 @@ def starting_points(around: Around, candidate: Candidate) -> list[Start]:
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
     points = around.points(candidate, lines)
+    if max((s.gain for s in points), default=0.0) < BORNE_OUT * max((s.promise for s in points), default=0.0):
+        points += around.held(candidate, lines, steps)
     if (wide := around.by_squares) is not None:
         for s in wide.points(candidate, [wide.line(row, residual) for row, residual in tried]):
             points.append(Start(wide.in_pieces(s.promise), s.point, True, wide.in_pieces(s.gain)))
@@ -204,6 +213,16 @@ class Around:
             bare = replace(line, back=np.zeros_like(line.back), own=np.zeros_like(line.own))
             points += self._simulated([self._end(candidate, bare, 1.0 / line.alone)])
         return points
+
+    def held(self, candidate: Candidate, lines: Sequence[_Line], steps: ClimbSettings) -> list[Start]:
+        """The likeliest tried values that act, all else readjusted by a climb."""
+        acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
+        present, found = self.base.whitened.log_likelihood, []
+        for line in acting[:LIKELIEST]:
+            with suppress(CannotFinishError):
+                end = climb(self.study, line.row, self.base.free, noise=self.base.noise, settings=steps)
+                found.append(Start(line.most, end.coordinates, gain=end.log_likelihood - present))
+        return found
 
     def _end(self, candidate: Candidate, line: _Line, reach: float) -> Start:
         """The start so far along a line."""
