@@ -190,3 +190,37 @@ def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
     found = score(prospect(base, stand.candidates["clip"], AttributeSettings(), ClimbSettings()), ClimbSettings())
     assert found.gain > 20.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)
+
+
+class LimitedSimulator(LinearSimulator):
+    """A power law, its factor and exponent the first two parameters, of an input that the third limits."""
+
+    levels = np.where(np.arange(600) < 60, 3.0, np.where(np.random.default_rng(1).random(600) < 0.5, 1.2, 4.8))
+
+    def outputs(self, p):
+        u = np.minimum(self.levels, 1.0 / np.maximum(p[:, [2]], 1e-12))
+        return (np.exp(p[:, [0]]) * u ** p[:, [1]])[:, :, None]
+
+    def simulate(self, values, *, active=None):
+        slopes = None
+        if active is not None:
+            steps = 1e-6 * np.eye(5)[list(active)]
+            change = [(self.outputs(values + step) - self.outputs(values - step)) / 2e-6 for step in steps]
+            slopes = (np.stack(change, axis=-1),)
+        return Trajectories((self.outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+
+
+def test_a_limit_is_found_though_the_other_parameters_readjust_to_it_along_no_line():
+    limit, noise = 3.5, OutputNoise(0.01, 0.0, 1.0)
+    truth = np.array([[0.3, 0.7, 1.0 / limit, 0.0, 0.0]])
+    exact = LimitedSimulator(np.zeros(600)).outputs(truth)[0, :, 0]
+    measured = exact + noise.sd_white * np.random.default_rng(8).normal(size=600)
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
+    starts = tuple((share / 3.8,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0))
+    stand = Stand(
+        Objective(problem, LimitedSimulator(measured)), {"limit": Candidate("limit", "in", starts, (2,))}, (0, 1)
+    )
+    base = stand.fit({"a": 0.3, "b": 0.7}, (), {"y": noise}, ClimbSettings())
+    found = score(prospect(base, stand.candidates["limit"], AttributeSettings(), ClimbSettings()), ClimbSettings())
+    assert found.gain > 100.0
+    assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)

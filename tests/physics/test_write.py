@@ -409,6 +409,35 @@ def test_the_written_model_moves_like_the_composed_one(
     assert np.abs(one - two).max() < 1e-9 * np.ptp(one)
 
 
+@pytest.mark.parametrize("law", ["Lag(T_l = 0.3)", "Delay(T_d = 0.3)", "RateLimit(r = 4)"])
+def test_an_actuator_starts_where_its_input_does(law: str, tmp_path: Path) -> None:
+    """Of an input that is 3 from the start, and stays, nothing is held back."""
+    name, changed = law.rstrip(")").split("(")
+    path = tmp_path / "Settled.mo"
+    path.write_text(
+        f"""model Settled
+  input Real u;
+  output Real y;
+  Laws.Inputs.{name} law(u_n = 4, t_n = 0.5, {changed});
+equation
+  law.u = u;
+  y = law.y;
+end Settled;
+""",
+        encoding="utf-8",
+    )
+    library = RIGS.parents[2] / "modelica" / "Laws"
+    fmu = export_fmu("Settled", tmp_path / "settled.fmu", compiler="embedded", sources=[library, path])
+    input_ = np.array([(0.0, 3.0), (1.0, 3.0), (1.0, 3.5), (2.0, 3.5)], dtype=[("time", float), ("u", float)])
+    found = simulate_fmu(
+        str(fmu), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-8, stop_time=2.0,
+        output_interval=0.05, input=input_, output=["y"],
+    )  # fmt: skip
+    before = found["time"] < 0.999
+    assert np.abs(found["y"][before] - 3.0).max() < 1e-6
+    assert found["y"][-1] == pytest.approx(3.25 if name == "RateLimit" else 3.5, abs=0.03)
+
+
 def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path: Path) -> None:
     """pymoca's grammar, which shares nothing with the reader here."""
     parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")

@@ -284,7 +284,8 @@ class Search:
                     here = self.moved(first.held, [second.candidate.id])
                 except CannotFinishError:
                     continue
-                both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings, self.fit), self.fit)
+                beside = here.stand.candidates[second.candidate.id]
+                both = score(prospect(here, beside, self.settings, self.fit), self.fit)
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
                     if best is None or gain > best.gain:
