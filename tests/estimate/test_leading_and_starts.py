@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from closed_form import FormulaSimulator, calibration, parameter
 from scipy.signal import cont2discrete
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, Override, calibrate, fit, parameters_from_model
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    FitSettings,
+    NoiseModel,
+    Override,
+    SwarmSettings,
+    Uniform,
+    calibrate,
+    fit,
+    fit_calibration,
+    parameters_from_model,
+)
 from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.objective import Objective
@@ -147,3 +159,24 @@ def test_starts_of_states_that_no_one_measured_are_found(modelica):
     # Held at the model's own start instead, the first tank spoils the fit.
     blind = FitSettings(method="local", calibration=CalibrationSettings(delay="none"))
     assert fit(recordings, model, parameters=parameters, settings=blind, workers=0).rms["level"] > 2.0 * 0.01
+
+
+def test_a_wave_of_many_periods_is_found_from_its_beginning():
+    """In the whole recording the valley is a thirtieth as wide as the start is off; in its first period it is not."""
+    t = np.linspace(0.0, 40.0, 600)
+
+    def wave(t, v):
+        return (v[0] * np.sin(v[1] * t))[:, None]
+
+    rng = np.random.default_rng(7)
+    bounds = {"a": (0.7, 0.0, 4.0), "w": (3.0, 0.2, 9.0)}
+    items = [parameter(n, s, low, high, Uniform(low, high)) for n, (s, low, high) in bounds.items()]
+    y = wave(t, np.array([1.0, 3.7])) + 0.05 * rng.normal(size=(600, 1))
+    problem = calibration([(t, y)], ["y"], items, NoiseModel())
+
+    def found(settings):
+        opened = lambda asked: FormulaSimulator(asked, wave)  # noqa: E731
+        return fit_calibration(problem, opened, settings, np.random.default_rng(1)).values[1]
+
+    assert abs(found(FitSettings(swarm=None)) - 3.7) > 0.1
+    assert found(FitSettings(swarm=SwarmSettings(particles=2, iterations=1))) == pytest.approx(3.7, abs=0.01)

@@ -7,7 +7,7 @@ take it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -78,6 +78,10 @@ class AscentSettings:
     longest: float | None = None
     settle: bool = True
     enough: float = 0.0
+
+
+#: Shares of the recordings that are fitted one after the other where the whole has many valleys.
+HORIZONS = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,8 +277,32 @@ class Climber:
                     at = start.copy()
                     at[list(free)] = x
                     starts.append(at)
+            if self.settings.cost != "eq6":
+                starts.append(self._grown(few, start, free, open_simulator))
             best = self._best(few, starts, free, first, near)
         return best.coordinates, swarm
+
+    def _grown(
+        self, whole: Objective, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator
+    ) -> FloatArray:
+        """Where the starting values lead if the beginning is fitted first, then ever more.
+
+        A motion that turns over, or anything that forgets its past slowly, has a wide valley only while it is short.
+        """
+
+        def growing() -> Arrays:
+            point, steps = start, 0
+            for share in HORIZONS:
+                part = whole.calibration.beginning(share)
+                with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
+                    objective = self.objective.on(part, simulator)
+                    found = climb(objective, point, free, settings=self.by_squares.rough(12, 0.1))
+                    point, steps = found.coordinates, steps + found.steps
+            return {"point": point, "steps": np.array(steps)}
+
+        grown = whole.once("grown", (start, tuple(free)), growing)
+        self.iterations += int(grown["steps"])
+        return grown["point"].astype(np.float64)
 
     def _near(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
         """Where the starting values lead; None where nobody asks."""

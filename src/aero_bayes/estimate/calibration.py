@@ -166,6 +166,14 @@ class Calibration:
         steps = max(self.solver.max_steps, STEPS_A_CHANGE * changes)
         return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
 
+    def beginning(self, share: float) -> Calibration:
+        """The same problem on the first ``share`` of each recording's samples, at least twenty of them."""
+        shorter = []
+        for e, measured in zip(self.experiments, self.measured, strict=True):
+            stop = max(int(share * e.time.size), min(20, e.time.size))
+            shorter.append(replace(e, time=e.time[:stop], measured=measured[:stop]))
+        return replace(self, experiments=tuple(shorter))
+
     def thinned(self, samples: int) -> Calibration:
         """The same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""
         return replace(self, experiments=tuple(thin(e, samples) for e in self.experiments))

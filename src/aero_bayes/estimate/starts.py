@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording
+from aero_bayes.data import Recording, floors_of
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.simulation import open_simulator
@@ -22,8 +22,9 @@ FloatArray = NDArray[np.float64]
 #: ``auto``: those that are outputs and may start anywhere are estimated about their reading.
 StartPolicy = Literal["auto", "reading", "estimated"]
 
-#: Spread of a start about its reading, as a share of the output's range.
-SPREAD = 0.1
+#: Spread of a start about its reading, in noise floors of the output, and its least and most as shares of its range: a
+#: reading tells where its state is.
+FLOORS, LEAST, MOST = 5.0, 0.002, 0.1
 #: How far a start may lie from where it is expected, in spreads.
 REACH = 8.0
 
@@ -57,6 +58,7 @@ def start_parameters(
     start: dict[str, float] = {}
     found: list[Parameter] = []
     seen: set[str] = set()
+    floors = floors_of([recording], experiment.outputs)
     in_motion = any(signal.values[0] != 0.0 and signal.time[0] >= recording.time[0] for signal in experiment.inputs)
     for column, name in enumerate(experiment.outputs):
         state = state_of(model, name)
@@ -68,7 +70,8 @@ def start_parameters(
         start[state.name] = reading
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
-            spread = max(SPREAD * float(np.nanmax(values) - np.nanmin(values)), 1e-9)
+            moved, floor = float(np.nanmax(values) - np.nanmin(values)), floors[recording.name, name]
+            spread = max(min(max(FLOORS * floor, LEAST * moved), MOST * moved), 1e-9)
             found.append(_start(name, state, reading, spread, index, suffix))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen]

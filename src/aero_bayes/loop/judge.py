@@ -205,11 +205,7 @@ def _settled(
     ]  # fmt: skip
     if not columns:
         return row
-    experiments = []
-    for e, measured in zip(whole.experiments, whole.measured, strict=True):
-        stop = max(int(SETTLING * e.time.size), min(20, e.time.size))
-        experiments.append(replace(e, time=e.time[:stop], measured=measured[:stop]))
-    beginning = replace(whole, experiments=tuple(experiments))
+    beginning = whole.beginning(SETTLING)
     with open_simulator(beginning.problem()) as simulator:
         objective = Objective(beginning, simulator)
         at = whole.parameters.to_search(row)
