@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 _LOG_2PI = math.log(2.0 * math.pi)
 #: What an output weighs that a stage leaves out: its range times this much noise.
 IGNORED = 1e6
+#: What is beyond it, in any unit, is no prediction, and has no square.
+AWAY = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +138,7 @@ class Objective:
     # by residuals
 
     def evaluate(self, coordinates: FloatArray, active: Sequence[int] | None = None) -> Evaluation | None:
-        """Hold one parameter vector (search coordinates) against the data; None if a simulation failed."""
+        """Hold one parameter vector (search coordinates) against the data; None if a simulation failed or ran away."""
         values = self.parameters.from_search(coordinates)
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
@@ -152,6 +154,8 @@ class Objective:
                 assert found.sensitivities is not None
                 by = found.sensitivities[series.experiment][0, :, series.column, :][index]
                 slopes.append(np.ascontiguousarray(by.T) * scale[:, np.newaxis])
+        if any(np.max(np.abs(rows), initial=0.0) > AWAY for rows in (*residual, *slopes)):
+            return None
         return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
 
     def residuals(self, coordinates: FloatArray) -> list[tuple[FloatArray, ...] | None]:
