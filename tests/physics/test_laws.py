@@ -80,6 +80,15 @@ def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None
     assert {k: sorted(v) for k, v in found.items()} == {k: sorted(v.split()) for k, v in LISTED.items()}
 
 
+@pytest.mark.parametrize(
+    ("flow", "level", "unit"),
+    [("kg/(s.m3)", "g/l", "1/s"), ("l/min", "m", "l/(min.m)"), ("W", "K", "W/K"), ("m3/s", "m", "m2/s")],
+)
+def test_a_parameters_unit_is_as_plain_as_the_ports(flow: str, level: str, unit: str, laws: tuple[Law, ...]) -> None:
+    law = next(law for law in laws if (law.kind, law.id) == ("storage", "linear_loss"))
+    assert law.switch.unit({"q_n": flow, "h_n": level, "t_n": "s"}) == unit
+
+
 def test_ids_are_snake_case() -> None:
     assert [snake_case(n) for n in ("CoulombFriction", "Lag", "ACDrop", "RateLimit2")] == [
         "coulomb_friction", "lag", "ac_drop", "rate_limit2",
