@@ -76,7 +76,7 @@ ONE_OF_EACH = [
     ("Shaft.Motor", "saturation@V"), ("Shaft.Motor", "gain@speed"), ("Shaft.Motor", "series_resistance@inductor.p"),
     ("Shaft.Motor", "backlash@load.a"), ("Shaft.Motor", "stribeck_friction@rotor.a"),
     ("Bodies.Pair", "radiation@one.port"), ("Bodies.Pair", "exchange@one.port"),
-    ("Bodies.Pair", "square_loss@two.port"), ("Stretch.Absorber", "backlash@link.v_rel"),
+    ("Bodies.Pair", "square_loss@two.port"),
 ]  # fmt: skip
 
 

@@ -17,7 +17,6 @@ from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port, PortKind, fits
 from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
-from aero_bayes.physics.stretch import FORCES, repeats, stretch_of
 from aero_bayes.physics.structure import Structure, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
 
@@ -81,7 +80,6 @@ def _balances(s: Structure) -> Iterator[Port]:
     units = {v.name: v.unit for v in s.flat.variables}
     positions = {x: r for x, r in s.rates.items() if r in s.states}
     driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
-    driven = [x for x in driven if not repeats(s, x, driven)]
     own, inner = (_assigned(s, driven, values, units, inside=inside) for inside in (False, True))
     for state in driven:
         position = next((x for x, r in positions.items() if r == state), "")
@@ -113,7 +111,7 @@ def _assigned(
             e = s.flat.equations[index]
             names = names_in(e.left) | names_in(e.right)
             stated = bool(e.component) is inside and e.origin in ("component", "binding")
-            kinematic = _kinematic(s, state, names, driver) or (inside and index in s.plain)
+            kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
             if not stated or kinematic or (names & flow and not inside):
                 continue
             entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
@@ -136,13 +134,12 @@ def _assigned(
     return {x: next(o for o in options[x] if o.equation == equation) for equation, x in taken.items()}
 
 
-def _kinematic(s: Structure, state: str, names: set[str], driver: str) -> bool:
+def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
     """Whether an equation only says how an angle or a displacement follows from a speed."""
     unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
     speeds = all(dimension_of_unit(unit_in(s, n)) in SPEEDS for n in varying)
-    angle = unit == "rad" and (driver.startswith("der(") or stretch_of(s, state) is None)
-    return angle or (unit in ("m", "rad") and bool(varying) and speeds)
+    return unit == "rad" or (unit == "m" and bool(varying) and speeds)
 
 
 def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
@@ -164,8 +161,6 @@ def _equation(s: Structure, state: str, position: str, entrance: Entrance | None
     own = _own_name(s, state)
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
-    if (stretch := stretch_of(s, state)) is not None and dimension_of_unit(entrance.unit) in FORCES:
-        kind, own, signals = "motion", stretch.v, signals_of("motion", stretch.v, stretch.x)
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
         own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
@@ -177,9 +172,7 @@ def driver_names(s: Structure, state: str) -> list[str]:
     """What a balance drives: the derivative of a state, or a variable that equals it."""
     rate = s.rates.get(s.of(state))
     names = [f"der({n})" for n in s.members(s.of(state))]
-    names += s.members(rate) if rate is not None and rate not in s.states else []
-    # a spring or a damper is driven by the speed itself
-    return names + (s.members(stretch.v) if (stretch := stretch_of(s, state)) is not None else [])
+    return names + (s.members(rate) if rate is not None and rate not in s.states else [])
 
 
 def is_driver(name: str) -> Driver:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
@@ -16,8 +16,7 @@ class Structure:
 
     ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
     ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
-    that only say that two variables are equal or one the other's derivative. ``apart`` names one class for all that
-    differ by a constant, such as the ends of a rigid body; it is empty for what is itself constant.
+    that only say that two variables are equal or one the other's derivative.
     """
 
     flat: FlatModel
@@ -26,7 +25,6 @@ class Structure:
     rates: dict[str, str]
     states: tuple[str, ...]
     plain: frozenset[int]
-    apart: dict[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
         """Class of a variable; the name itself where nothing equals it."""
@@ -108,9 +106,7 @@ def structure_of(flat: FlatModel) -> Structure:
         if pair is not None and pair[0] in free and pair[1] in free:
             plain.add(i)
             unite(*pair)
-    near = _constant_apart(flat, variables, free, lambda n: root(n)[0])
     first: dict[str, str] = {}
-    own: dict[str, str] = {}
     for i, e in enumerate(flat.equations):
         for one, two in ((e.left, e.right), (e.right, e.left)):
             derived = is_derivative(one)
@@ -119,51 +115,14 @@ def structure_of(flat: FlatModel) -> Structure:
                     continue  # an integrator of an input: its balance
                 plain.add(i)
                 state, sign = root(derived)
-                # all rates of one quantity are equal, whoever names them, and those of what lies a constant beside it
+                # all rates of one quantity are equal, whoever names them
                 if sign > 0:
-                    own[state] = first.setdefault(near.get(state, state), two.name)
-                    unite(own[state], two.name, 1)
+                    unite(first.setdefault(state, two.name), two.name, 1)
     same = {n: root(n) for n in variables if n in free}
-    rates = {state: root(rate)[0] for state, rate in own.items()}
+    rates = {state: root(rate)[0] for state, rate in first.items()}
     found = {root(n)[0] for n in dynamic}
     states = tuple(v.name for v in flat.variables if v.name in found)
-    apart = {n: near.get(cls, cls) for n, (cls, _) in same.items()}
-    return Structure(flat, variables, same, rates, states, frozenset(plain), apart)
-
-
-def _constant_apart(
-    flat: FlatModel, variables: Mapping[str, FlatVariable], free: Collection[str], of: Callable[[str], str]
-) -> dict[str, str]:
-    """A class by each that differs from it by a constant; empty where the class itself is constant."""
-    parent: dict[str, str] = {}
-
-    def root(name: str) -> str:
-        while name in parent:
-            name = parent[name]
-        return name
-
-    for e in flat.equations:
-        terms = [*_signed(e.left, 1), *_signed(e.right, -1)]
-        moving = [(sign, of(t.name)) for sign, t in terms if isinstance(t, Name) and t.name in free]
-        still = [t for _, t in terms if not (isinstance(t, Name) and t.name in free)]
-        constant = all(n in variables and variables[n].constant for t in still for n in names_in(t))
-        if constant and (len(moving) == 1 or (len(moving) == 2 and moving[0][0] == -moving[1][0])):
-            first, second = (*(root(name) for _, name in moving), "")[:2]
-            if first != second:
-                parent[max(first, second)] = min(first, second)
-    return {name: root(name) for name in parent}
-
-
-def _signed(tree: Expression, sign: int) -> Iterator[tuple[int, Expression]]:
-    """The terms of a sum with their signs."""
-    match tree:
-        case Call("+" | "-" as operator, (one, two)):
-            yield from _signed(one, sign)
-            yield from _signed(two, sign if operator == "+" else -sign)
-        case Call("neg", (one,)):
-            yield from _signed(one, -sign)
-        case _:
-            yield sign, tree
+    return Structure(flat, variables, same, rates, states, frozenset(plain))
 
 
 def _derived(tree: Expression) -> Iterator[str]:
