@@ -117,7 +117,8 @@ def test_units_as_they_are_written_by_hand(by_hand: str, unit: str) -> None:
     [
         ("degC", "K", 20.0, 293.15), ("K", "degC", 293.15, 20.0), ("degF", "degC", 212.0, 100.0),
         ("min", "s", 2.0, 120.0), ("kPa", "bar", 250.0, 2.5), ("l/min", "m3/s", 60.0, 1e-3), ("deg", "deg", 7.0, 7.0),
-        ("rpm", "rad/s", 30.0, np.pi), ("furlong", "furlong", 3.0, 3.0),
+        ("rpm", "rad/s", 30.0, np.pi), ("%", "1", 30.0, 0.3), ("g", "m/s2", 2.0, 19.6133), ("g", "kg", 2.0, 2e-3),
+        ("mAh", "C", 500.0, 1800.0), ("psi", "bar", 100.0, 6.894757), ("furlong", "furlong", 3.0, 3.0),
     ],
 )  # fmt: skip
 def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expected: float) -> None:

@@ -277,6 +277,12 @@ def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: W
     assert "/tmp" not in str(caught.value)
 
 
+def test_a_slip_inside_a_package_has_its_line_too(modelica: Write) -> None:
+    source = modelica("Kit", f"package Kit\n{MODEL.format('  y = x').removeprefix('within ;')}end Kit;\n")
+    with pytest.raises(InputError, match=r"^Kit\.mo:8: unexpected `end`$"):
+        explicit_model("Kit.Bad", [source])
+
+
 def test_modifiers_that_the_front_end_would_drop_are_refused(modelica: Write) -> None:
     source = modelica(
         "Dropped",

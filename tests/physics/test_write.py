@@ -498,3 +498,30 @@ end Read;
         export_flat(flat, tmp_path / "out" / f"{c.port.signals['u']}.fmu", quick=True)
     same = family._aliases
     assert same["plant.i"] == same["i"]
+
+
+def test_only_what_can_be_written_is_tried(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    """A balance that only stands in a component as rows of a matrix equation need not stop a search."""
+    (tmp_path / "Filter.mo").write_text(
+        """package Filter
+  model Rows
+    parameter Real A[2, 2] = {{-1, 0.2}, {0, -3}};
+    input Real u;
+    Real x[2](each start = 0, each fixed = true);
+  equation
+    der(x) = A * x + {0, 1} * u;
+  end Rows;
+  model Rig
+    input Real u;
+    output Real y = rows.x[1];
+    Rows rows(u = u);
+  end Rig;
+end Filter;
+"""
+    )
+    family = RigFamily("Filter.Rig", (tmp_path / "Filter.mo",), tmp_path)
+    tried = family.tried()
+    assert {"lag@u", "offset@y"} <= {c.id for c in tried}
+    for c in tried:
+        use = use_of(c.law, c.port, {v.name for v in family.flat.variables}, sizes={}, neighbour=c.neighbour)
+        write_law(family.sources, family.base, family.flat, [use], tmp_path / "out")

@@ -123,6 +123,27 @@ def test_check_summarises(adequate: Path) -> None:
     assert "theta" in result.output
 
 
+def test_check_reads_in_the_models_units(tmp_path: Path) -> None:
+    (tmp_path / "Room.mo").write_text(
+        """model Room
+  input Real P(unit = "W");
+  output Real T(unit = "K", start = 290, fixed = true);
+equation
+  1000 * der(T) = P - 5 * (T - 280);
+end Room;
+"""
+    )
+    (tmp_path / "run.csv").write_text("time,P,room\n" + "".join(f"{k},{k % 3},{20 + k % 2}\n" for k in range(50)))
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        '[model]\nsources = ["Room.mo"]\nname = "Room"\n[data]\ninputs = ["P"]\noutputs = ["T"]\n'
+        '[data.columns]\nT = {source = "room", unit = "degC"}\n'
+    )
+    result = CliRunner().invoke(main, ["check", "--config", str(config), str(tmp_path / "run.csv")])
+    assert result.exit_code == 0, result.output
+    assert "T: 293.1 to 294.1 K" in result.output
+
+
 def test_configured_columns_and_units(adequate: Path, tmp_path: Path) -> None:
     renamed = tmp_path / "renamed.csv"
     header, *lines = adequate.read_text("utf-8").splitlines()

@@ -108,6 +108,29 @@ def test_what_cannot_be_matched_is_a_comment(rig):
 @pytest.mark.parametrize(
     ("columns", "expected"),
     [
+        (("t [us]", "Iload", "IL", "V-Out"), {"time": "t [us]", "i_load": "Iload", "v_out": "V-Out"}),
+        (("s", "i_load", "U_out (mV)", "I_coil (A)"), {"time": "s", "i_load": "i_load", "v_out": "U_out (mV)"}),
+        (("time", "i_load_1", "i_load_2", "a_mV", "b_mV"), {"time": "time"}),
+        (("time", "v_out", "temp_degC"), {"time": "time", "v_out": "v_out"}),
+    ],
+)
+def test_a_unit_or_a_word_tells_a_column_where_only_one_fits(columns, expected):
+    units = {"time": "s", "i_load": "A", "v_out": "V"}
+    assert match_columns(tuple(units), columns, units).columns == expected
+
+
+def test_what_was_told_by_its_unit_is_to_be_looked_at(rig):
+    record(rig / "odd.csv", "min,drive (mV),mass_kg")
+    done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "odd.toml")
+    assert done.exit_code == 0, done.output
+    lines = (rig / "odd.toml").read_text().splitlines()
+    assert 'u = {source = "drive (mV)", unit = "mV"}  # is it this?' in lines
+    assert 'time = {source = "min", unit = "min"}  # is it this?' in lines
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
         (("time", "u", "y"), {"time": "time", "u": "u", "y": "y"}),
         (("time", "Y [mm]", "U"), {"time": "time", "u": "U", "y": "Y [mm]"}),
         (("time", "u", "U", "z"), {"time": "time", "u": "u"}),

@@ -4,16 +4,21 @@ model Delay "Reading that comes late"
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real q(start = 0, fixed = true, nominal = u_n / t_n) "Filtered rate of change";
   Real p(start = 0, fixed = true, nominal = u_n / t_n) "Its rate of change in units of the delay";
+  Real r(start = 0, fixed = true, nominal = u_n / t_n) "That of p";
+  Real s(start = 0, fixed = true, nominal = u_n / t_n) "That of r";
 protected
   final parameter Real T_min = 1e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = sqrt(T_d ^ 2 + T_min ^ 2) "Delay in use";
 equation
   T * der(q) = p;
-  T * der(p) = 12 * (der(u) - q) - 6 * p;
-  y = u - T_d * q;
+  T * der(p) = r;
+  T * der(r) = s;
+  T * der(s) = 1680 * (der(u) - q) - 840 * p - 180 * r - 20 * s;
+  y = u - T_d * (q + r / 42);
   annotation (Documentation(info = "<html>
-<p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of second order: <code>q</code> is the rate of change passed through
-<code>1 / (1 + T s / 2 + T^2 s^2 / 12)</code>. For a motion of angular frequency <code>a</code> the error is <code>(a T_d)^5 / 720</code> of its size.</p>
+<p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of fourth order: <code>q</code> is the rate of change passed through
+<code>1 / (1 + T s / 2 + 3 (T s)^2 / 28 + (T s)^3 / 84 + (T s)^4 / 1680)</code>. For a motion of angular frequency <code>a</code> the error is
+<code>(a T_d)^9 / 25401600</code> of its size.</p>
 <p>Source: G. A. Baker, P. Graves-Morris, Pad&eacute; Approximants (Cambridge, 1996), sec. 1.2.</p>
 </html>"));
 end Delay;

@@ -269,7 +269,10 @@ def climb(
     kept = objective.once("climb", (terrain.base, tuple(free), noise, settings), descend)
     found = ends[0] if ends else terrain.back(kept)
     if found.ground is None:
-        raise CannotFinishError("the model cannot be simulated at the values where a fit starts")
+        raise CannotFinishError(
+            "the model cannot be simulated at the values where a fit starts; a plant that is unstable without its "
+            "controller needs the controller in the model"
+        )
     here = found.ground
     values, vectors = np.linalg.eigh(here.hessian)
     values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0)) if len(values) else values

@@ -122,7 +122,7 @@ def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
     """Put file and line before a message where rumoca or the sources tell them."""
     diagnostic = re.sub(r"\n *\u2502 (?=\S)", " ", diagnostic)  # a message that was wrapped
     syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
-    if syntax is not None and syntax[1] in line:
+    if syntax is not None and (syntax[1] in line or "parse failed" in line):
         return f"{syntax[2]}: {syntax[1]}"
     placed = re.fullmatch(r"(.*) \[([^\]:]+\.mo:\d+)(?::\d+)?\]", line)
     if placed is not None:

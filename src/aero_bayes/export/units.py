@@ -8,6 +8,7 @@ BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 _DERIVED: dict[str, tuple[float, dict[str, int]]] = {
     "1": (1.0, {}),
+    "%": (1e-2, {}),
     "g": (1e-3, {"kg": 1}),
     "m": (1.0, {"m": 1}),
     "s": (1.0, {"s": 1}),
@@ -36,20 +37,24 @@ _DERIVED: dict[str, tuple[float, dict[str, int]]] = {
     "h": (3600.0, {"s": 1}),
     "l": (1e-3, {"m": 3}),
     "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
+    "atm": (101325.0, {"kg": 1, "m": -1, "s": -2}),
+    "psi": (6894.757293168361, {"kg": 1, "m": -1, "s": -2}),
     "rpm": (0.10471975511965977, {"rad": 1, "s": -1}),
 }
 #: Temperatures: their zero and their degree, both in K.
 TEMPERATURES = {"K": (0.0, 1.0), "degC": (273.15, 1.0), "degF": (459.67 / 1.8, 1.0 / 1.8)}
+#: Standard gravity, in m/s2.
+GRAVITY = 9.80665
 #: What units are called by hand, as the grammar spells them.
 _BY_HAND = {
     "ohm": "Ohm", "Ω": "Ohm", "Nm": "N.m", "sec": "s", "degree": "deg", "degrees": "deg", "°": "deg", "°C": "degC",
-    "Celsius": "degC", "L": "l", "-": "1",
+    "Celsius": "degC", "L": "l", "-": "1", "Ah": "A.h", "mAh": "mA.h", "Wh": "W.h", "kWh": "kW.h",
 }  # fmt: skip
 _PREFIX = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 _ITEM = r"(?:1|[^\W\d_]+|[%°])"
 _PRODUCT = rf"{_ITEM}(?:[+-]?\d+)?(?:\.{_ITEM}(?:[+-]?\d+)?)*"
 _GRAMMAR = re.compile(rf"(?:{_PRODUCT}|\({_PRODUCT}\))(?:/(?:{_ITEM}(?:[+-]?\d+)?|\({_PRODUCT}\)))?")
-_FACTOR = re.compile(r"([A-Za-z]+|1)([+-]?\d+)?$")
+_FACTOR = re.compile(r"([A-Za-z]+|[1%])([+-]?\d+)?$")
 
 
 def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
@@ -77,7 +82,7 @@ def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
 def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
     if name in _DERIVED:
         return _DERIVED[name]
-    if len(name) > 1 and name[0] in _PREFIX and name[1:] in _DERIVED and name[1:] != "1":
+    if len(name) > 1 and name[0] in _PREFIX and name[1:] in _DERIVED and name[1:] not in ("1", "%"):
         factor, exponents = _DERIVED[name[1:]]
         return factor * _PREFIX[name[0]], exponents
     return None
@@ -118,6 +123,8 @@ def conversion(unit: str, to: str) -> tuple[float, float] | None:
         (zero, degree), (new_zero, new_degree) = TEMPERATURES[one], TEMPERATURES[other]
         return degree / new_degree, (zero - new_zero) / new_degree
     own, wanted = base_units(one), base_units(other)
+    if one == "g" and wanted is not None and wanted[1] == {"m": 1, "s": -2}:
+        own = (GRAVITY, wanted[1])  # what an accelerometer reads in, not a gram
     if own is None or wanted is None or own[1] != wanted[1]:
         return (1.0, 0.0) if one and one == other else None
     return own[0] / wanted[0], 0.0

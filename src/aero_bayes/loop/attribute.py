@@ -22,6 +22,7 @@ from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.starting import Around, Start
 from aero_bayes.physics.kin import Candidate
+from aero_bayes.show import listed
 
 FloatArray = NDArray[np.float64]
 
@@ -306,7 +307,8 @@ class Search:
         """
         current = self._required(base)
         while len(current.effects) < self.settings.max_effects:
-            self._begin(told, f"round {len(self.rounds) + 1}", len(self.rounds))
+            beside = f" beside {listed(current.effects)}" if current.effects else ""
+            self._begin(told, f"round {len(self.rounds) + 1}{beside}", len(self.rounds))
             room = self.settings.max_effects - len(current.effects) > 1
             unexplained = structured(current)
             found = self.round(current, ids, wide=unexplained, pairs=room and unexplained)

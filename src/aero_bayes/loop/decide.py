@@ -13,7 +13,7 @@ from aero_bayes.check.structure import ResidualReport
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
-from aero_bayes.loop.judge import Prediction
+from aero_bayes.loop.judge import Prediction, surely_worse
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
@@ -28,8 +28,6 @@ PLAINLY, MOST = 0.5, 6
 PARTLY = 0.25
 #: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
 FOLLOWS = 1.0 / 3.0
-#: How many times the error of fewer effects on data that was not fitted is plainly worse.
-WORSE = 1.05
 
 
 def decide(bench: Workbench, found: Found) -> Conclusion:
@@ -69,7 +67,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
 
 
 def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named, or fewer effects where some structure is left and they predict what was not fitted better.
+    """What is named, or fewer effects where some structure is left and more do not surely predict the unseen better.
 
     While structure is left the noise is not known, and evidence is surer of itself than it should be.
     """
@@ -77,10 +75,10 @@ def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion
     if count < 2 or not named.after.test or all(r.verdict != "structured" for r in named.reports):
         return named
     fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
-    least, held = min(_predicted(bench, fewer), key=lambda one: one[0], default=(math.inf, None))
-    if held is None or least > _unseen(named.after) - math.log(WORSE):
-        return named
-    return _with(bench, found, held) or named
+    for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
+        if not surely_worse(after, named.after, bench.recordings) and (kept := _with(bench, found, held)) is not None:
+            return kept
+    return named
 
 
 def _other(bench: Workbench, found: Found) -> Conclusion | None:
@@ -101,7 +99,7 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     """
     predicted = _predicted(bench, [found.selection.held, *_fits(found)][: MOST + 1])
     bar = _unseen(found.before) + math.log(PLAINLY)
-    for _, held in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
+    for _, held, _ in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
         named = _added(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
         if named is None or not _follows(bench, named):
             continue
@@ -117,12 +115,13 @@ def _follows(bench: Workbench, named: Conclusion) -> bool:
     return all(error.rms < FOLLOWS * spread[key] for key, error in named.after.test.items())
 
 
-def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held]]:
+def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held, Prediction]]:
     """Fits as the search left them with what they leave of unseen data; those that cannot be simulated there not."""
     found = []
     for held in fits:
         with suppress(CannotFinishError):
-            found.append((_unseen(bench.predict(held.stand.study.calibration, held.optimum)), held))
+            after = bench.predict(held.stand.study.calibration, held.optimum)
+            found.append((_unseen(after), held, after))
     return found
 
 
@@ -156,7 +155,7 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
     if named is None:
         return None
     carry = "carry" if len(selection.effects) > 1 else "carries"
-    return replace(named, sentence=f"{named.sentence} {first}, found first, {carry} over less to that data.")
+    return replace(named, sentence=f"{named.sentence} {first}, found first, {carry} over no better.")
 
 
 def _unseen(prediction: Prediction) -> float:

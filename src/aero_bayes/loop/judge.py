@@ -25,6 +25,8 @@ FloatArray = NDArray[np.float64]
 
 #: Share of a recording that was not fitted from which its initial states are estimated.
 SETTLING = 0.05
+#: Standard deviations by which one prediction is surely worse than another.
+SURE = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,12 +93,38 @@ def rms_error(residual: FloatArray, interval: float) -> Error:
     rms = float(np.sqrt(np.mean(residual**2)))
     if n < 10:
         return Error(rms, rms / math.sqrt(2.0 * n), n)
-    _, acf = autocorrelation(residual**2, interval, min(n // 3, 2000))
+    return Error(rms, 0.5 * _sd_of_mean(residual**2, interval) / max(rms, 1e-300), n)
+
+
+def _sd_of_mean(series: FloatArray, interval: float) -> float:
+    """Standard deviation of the mean of a series (n,), with its correlation counted."""
+    n = series.size
+    _, acf = autocorrelation(series, interval, min(n // 3, 2000))
     negative = np.flatnonzero(acf <= 0.0)
     last = int(negative[0]) if negative.size else acf.size
     time = max(1.0, 2.0 * float(acf[:last].sum()) - 1.0)
-    spread = float(np.std(residual**2)) * math.sqrt(time / n)
-    return Error(rms, 0.5 * spread / max(rms, 1e-300), n)
+    return float(np.std(series)) * math.sqrt(time / n)
+
+
+def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> bool:
+    """Whether a prediction misses what was not fitted by more than another in some output, by more than chance.
+
+    Squared residuals are compared reading by reading; correlated readings count for less.
+    """
+    more: dict[str, float] = {}
+    variance: dict[str, float] = {}
+    for k, r in enumerate((*recordings.train, *recordings.test)):
+        start = recordings.held_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
+        for output in (o for o in recordings.outputs if (r.name, o) in one.test and o in r.outputs):
+            y = r.outputs[output]
+            change = (y - one.fitted[r.name, output]) ** 2 - (y - other.fitted[r.name, output]) ** 2
+            change = change[np.isfinite(change) & (r.time >= start)]
+            if change.size < 10:
+                continue
+            sd = _sd_of_mean(change, float(np.median(np.diff(r.time))))
+            more[output] = more.get(output, 0.0) + float(change.sum())
+            variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
+    return any(extra > SURE * math.sqrt(variance[output]) for output, extra in more.items())
 
 
 def predict(

@@ -12,7 +12,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
 from aero_bayes.physics.classes import ClassText, Component, read_classes
 from aero_bayes.physics.edit import apply, replace_names
-from aero_bayes.physics.terms import Term, dimension, evaluate, parse_term, unit_factors, unit_text
+from aero_bayes.physics.terms import Term, coherent, dimension, evaluate, parse_term, unit_factors, unit_text
 from aero_bayes.physics.tokens import Token
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
@@ -70,7 +70,7 @@ class LawParameter:
         if not _names(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in of_size.items()}
-        return unit_text(dimension(self.nominal, factors.get))
+        return unit_text(coherent(dimension(self.nominal, factors.get)))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
+import tempfile
 import zipfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -121,7 +122,23 @@ class RigFamily:
         return tuple(self._uses)
 
     def _candidates(self, calibration: Calibration) -> Sequence[Trial]:
-        return candidates(self.ports, self.laws)
+        return self.tried()
+
+    def tried(self) -> tuple[Trial, ...]:
+        """Every law at every port where the source has a place for one."""
+        every = candidates(self.ports, self.laws)
+        balances = {c.port.id: c for c in every if c.port.via == "equation"}.values()
+        barred = {c.port.id for c in balances if not self._can_be_written(c)}
+        return tuple(c for c in every if c.port.id not in barred)
+
+    def _can_be_written(self, c: Trial) -> bool:
+        use = use_of(c.law, c.port, self._taken(), sizes={}, neighbour=c.neighbour)
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                write_law(self.sources, self.base, self.flat, [use], folder)
+        except InputError:
+            return False
+        return True
 
     def _sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Sizes:
         return port_sizes(self.flat, self.ports, calibration, fit, open_simulator)

@@ -221,6 +221,21 @@ def unit_factors(unit: str) -> Dimension | None:
     return _clean(total)
 
 
+def coherent(factors: Dimension | None) -> Dimension | None:
+    """Symbols whose scales cancel, in base units: ``kg.l/(s.m3.g)`` is ``1/s``. Others stay."""
+    known = {symbol: base_units(symbol) for symbol in factors or {}}
+    scales = {symbol: found[0] for symbol, found in known.items() if found is not None}
+    if factors is None or len(scales) < len(known) or all(scale == 1.0 for scale in scales.values()):
+        return factors
+    if not math.isclose(math.prod(scale ** factors[symbol] for symbol, scale in scales.items()), 1.0):
+        return factors
+    total: dict[str, float] = {}
+    for symbol, found in known.items():
+        for base, power in found[1].items() if found is not None else ():
+            total[base] = total.get(base, 0.0) + power * factors[symbol]
+    return _clean(total)
+
+
 def unit_text(factors: Dimension | None) -> str:
     """A unit expression of such exponents; empty where they are unknown or not whole."""
     if factors is None or any(abs(v - round(v)) > 1e-9 for v in factors.values()):

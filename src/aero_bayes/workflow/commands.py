@@ -173,8 +173,11 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     config = load_config(config_path)
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
-    named = declared.systems or (config.data.inputs is not None and config.data.outputs is not None)
-    model = None if named else built_model(config, name, fmu)
+    section = config.data
+    named = section.inputs is not None and section.outputs is not None
+    # without a unit the file is in the model's units, whatever they are
+    known = declared.systems or (named and not any(c.unit for c in section.columns.values()))
+    model = None if known else built_model(config, name, fmu)
     layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
     summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,7 +81,8 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     name = model or main_class(source)
     built = load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
-    matched = match_columns(signals, read_header(data)[1])
+    units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
+    matched = match_columns(signals, read_header(data)[1], units)
     head = _head(name, [source, *libraries], out, built, data, matched)
     text = head + _parameter_lines(built, _reasons(built, head, data))
     Config.model_validate(tomllib.loads(text))
@@ -113,20 +114,52 @@ def main_class(source: Path) -> str:
     raise InputError(f"{source}: say which model with --model: {', '.join(c.full_name for c in roots or found)}")
 
 
-def match_columns(signals: Sequence[str], columns: Sequence[str]) -> Matched:
-    """Match a file's columns: by exact name, without case and unit, by a word for time; the last to the last."""
+def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:
+    """Match a file's columns, the surest first, and only where there is no second one.
+
+    By exact name; without case, unit and punctuation, or by a word for time; where a signal's name is a word of a
+    column's; where they alone measure the same kind of quantity; the last to the last.
+    """
     found = {s: s for s in signals if s in columns}
-    plain = {c: split_unit(c)[0].casefold() for c in columns}
-    for signal in signals:
-        words = TIME if signal == "time" else {signal.casefold()}
-        near = [c for c in columns if plain[c] in words and c not in found.values()]
-        if signal not in found and len(near) == 1:
-            found[signal] = near[0]
+    named = {c: split_unit(c) for c in columns}
+    given = {s: u for s, u in (units or {}).items() if u not in ("", "1")}
+
+    def alike(signal: str, column: str) -> bool:
+        plain = _bare(named[column][0])
+        return plain == _bare(signal) or (signal == "time" and (plain in TIME or bool(_in_seconds(column))))
+
+    def possible(signal: str, column: str) -> bool:
+        unit = named[column][1]
+        return signal not in given or not unit or conversion(unit, given[signal]) is not None
+
+    def within(signal: str, column: str) -> bool:
+        words = re.findall(r"[a-z]+|[^\W_a-z]+", named[column][0].casefold())
+        return possible(signal, column) and signal.casefold() in words
+
+    def measures(signal: str, column: str) -> bool:
+        unit = named[column][1] or spelled(column)
+        return signal in given and bool(unit) and conversion(unit, given[signal]) is not None
+
+    for fits in (alike, within, measures):
+        pairs = [(s, c) for s in signals for c in columns if s not in found and c not in found.values() and fits(s, c)]
+        for signal, column in pairs:
+            if sum(signal == s or column == c for s, c in pairs) == 1:
+                found[signal] = column
     signals_left = [s for s in signals if s not in found]
     columns_left = [c for c in columns if c not in found.values()]
-    if len(signals_left) == len(columns_left) == 1:
+    if len(signals_left) == len(columns_left) == 1 and possible(signals_left[0], columns_left[0]):
         found[signals_left.pop()] = columns_left.pop()
     return Matched(found, tuple(signals_left), tuple(columns_left))
+
+
+def _bare(name: str) -> str:
+    """A name without case and punctuation: ``i_load`` and ``ILoad`` are one."""
+    return re.sub(r"[\W_]", "", name.casefold()) or name
+
+
+def _in_seconds(column: str) -> tuple[float, float] | None:
+    """Whether a column is called by a unit of time alone."""
+    return conversion(column, "s")
 
 
 def split_unit(column: str) -> tuple[str, str]:
@@ -161,12 +194,13 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
               "[data.columns]"]  # fmt: skip
     for signal, column in matched.columns.items():
         plain, unit = split_unit(column)
+        unit = unit or (spelled(column) if conversion(column, units[signal] or "?") else "")
         known = conversion(unit, units[signal]) if unit and units[signal] else (1.0, 0.0)
         if signal == column:
             continue
-        given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) else ""
-        alike = plain.casefold() == signal.casefold() or (signal == "time" and plain.casefold() in TIME)
-        doubts = [] if alike else ["the only one left: is it this?"]
+        given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) or unit == "%" else ""
+        alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME)
+        doubts = [] if alike else ["is it this?"]
         doubts += [] if known else [f"in {unit}, and the model in {units[signal]}: see scale"]
         doubt = f"  # {'; '.join(doubts)}" if doubts else ""
         lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
