@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -137,3 +138,13 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     """
     files = sorted(source.rglob("*.mo")) if source.is_dir() else [source]
     return tuple(c for path in files for top in _read(path, path.name).classes for c in top.walk())
+
+
+def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
+    """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
+    loops = set[str]()
+    for source in sources:
+        for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
+            words = [t.word for t in tokenize(path.read_text(encoding="utf-8"))]
+            loops |= {after for word, after in pairwise(words) if word == "for"}
+    return {v.name for v in flat.variables} | loops

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
+from aero_bayes.physics.rows import Origin, by_elements
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,8 @@ class Structure:
 
     ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
     ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
-    that only say that two variables are equal or one the other's derivative.
+    that only say that two variables are equal or one the other's derivative. ``flat`` has the rows of vector equations
+    as equations of their own, ``origins`` says where each is from.
     """
 
     flat: FlatModel
@@ -25,6 +26,7 @@ class Structure:
     rates: dict[str, str]
     states: tuple[str, ...]
     plain: frozenset[int]
+    origins: tuple[Origin, ...] = ()
 
     def of(self, name: str) -> str:
         """Class of a variable; the name itself where nothing equals it."""
@@ -50,26 +52,6 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
-def by_elements(flat: FlatModel) -> FlatModel:
-    """The model with the elements of arrays as variables of their own, ``x[1]``; equations keep their places."""
-    if not any(v.sizes for v in flat.variables):
-        return flat
-
-    def element(n: Name) -> Expression:
-        return Name(show(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
-
-    variables = [w for v in flat.variables for w in (v, *_elements(v))]
-    equations = tuple(
-        replace(e, left=rebuilt(e.left, element), right=rebuilt(e.right, element)) for e in flat.equations
-    )
-    return replace(flat, variables=tuple(variables), equations=equations)
-
-
-def _elements(v: FlatVariable) -> list[FlatVariable]:
-    places = product(*(range(1, n + 1) for n in v.sizes)) if v.sizes else ()
-    return [replace(v, name=f"{v.name}[{','.join(map(str, k))}]", sizes=(), binding=None) for k in places]
-
-
 def reference(name: str) -> Name:
     """A name as the flat model has it: ``x[1]`` is an element of ``x``."""
     base, bracket, inside = name.partition("[")
@@ -80,7 +62,7 @@ def reference(name: str) -> Name:
 
 def structure_of(flat: FlatModel) -> Structure:
     """Find the classes of equal variables and the states of a flat model."""
-    flat = by_elements(flat)
+    flat, origins = by_elements(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
     parent: dict[str, tuple[str, int]] = {}
@@ -122,7 +104,7 @@ def structure_of(flat: FlatModel) -> Structure:
     rates = {state: root(rate)[0] for state, rate in first.items()}
     found = {root(n)[0] for n in dynamic}
     states = tuple(v.name for v in flat.variables if v.name in found)
-    return Structure(flat, variables, same, rates, states, frozenset(plain))
+    return Structure(flat, variables, same, rates, states, frozenset(plain), origins)
 
 
 def _derived(tree: Expression) -> Iterator[str]:
