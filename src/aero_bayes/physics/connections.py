@@ -43,8 +43,8 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     for i, flows in _sets(s):
         connectors = [f.rpartition(".")[0] for f in flows]
         potential = _potential(s, connectors[0])
-        cls = s.of(f"{connectors[0]}.{potential}")
-        if potential and cls in (state, position):
+        end = f"{connectors[0]}.{potential}"
+        if potential and (s.of(end) in (state, position) or (position and s.moving[end] == s.moving[position])):
             connectors.sort(key=lambda c: not c.startswith(owner + "."))
             choices.append((not connectors[0].startswith(owner + "."), i, connectors, potential))
     if not choices:
@@ -56,6 +56,9 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     kind = kind_of(s, state, position)
     if kind == "electrical":
         return None
+    end = f"{connectors[0]}.{potential}"
+    if position and s.of(end) not in (state, position):
+        position = end  # which moves as the state's own position does
     signals = signals_of(kind, state, position)
     return Port(
         connectors[0], kind, "node", v.unit, units_of(s, kind, signals, v.unit), s.variables[state].place,

@@ -16,7 +16,16 @@ from aero_bayes.physics.connections import node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port, PortKind, fits
-from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
+from aero_bayes.physics.quantities import (
+    SPEEDS,
+    is_current,
+    kind_of,
+    prescribed,
+    relative,
+    signals_of,
+    unit_in,
+    units_of,
+)
 from aero_bayes.physics.structure import Structure, is_derivative, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
 
@@ -77,9 +86,11 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
 def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
     positions = {x: r for x, r in s.rates.items() if r in s.states}
     driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
+    driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
     own, inner = (_assigned(s, flat, driven, inside=inside) for inside in (False, True))
     for state in driven:
-        position = next((x for x, r in positions.items() if r == state), "")
+        known = sorted((x for x, r in positions.items() if r == state), key=lambda x: _owner(x) != _owner(state))
+        position = next(iter(known), "")
         found = (
             series(s, state)
             or _equation(s, state, position, own.get(state))
@@ -88,6 +99,10 @@ def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
         )
         if found is not None:
             yield found
+
+
+def _owner(name: str) -> str:
+    return name.rpartition(".")[0]
 
 
 # balances that the model's own class states
@@ -119,6 +134,8 @@ def _assigned(s: Structure, flat: FlatModel, states: Sequence[str], *, inside: b
             names = names_in(e.left) | names_in(e.right)
             stated = bool(e.component) is inside and e.origin in ("component", "binding")
             kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
+            if inside and relative(s, state):
+                kinematic = index in s.plain or not _other_than_speeds(s, names)
             if not stated or kinematic or (names & flow and not inside):
                 continue
             equation, row, of = s.origins[index]
@@ -165,6 +182,21 @@ def _derived(e: FlatEquation) -> set[str]:
     return found
 
 
+def _again(s: Structure, state: str, positions: Collection[str]) -> bool:
+    """Whether a relative motion is that of something with a balance of its own, or an earlier one once more."""
+    if not relative(s, state):
+        return False
+    if s.moving[state][0] in {s.moving[x][0] for x in positions}:
+        return True
+    earlier = [x for x in s.states[: s.states.index(state)] if relative(s, x)]
+    return any(s.apart.get(x, x) == s.apart.get(state, state) for x in earlier)
+
+
+def _other_than_speeds(s: Structure, names: set[str]) -> bool:
+    varying = [n for n in names if n in s.variables and not s.variables[n].constant]
+    return any(dimension_of_unit(unit_in(s, s.of(n))) not in SPEEDS for n in varying)
+
+
 def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
     """Whether an equation only says how an angle or a displacement follows from a speed."""
     unit = unit_in(s, state)
@@ -192,6 +224,8 @@ def _equation(s: Structure, state: str, position: str, balance: _Balance | None)
     own = _own_name(s, state)
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
+    if relative(s, state):
+        kind, signals = "motion", {"x": own, "v": s.rates[state]}
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
         own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
@@ -230,7 +264,7 @@ def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
                 # an equation that says only der(x) = rate is the balance where no other one has the rate
                 if i in s.plain:
                     late.append((i, driver))
-                elif driver.startswith("der(") or _gives(e, driver):
+                elif driver.startswith("der(") or relative(s, state) or _gives(e, driver):
                     yield i, driver
     yield from late
 
