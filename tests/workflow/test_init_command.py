@@ -172,3 +172,47 @@ def test_columns_are_matched_without_their_units_which_are_written_where_they_di
 )  # fmt: skip
 def test_a_unit_in_a_column_s_name(column, name, unit):
     assert split_unit(column) == (name, unit)
+
+
+def test_defaults_of_a_library_are_listed_and_left(rig):
+    """The user's own and what the user sets are free, whatever the outputs make of the rest."""
+    library = rig / "lib" / "Lib.mo"
+    library.parent.mkdir()
+    library.write_text(
+        """package Lib
+  model Vessel
+    parameter Real gain(unit = "kg/s", min = 0.1, max = 10) = 2;
+    parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.3;
+    parameter Real start_level(unit = "kg") = 0.1 "Unstretched";
+    input Real u(unit = "V");
+    output Real level(unit = "kg") = a - start_level;
+    Real a(unit = "kg", start = 0, fixed = true);
+  equation
+    der(a) = gain * u - k * a;
+  end Vessel;
+end Lib;
+"""
+    )
+    (rig / "Own.mo").write_text(
+        """partial model Half
+  parameter Real rate(unit = "1/s", min = 0.01, max = 10) = 0.3;
+  Lib.Vessel vessel(k = rate, a(start = 0));
+  input Real u(unit = "V");
+end Half;
+model Own
+  extends Half;
+  Lib.Vessel again[2](each gain = 1.5, each u = u);
+  output Real level(unit = "kg") = vessel.level + again[1].level;
+equation
+  vessel.u = u;
+end Own;
+"""
+    )
+    done = run("init", rig / "Own.mo", rig / "run.csv", "--library", library.parent, "--out", rig / "rig.toml")
+    assert done.exit_code == 0, done.output
+    text = (rig / "rig.toml").read_text()
+    assert set(tomllib.loads(text)["parameters"]) == {"rate", "again[1].gain"}
+    left = [line for line in text.splitlines() if "default of the library" in line]
+    assert {line.split('"')[1] for line in left} == {
+        "vessel.gain", "vessel.start_level", "again[1].k", "again[2].k", "again[1].start_level",
+    }  # fmt: skip

@@ -67,8 +67,8 @@ def test_a_recording_sees_what_its_outputs_answer_to(rig):
     assert {row["id"]: row["seen"] for row in rows} == {"u": "seen", "level": "seen", "a": "seen", "b": "not seen"}
 
 
-def test_the_response_to_an_offset_of_the_reading_is_known_in_closed_form(rig):
-    """Size / sd of a constant, less what the outflow's slope and the unknown first level imitate of it."""
+def test_the_response_is_that_of_the_probe_that_is_imitated_least(rig):
+    """Of an offset and a gain of the reading, less what the outflow's slope and the unknown first level imitate."""
     found = {r["id"]: r for r in json.loads(ports("--config", rig / "rig.toml", "--data", rig / "run.csv", "--json"))}
     time, u, _ = np.loadtxt(rig / "run.csv", delimiter=",", skiprows=1).T
     decay, level, slope = np.exp(-0.05), np.zeros(400), np.zeros(400)
@@ -77,9 +77,42 @@ def test_the_response_to_an_offset_of_the_reading_is_known_in_closed_form(rig):
         level[n + 1] = 2.0 * u[n] + (level[n] - 2.0 * u[n]) * decay
         slope[n + 1] = -4.0 * u[n] * (1.0 - decay) + decay * (slope[n] - 0.1 * (level[n] - 2.0 * u[n]))
     imitated = np.column_stack([slope, np.exp(-0.5 * time)])
-    left = np.ones(400) - imitated @ np.linalg.lstsq(imitated, np.ones(400), rcond=None)[0]
-    expected = np.quantile(np.abs(level), 0.995) / SD * np.linalg.norm(left)
-    assert found["level"]["response"] == pytest.approx(expected, rel=0.15)
+    size = np.quantile(np.abs(level), 0.995)
+    probes = np.column_stack([np.full(400, size), level])
+    left = probes - imitated @ np.linalg.lstsq(imitated, probes, rcond=None)[0]
+    assert found["level"]["response"] == pytest.approx(np.linalg.norm(left, axis=0).max() / SD, rel=0.15)
+
+
+STILL = """model Still "A weight on a string that is cut by nobody: gravity is all that acts"
+  parameter Real m(unit = "kg") = 2;
+  parameter Real a(unit = "m/s2", min = -20, max = 20) = 1 "Slope of the track, times gravity";
+  input Real F(unit = "N");
+  output Real y(unit = "m") = x;
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(x) = v;
+  m * der(v) = F - m * a;
+end Still;
+"""
+
+
+def test_a_force_that_follows_the_motion_is_seen_though_a_constant_one_is_imitated(tmp_path):
+    """The slope of the track does what a constant force does, but not what friction does."""
+    (tmp_path / "Still.mo").write_text(STILL)
+    (tmp_path / "rig.toml").write_text(
+        '[model]\nsources = ["Still.mo"]\nname = "Still"\n[parameters]\na = {free = true}\n'
+    )
+    time = np.arange(300) * 0.02
+    force = np.repeat(np.tile([4.0, -1.0, 2.0], 2), 50)
+    x, v = np.zeros(300), 0.0
+    for n in range(299):
+        slope = force[n] / 2.0 - 1.0
+        x[n + 1], v = x[n] + 0.02 * v + 0.5 * slope * 0.02**2, v + 0.02 * slope
+    x += 1e-3 * np.random.default_rng(2).normal(size=300)
+    np.savetxt(tmp_path / "run.csv", np.column_stack([time, force, x]), delimiter=",", header="time,F,y", comments="")
+    rows = json.loads(ports("--config", tmp_path / "rig.toml", "--data", tmp_path / "run.csv", "--json"))
+    assert {row["id"]: row["seen"] for row in rows}["v"] == "seen"
 
 
 def test_the_table_is_aligned_and_names_file_and_line(rig):

@@ -13,6 +13,7 @@ from aero_bayes.export.choices import choices
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
 from aero_bayes.export.flat import FlatEquation, Function, Place
+from aero_bayes.export.solved import unsolved
 from aero_bayes.export.syntax import (
     All,
     Array,
@@ -362,7 +363,7 @@ class Scope:
     def sides(self, equations: Sequence[FlatEquation]) -> list[tuple[Node, Node]]:
         """Left and right side of each equation, number by number."""
         found: list[tuple[Node, Node]] = []
-        for equation in equations:
+        for equation in map(unsolved, equations):
             self.place = equation.place
             left, right = self.value(equation.left), self.value(equation.right)
             try:

@@ -35,6 +35,7 @@ class Statement:
     start: int
     end: int
     inside: tuple[str, ...] = ()
+    head: tuple[Token, ...] = ()
 
     @property
     def first(self) -> str:
@@ -307,23 +308,27 @@ class _Reader:
                     tokens = self.tokens[begin : self.at - 1]
                     cls.statements.append(Statement("class", tokens, here, self.tokens[self.at - 1].end))
             elif section in ("public", "protected") or word == "external":
-                self.simple(cls, section, ())
+                self.simple(cls, section)
             else:
-                self.equation(cls, section, ())
+                self.equation(cls, section)
 
-    def simple(self, cls: ClassText, section: str, inside: tuple[str, ...]) -> None:
+    def simple(self, cls: ClassText, section: str, inside: tuple[str, ...] = (), head: tuple[Token, ...] = ()) -> None:
         end = self.semicolon()
         tokens = self.tokens[self.at : end]
         if tokens:
-            cls.statements.append(Statement(section, tokens, tokens[0].start, self.tokens[end].end, inside))
+            cls.statements.append(Statement(section, tokens, tokens[0].start, self.tokens[end].end, inside, head))
         self.at = end + 1
 
-    def equation(self, cls: ClassText, section: str, inside: tuple[str, ...]) -> None:
+    def equation(
+        self, cls: ClassText, section: str, inside: tuple[str, ...] = (), head: tuple[Token, ...] = ()
+    ) -> None:
         opening = self.word()
         if opening not in _COMPOUND:
-            self.simple(cls, section, inside)
+            self.simple(cls, section, inside, head)
             return
+        begin = self.at
         self.condition()
+        head = self.tokens[begin : self.at]
         while True:
             word = self.word()
             if word == "end" and self.word(1) == opening:
@@ -336,7 +341,7 @@ class _Reader:
             elif self.at >= len(self.tokens) or word == "end":
                 raise self.fail(f"the end of {opening!r} is missing")
             else:
-                self.equation(cls, section, (*inside, opening))
+                self.equation(cls, section, (*inside, opening), head)
 
     def condition(self) -> None:
         """Past the head of a compound equation; an if-expression in it brings a ``then`` of its own."""

@@ -9,6 +9,7 @@ from aero_bayes.physics.classes import ClassText, Component
 from aero_bayes.physics.edit import Edit, indentation, text_of
 from aero_bayes.physics.inline import with_bases
 from aero_bayes.physics.sources import SourceFile, Sources
+from aero_bayes.physics.tokens import skip_group
 
 
 @dataclass
@@ -34,6 +35,17 @@ class ComponentCopy:
         """Declare an input, and bind it where the component is declared."""
         self.inputs[name] = value
         self.declarations.append(f"input Real {name} {about};")
+
+
+def without_numbers(path: str) -> tuple[str, dict[str, int]]:
+    """The path of a component without the numbers of those that are in arrays, and these by their own paths."""
+    plain, numbers = "", dict[str, int]()
+    for part in path.split("."):
+        name, _, number = part.partition("[")
+        plain = f"{plain}.{name}" if plain else name
+        if number[:-1].isdigit():
+            numbers[plain] = int(number[:-1])
+    return plain, numbers
 
 
 def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
@@ -65,6 +77,10 @@ def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], tex
 def _arguments(c: Component, copy: ComponentCopy) -> list[Edit]:
     given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
     if not c.arguments:
-        return [Edit(c.name_token.end, c.name_token.end, f"({given})")]
+        tokens = c.statement.tokens
+        after = tokens.index(c.name_token) + 1
+        if after < len(tokens) and tokens[after].word == "[":
+            after = skip_group(tokens, after)
+        return [Edit(tokens[after - 1].end, tokens[after - 1].end, f"({given})")]
     comma = ", " if len(c.arguments) > 2 else ""
     return [Edit(c.arguments[-1].start, c.arguments[-1].start, comma + given)]

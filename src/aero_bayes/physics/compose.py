@@ -147,8 +147,8 @@ def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatMo
     """Add a term that opposes (or drives, with ``sign`` -1) to the port's balance."""
     if port.entrance is None:
         raise InputError(f"the port {port.id!r} has no balance")
-    scaled = Call("*", (Call("*", (Number(sign), port.entrance.scale)), term))
-    return add_term(flat, port.entrance.equation, scaled)
+    signed = term if sign > 0.0 else Call("neg", (term,))
+    return add_term(flat, port.entrance.equation, port.entrance.added(signed))
 
 
 def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:

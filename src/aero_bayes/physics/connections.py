@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
@@ -12,11 +11,11 @@ from aero_bayes.physics.quantities import is_current, kind_of, signals_of, units
 from aero_bayes.physics.structure import Structure
 
 
-def _sets(flat: FlatModel) -> Iterator[tuple[int, list[str]]]:
+def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:
     """Sums of flows at connections of the model's own class, by the names of the flows."""
-    flow = {v.name for v in flat.variables if v.flow}
-    for i, e in enumerate(flat.equations):
-        if e.origin == "flow":
+    flow = {v.name for v in s.flat.variables if v.flow}
+    for i, e in enumerate(s.flat.equations):
+        if e.origin == "flow" and s.origins[i][1] == 0:
             names = _sum_names(e.left)
             if names and all(n in flow and n.count(".") == 2 for n in names):
                 yield i, names
@@ -41,11 +40,11 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     """A node whose potential is the state or its position; the one at the component that has the state comes first."""
     owner = state.rpartition(".")[0]
     choices: list[tuple[bool, int, list[str], str]] = []
-    for i, flows in _sets(s.flat):
+    for i, flows in _sets(s):
         connectors = [f.rpartition(".")[0] for f in flows]
         potential = _potential(s, connectors[0])
-        cls = s.of(f"{connectors[0]}.{potential}")
-        if potential and cls in (state, position):
+        end = f"{connectors[0]}.{potential}"
+        if potential and (s.of(end) in (state, position) or (position and s.moving[end] == s.moving[position])):
             connectors.sort(key=lambda c: not c.startswith(owner + "."))
             choices.append((not connectors[0].startswith(owner + "."), i, connectors, potential))
     if not choices:
@@ -57,10 +56,13 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     kind = kind_of(s, state, position)
     if kind == "electrical":
         return None
+    end = f"{connectors[0]}.{potential}"
+    if position and s.of(end) not in (state, position):
+        position = end  # which moves as the state's own position does
     signals = signals_of(kind, state, position)
     return Port(
         connectors[0], kind, "node", v.unit, units_of(s, kind, signals, v.unit), s.variables[state].place,
-        (position, state) if position else (state,), signals, Entrance(index, Number(1.0), v.unit),
+        (position, state) if position else (state,), signals, Entrance(s.origins[index][0], Number(1.0), v.unit),
         tuple(connectors), name, potential,
     )  # fmt: skip
 
@@ -70,7 +72,7 @@ def series(s: Structure, state: str) -> Port | None:
     if not is_current(s, state):
         return None
     owner = state.rpartition(".")[0] + "."
-    pairs = [flows for _, flows in _sets(s.flat) if len(flows) == 2 and s.of(flows[0]) == state]
+    pairs = [flows for _, flows in _sets(s) if len(flows) == 2 and s.of(flows[0]) == state]
     for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
         connectors = [f.rpartition(".")[0] for f in flows]
         potential, name = _potential(s, connectors[0]), flows[0].rpartition(".")[2]
@@ -84,7 +86,7 @@ def series(s: Structure, state: str) -> Port | None:
                 own = next((c for c in connectors if c.startswith(owner)), left)
                 return Port(
                     own, "electrical", "series", unit, units_of(s, "electrical", signals, unit),
-                    s.variables[state].place, (state,), signals, Entrance(i, Number(-1.0), unit), (left, right), name,
-                    potential,
+                    s.variables[state].place, (state,), signals, Entrance(s.origins[i][0], Number(-1.0), unit),
+                    (left, right), name, potential,
                 )  # fmt: skip
     return None

@@ -8,39 +8,90 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, rebuilt, show
-from aero_bayes.physics.balance import Driver, Entry, entry_of
+from aero_bayes.export.syntax import Array, Call, Expression, Name, Number, children, rebuilt, show
+from aero_bayes.physics.balance import Driver, Entry, Row, entry_of, row_of
+from aero_bayes.physics.rows import swapped
 from aero_bayes.physics.structure import reference
 from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle
+
+#: Where an opposing term stands in what the residual of a vector equation grows by.
+TERM = Name("")
 
 
 @dataclass(frozen=True)
 class Entrance:
-    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit."""
+    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit.
+
+    Of a vector equation it is the ``row`` that grows, and ``scale`` is all that is added, with the term as ``TERM``;
+    ``beside`` are the terms, numbers, that it stands beside.
+    """
 
     equation: int
     scale: Expression
     unit: str = ""
+    row: Row | None = None
+    beside: tuple[Expression, ...] = ()
+
+    def added(self, term: Expression) -> Expression:
+        """What the residual grows by."""
+        if self.row is None:
+            return Call("*", (self.scale, term))
+        return rebuilt(self.scale, lambda n: term if n == TERM else n)
 
 
 def entrance_of(
-    flat: FlatModel, equation: int, driver: Driver, values: Mapping[str, float], units: Mapping[str, str]
+    flat: FlatModel,
+    equation: int,
+    driver: Driver,
+    values: Mapping[str, float],
+    units: Mapping[str, str],
+    row: Row | None = None,
 ) -> Entrance | None:
-    """Where an opposing term enters; None where the driver is not there, or not linearly."""
+    """Where an opposing term enters; None where the driver is not there, or not linearly.
+
+    ``row`` is the one of a vector equation.
+    """
     e = flat.equations[equation]
     trees: dict[int, Expression] = {}
     kept: list[Term] = []
     sides = _term(e.left, trees, kept), _term(e.right, trees, kept)
     constants = frozenset(v.name for v in flat.variables if v.constant)
-    entry = entry_of(sides, driver, constants=constants, values=values)
+    entry = entry_of(sides, driver, constants=constants, values=values, row=row)
     if entry is None:
         return None
+    if row is not None:
+        left, right = (row_of(side, row) for side in sides)
+        return _in_row(flat, equation, entry, row, trees, _unit(entry, (left, right), units))
     scale: Expression = Number(float(entry.sign * entry.side))
     for operator, factor in entry.factors:
         scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
     return Entrance(
         equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, sides, units)
     )
+
+
+def _in_row(
+    flat: FlatModel, equation: int, entry: Entry, row: Row, trees: Mapping[int, Expression], unit: str
+) -> Entrance | None:
+    e = flat.equations[equation]
+    whole, group = (e.left if entry.side > 0 else e.right), trees.get(id(entry.group))
+    if group is None:
+        return None
+    if entry.row is None:
+        # the side is written element by element
+        item = whole.items[row[0] - 1] if isinstance(whole, Array) else whole
+        scale = _unit_vector(row, swapped(item, group, TERM))
+        beside = [trees[id(t)] for t in entry.like if id(t) in trees]
+    else:
+        scale = swapped(whole, group, _unit_vector(row, TERM))
+        only = _unit_vector(row, Number(1.0))
+        beside = [Call("*", (only, trees[id(t)])) for t in entry.like if id(t) in trees]
+    signed = scale if entry.sign * entry.side > 0 else Call("neg", (scale,))
+    return Entrance(equation, signed, unit, row, tuple(beside))
+
+
+def _unit_vector(row: Row, item: Expression) -> Expression:
+    return Array(tuple(item if k + 1 == row[0] else Number(0.0) for k in range(row[1])))
 
 
 def parameter_values(flat: FlatModel) -> dict[str, float]:
@@ -57,12 +108,17 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
 
 def _unit(entry: Entry, sides: tuple[Term, Term], units: Mapping[str, str]) -> str:
     """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
+
+    def unit_of(name: str) -> str:
+        # elements of an array have its unit
+        return units.get(name) or units.get(name.partition("[")[0], "")
+
     for term in entry.like:
-        if term.kind == "name" and units.get(term.word):
-            return units[term.word]
+        if term.kind == "name" and unit_of(term.word):
+            return unit_of(term.word)
 
     def of(name: str) -> Dimension | None:
-        return dimension_of_unit(units.get(name, ""))
+        return dimension_of_unit(unit_of(name))
 
     found = entry.dimension(of, sides)
     if found is None:
@@ -91,18 +147,20 @@ def _term(tree: Expression, trees: dict[int, Expression], kept: list[Term]) -> T
             found = Term("number", 0, 0, repr(value))
         case Name():
             found = Term("name", 0, 0, show(tree))
-        case Call("+" | "-" as sign, (one, two)):
+        case Call("+" | "-" | ".+" | ".-" as sign, (one, two)):
             first = inner(one)
             parts = first.parts if first.kind == "sum" else (("+", first),)
-            found = Term("sum", 0, 0, "", (*parts, (sign, grouped(two, "sum"))))
+            found = Term("sum", 0, 0, "", (*parts, (sign[-1], grouped(two, "sum"))))
         case Call("neg", (one,)):
             found = Term("sum", 0, 0, "", (("-", grouped(one, "sum")),))
-        case Call("*" | "/" as operator, (one, two)):
+        case Call("*" | "/" | ".*" | "./" as operator, (one, two)):
             first = grouped(one, "sum")
             parts = first.parts if first.kind == "product" else (("*", first),)
             found = Term("product", 0, 0, "", (*parts, (operator, grouped(two, "sum", "product"))))
         case Call("^", (one, two)):
             found = Term("power", 0, 0, "", (("", inner(one)), ("^", inner(two))))
+        case Array(items):
+            found = Term("array", 0, 0, "", tuple(("", grouped(i)) for i in items))
         case Call(function, args):
             found = Term("call", 0, 0, function, tuple(("", inner(a)) for a in args))
         case _:

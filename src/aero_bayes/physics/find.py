@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, children, names_in
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.connections import node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port, PortKind, fits
-from aero_bayes.physics.quantities import SPEEDS, is_current, kind_of, signals_of, unit_in, units_of
-from aero_bayes.physics.structure import Structure, structure_of
+from aero_bayes.physics.quantities import (
+    SPEEDS,
+    is_current,
+    kind_of,
+    prescribed,
+    relative,
+    signals_of,
+    unit_in,
+    units_of,
+)
+from aero_bayes.physics.structure import Structure, is_derivative, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
 
 
@@ -34,8 +43,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     """
     s = structure_of(flat)
     rated = _rated(flat, [v.name for v in flat.variables if _top(v, "output")])
-    flat = s.flat
-    balances = list(_balances(s))
+    balances = list(_balances(s, flat))
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(flat), *outputs, *balances]
@@ -75,14 +83,14 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     return set(outputs)
 
 
-def _balances(s: Structure) -> Iterator[Port]:
-    values = parameter_values(s.flat)
-    units = {v.name: v.unit for v in s.flat.variables}
+def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
     positions = {x: r for x, r in s.rates.items() if r in s.states}
     driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
-    own, inner = (_assigned(s, driven, values, units, inside=inside) for inside in (False, True))
+    driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
+    own, inner = (_assigned(s, flat, driven, inside=inside) for inside in (False, True))
     for state in driven:
-        position = next((x for x, r in positions.items() if r == state), "")
+        known = sorted((x for x, r in positions.items() if r == state), key=lambda x: _owner(x) != _owner(state))
+        position = next(iter(known), "")
         found = (
             series(s, state)
             or _equation(s, state, position, own.get(state))
@@ -93,45 +101,100 @@ def _balances(s: Structure) -> Iterator[Port]:
             yield found
 
 
+def _owner(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
 # balances that the model's own class states
 
 
-def _assigned(
-    s: Structure, states: Sequence[str], values: Mapping[str, float], units: Mapping[str, str], *, inside: bool
-) -> dict[str, Entrance]:
+@dataclass(frozen=True)
+class _Balance:
+    """An equation among those of the structure, and where a term enters it."""
+
+    index: int
+    entrance: Entrance
+
+
+def _assigned(s: Structure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _Balance]:
     """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
 
-    Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant.
+    Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant, the rows of
+    a vector equation to the states in their order.
     """
+    values = parameter_values(s.flat)
+    units = {v.name: v.unit for v in s.flat.variables}
     flow = {v.name for v in s.flat.variables if v.flow}
-    options: dict[str, list[Entrance]] = {}
+    options: dict[str, list[_Balance]] = {}
+    places = _rows_of(s, states)
     for state in states:
-        found: list[tuple[bool, Entrance]] = []
+        found: list[tuple[bool, bool, _Balance]] = []
         for index, driver in _drivers(s, state):
             e = s.flat.equations[index]
             names = names_in(e.left) | names_in(e.right)
             stated = bool(e.component) is inside and e.origin in ("component", "binding")
             kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
+            if inside and relative(s, state):
+                kinematic = index in s.plain or not _other_than_speeds(s, names)
             if not stated or kinematic or (names & flow and not inside):
                 continue
-            entrance = entrance_of(s.flat, index, is_driver(driver), values, units)
+            equation, row, of = s.origins[index]
+            within = (flat, equation) if row else (s.flat, index)
+            entrance = entrance_of(*within, is_driver(driver, whole=row > 0), values, units, (row, of) if row else None)
             if entrance is not None:
-                found.append((not _constant_factor(s, e, driver), entrance))
-        options[state] = [entrance for _, entrance in sorted(found, key=lambda f: f[0])]
+                away = row > 0 and places.get((equation, state)) != row
+                balance = _Balance(index, replace(entrance, equation=equation))
+                found.append((away, not _constant_factor(s, e, driver), balance))
+        options[state] = [balance for *_, balance in sorted(found, key=lambda f: f[:2])]
     taken: dict[int, str] = {}
 
     def place(state: str, tried: set[int]) -> bool:
-        for entrance in options[state]:
-            if entrance.equation not in tried:
-                tried.add(entrance.equation)
-                if entrance.equation not in taken or place(taken[entrance.equation], tried):
-                    taken[entrance.equation] = state
+        for balance in options[state]:
+            if balance.index not in tried:
+                tried.add(balance.index)
+                if balance.index not in taken or place(taken[balance.index], tried):
+                    taken[balance.index] = state
                     return True
         return False
 
     for state in states:
         place(state, set())
-    return {x: next(o for o in options[x] if o.equation == equation) for equation, x in taken.items()}
+    return {x: next(o for o in options[x] if o.index == index) for index, x in taken.items()}
+
+
+def _rows_of(s: Structure, states: Sequence[str]) -> dict[tuple[int, str], int]:
+    """The row of a vector equation that is a state's own: the first for the first of its states, and so on."""
+    found: dict[tuple[int, str], int] = {}
+    for equation in {index for index, row, _ in s.origins if row}:
+        whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _derived(e)}
+        own = [x for x in states if whole & {*driver_names(s, x)}]
+        found |= {(equation, x): row for row, x in enumerate(own, 1)}
+    return found
+
+
+def _derived(e: FlatEquation) -> set[str]:
+    """The names of an equation, and its derivatives as ``der(x)``."""
+    found, stack = names_in(e.left) | names_in(e.right), [e.left, e.right]
+    while stack:
+        tree = stack.pop()
+        found |= {f"der({name})"} if (name := is_derivative(tree)) is not None else set()
+        stack += children(tree)
+    return found
+
+
+def _again(s: Structure, state: str, positions: Collection[str]) -> bool:
+    """Whether a relative motion is that of something with a balance of its own, or an earlier one once more."""
+    if not relative(s, state):
+        return False
+    if s.moving[state][0] in {s.moving[x][0] for x in positions}:
+        return True
+    earlier = [x for x in s.states[: s.states.index(state)] if relative(s, x)]
+    return any(s.apart.get(x, x) == s.apart.get(state, state) for x in earlier)
+
+
+def _other_than_speeds(s: Structure, names: set[str]) -> bool:
+    varying = [n for n in names if n in s.variables and not s.variables[n].constant]
+    return any(dimension_of_unit(unit_in(s, s.of(n))) not in SPEEDS for n in varying)
 
 
 def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
@@ -154,13 +217,15 @@ def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
     return all(s.variables[n].constant for n in factors(side) if n in s.variables)
 
 
-def _equation(s: Structure, state: str, position: str, entrance: Entrance | None) -> Port | None:
-    if entrance is None:
+def _equation(s: Structure, state: str, position: str, balance: _Balance | None) -> Port | None:
+    if balance is None:
         return None
-    e = s.flat.equations[entrance.equation]
+    e, entrance = s.flat.equations[balance.index], balance.entrance
     own = _own_name(s, state)
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
+    if relative(s, state):
+        kind, signals = "motion", {"x": own, "v": s.rates[state]}
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
         own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
@@ -175,13 +240,16 @@ def driver_names(s: Structure, state: str) -> list[str]:
     return names + (s.members(rate) if rate is not None and rate not in s.states else [])
 
 
-def is_driver(name: str) -> Driver:
-    """Whether a term is a driver of that name."""
+def is_driver(name: str, *, whole: bool = False) -> Driver:
+    """Whether a term is a driver of that name; with ``whole`` the array that it is an element of counts too."""
+
+    def same(word: str, name: str) -> bool:
+        return word == name or (whole and word.partition("[")[0] == name.partition("[")[0])
 
     def found(t: Term) -> bool:
         if name.startswith("der("):
-            return t.kind == "call" and t.word == "der" and t.parts[0][1].word == name[4:-1]
-        return t.kind == "name" and t.word == name
+            return t.kind == "call" and t.word == "der" and same(t.parts[0][1].word, name[4:-1])
+        return t.kind == "name" and same(t.word, name)
 
     return found
 
@@ -196,7 +264,7 @@ def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
                 # an equation that says only der(x) = rate is the balance where no other one has the rate
                 if i in s.plain:
                     late.append((i, driver))
-                elif driver.startswith("der(") or _gives(e, driver):
+                elif driver.startswith("der(") or relative(s, state) or _gives(e, driver):
                     yield i, driver
     yield from late
 
@@ -235,5 +303,10 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
         return ()
     others = [p for p in ports if p.kind == "storage" and p.id != port.id and p.via == port.via]
     others = [p for p in others if _alike(p.units["h"], port.units["h"]) and _alike(p.unit, port.unit)]
-    others.sort(key=lambda p: port.states[-1:] != p.states[-1:] and not set(port.states) & set(p.states))
+    others.sort(
+        key=lambda p: (
+            p.signals["h"] not in port.states and port.signals["h"] not in p.states,
+            port.states[-1:] != p.states[-1:] and not set(port.states) & set(p.states),
+        )
+    )
     return tuple(p.id for p in others)

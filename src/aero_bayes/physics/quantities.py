@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from aero_bayes.export.syntax import names_in
 from aero_bayes.physics.ports import PortKind
 from aero_bayes.physics.structure import Structure
 from aero_bayes.physics.terms import dimension_of_unit
@@ -40,3 +41,30 @@ _ACTS: Mapping[PortKind, str] = {"motion": "f", "storage": "q", "electrical": "v
 
 def units_of(s: Structure, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
     return {**{k: unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
+
+
+def relative(s: Structure, state: str) -> bool:
+    """Whether a state is the distance of two ends of a component, whose speed has a name but no balance."""
+    rate = s.rates.get(state)
+    inside = "." in state and unit_in(s, state) in ("m", "rad")
+    return inside and rate is not None and rate not in s.states and dimension_of_unit(unit_in(s, rate)) in SPEEDS
+
+
+def prescribed(s: Structure, state: str) -> bool:
+    """Whether a component gives a potential at its connector whatever flows there: a source, no storage."""
+    held = {n for x, r in s.rates.items() for n in s.members(x) if state in (x, r)} | set(s.members(state))
+    owner = state.rpartition(".")[0]
+    flows = {n for n, v in s.variables.items() if v.flow and n.startswith(f"{owner}.")} if owner else set()
+    ends = {n.rpartition(".")[0] for n in flows}
+    moved = {s.moving[n] for n in held}
+    if not any(n.rpartition(".")[0] in ends and n not in flows and s.moving.get(n) in moved for n in s.moving):
+        return False
+    # what the state's rate depends on within the component
+    inner = [names_in(e.left) | names_in(e.right) for e in s.flat.equations if e.component == owner]
+    reached, grown = set(held), True
+    while grown:
+        more = set().union(*(names for names in inner if names & reached)) - reached
+        more = {n for n in more if n in s.variables and not s.variables[n].constant}
+        reached |= more
+        grown = bool(more)
+    return not reached & flows

@@ -29,6 +29,7 @@ from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates
 from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.physics.sources import names_taken
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
@@ -145,7 +146,7 @@ class RigFamily:
 
     def _taken(self) -> set[str]:
         """Names that the model has."""
-        return {v.name for v in self.flat.variables}
+        return names_taken(self.flat, self.sources)
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Laws without states together; those with states, which slow a simulation down, by port."""

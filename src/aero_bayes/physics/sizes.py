@@ -99,6 +99,8 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
         return []
     if port.via in ("node", "series") and port.connectors:
         return [Name(f"{c}.{port.flow if port.via == 'node' else port.potential}") for c in port.connectors]
+    if port.entrance.row is not None:
+        return list(port.entrance.beside)
     equation = flat.equations[port.entrance.equation]
     return [Call("/", (t, port.entrance.scale)) for t in (*_summands(equation.left), *_summands(equation.right))]
 

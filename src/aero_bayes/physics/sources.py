@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -66,6 +67,14 @@ class Sources:
         first, dot, rest = name.removeprefix(".").partition(".")
         if first in cls.class_names:
             return f"{cls.full_name}.{name}"
+        known = _imported(cls)
+        if first in known:
+            return known[first] + dot + rest
+        for package in _opened_packages(cls):
+            if any(
+                c.full_name == f"{package}.{name}" for f in self.files.values() for top in f.classes for c in top.walk()
+            ):
+                return f"{package}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
@@ -77,13 +86,8 @@ class Sources:
             for package in (c for c in every if c.full_name == around):
                 for name in (*package.class_names, *(c.name for c in package.components())):
                     found.setdefault(name, f"{around}.{name}")
-                for statement in package.declarations:
-                    if statement.first == "import":
-                        words = [t.word for t in statement.core[1:]]
-                        alias = words[0] if words[1:2] == ["="] else words[-1]
-                        target = "".join(words[2:] if words[1:2] == ["="] else words)
-                        if alias.isidentifier():
-                            found.setdefault(alias, target)
+                for alias, target in _imported(package).items():
+                    found.setdefault(alias, target)
             for inner in every:
                 if inner.within == around:
                     found.setdefault(inner.name, inner.full_name)
@@ -92,6 +96,25 @@ class Sources:
                     found.setdefault(file.short_name.rpartition(".")[2], file.short_name)
             around = around.rpartition(".")[0]
         return found
+
+
+def _imports(cls: ClassText) -> list[list[str]]:
+    return [[t.word for t in s.core[1:]] for s in cls.declarations if s.first == "import"]
+
+
+def _imported(cls: ClassText) -> dict[str, str]:
+    """Full names by the names that the imports of a class give them."""
+    found: dict[str, str] = {}
+    for words in _imports(cls):
+        alias = words[0] if words[1:2] == ["="] else words[-1]
+        if alias.isidentifier():
+            found.setdefault(alias, "".join(words[2:] if words[1:2] == ["="] else words))
+    return found
+
+
+def _opened_packages(cls: ClassText) -> list[str]:
+    """Packages all of whose names a class imports: ``import P.*``."""
+    return ["".join(words[:-1]) for words in _imports(cls) if words[-1] == ".*"]
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
@@ -116,6 +139,12 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     for place in dict.fromkeys(p.file for p in places if p is not None):
         if place not in files and Path(place).is_absolute() and Path(place).is_file():
             files[place] = _read(Path(place), place)
+            # what the packages around it import
+            for package in (f / "package.mo" for f in Path(place).parents):
+                if not package.is_file():
+                    break
+                if str(package) not in files:
+                    files[str(package)] = _read(package, str(package))
     return Sources(files)
 
 
@@ -137,3 +166,13 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     """
     files = sorted(source.rglob("*.mo")) if source.is_dir() else [source]
     return tuple(c for path in files for top in _read(path, path.name).classes for c in top.walk())
+
+
+def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
+    """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
+    loops = set[str]()
+    for source in sources:
+        for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
+            words = [t.word for t in tokenize(path.read_text(encoding="utf-8"))]
+            loops |= {after for word, after in pairwise(words) if word == "for"}
+    return {v.name for v in flat.variables} | loops

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass, field
 
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
+from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
+from aero_bayes.physics.rows import Origin, by_elements
+from aero_bayes.physics.together import Together, distances, moving_together
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,9 @@ class Structure:
 
     ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
     ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
-    that only say that two variables are equal or one the other's derivative.
+    that only say that two variables are equal or one the other's derivative. ``flat`` has the rows of vector equations
+    as equations of their own, ``origins`` says where each is from. ``moving`` says what moves together,
+    ``apart`` what the distance of two others is.
     """
 
     flat: FlatModel
@@ -25,6 +28,9 @@ class Structure:
     rates: dict[str, str]
     states: tuple[str, ...]
     plain: frozenset[int]
+    origins: tuple[Origin, ...] = ()
+    moving: Together = field(default_factory=dict)
+    apart: dict[str, frozenset[str]] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
         """Class of a variable; the name itself where nothing equals it."""
@@ -50,26 +56,6 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
-def by_elements(flat: FlatModel) -> FlatModel:
-    """The model with the elements of arrays as variables of their own, ``x[1]``; equations keep their places."""
-    if not any(v.sizes for v in flat.variables):
-        return flat
-
-    def element(n: Name) -> Expression:
-        return Name(show(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
-
-    variables = [w for v in flat.variables for w in (v, *_elements(v))]
-    equations = tuple(
-        replace(e, left=rebuilt(e.left, element), right=rebuilt(e.right, element)) for e in flat.equations
-    )
-    return replace(flat, variables=tuple(variables), equations=equations)
-
-
-def _elements(v: FlatVariable) -> list[FlatVariable]:
-    places = product(*(range(1, n + 1) for n in v.sizes)) if v.sizes else ()
-    return [replace(v, name=f"{v.name}[{','.join(map(str, k))}]", sizes=(), binding=None) for k in places]
-
-
 def reference(name: str) -> Name:
     """A name as the flat model has it: ``x[1]`` is an element of ``x``."""
     base, bracket, inside = name.partition("[")
@@ -80,7 +66,7 @@ def reference(name: str) -> Name:
 
 def structure_of(flat: FlatModel) -> Structure:
     """Find the classes of equal variables and the states of a flat model."""
-    flat = by_elements(flat)
+    flat, origins = by_elements(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
     parent: dict[str, tuple[str, int]] = {}
@@ -106,7 +92,9 @@ def structure_of(flat: FlatModel) -> Structure:
         if pair is not None and pair[0] in free and pair[1] in free:
             plain.add(i)
             unite(*pair)
-    first: dict[str, str] = {}
+    moving = moving_together(flat.equations, free)
+    first: dict[tuple[str, int], str] = {}
+    own: dict[str, str] = {}
     for i, e in enumerate(flat.equations):
         for one, two in ((e.left, e.right), (e.right, e.left)):
             derived = is_derivative(one)
@@ -115,14 +103,22 @@ def structure_of(flat: FlatModel) -> Structure:
                     continue  # an integrator of an input: its balance
                 plain.add(i)
                 state, sign = root(derived)
-                # all rates of one quantity are equal, whoever names them
+                # all rates of what moves together are equal, whoever names them
                 if sign > 0:
-                    unite(first.setdefault(state, two.name), two.name, 1)
+                    own.setdefault(state, two.name)
+                unite(first.setdefault(moving[derived], two.name), two.name, 1)
     same = {n: root(n) for n in variables if n in free}
-    rates = {state: root(rate)[0] for state, rate in first.items()}
-    found = {root(n)[0] for n in dynamic}
+    rates = {state: root(rate)[0] for state, rate in own.items()}
+    rest = [e for i, e in enumerate(flat.equations) if i not in plain]
+    used = {root(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
+    driven = {root(n)[0] for e in rest for n in (*_derived(e.left), *_derived(e.right)) if n in free}
+    # a rate whose own rate is only given a name is no state
+    idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
+    found = {root(n)[0] for n in dynamic} - idle
     states = tuple(v.name for v in flat.variables if v.name in found)
-    return Structure(flat, variables, same, rates, states, frozenset(plain))
+    return Structure(
+        flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving)
+    )
 
 
 def _derived(tree: Expression) -> Iterator[str]:

@@ -14,12 +14,14 @@ from aero_bayes.physics.tokens import Token, find_outside, skip_group, split_out
 _LOOSE = frozenset({"and", "or", "not", "<", ">", "<=", ">=", "==", "<>", ":", "for"})
 _PLUS = frozenset({"+", "-", ".+", ".-"})
 _TIMES = frozenset({"*", "/", ".*", "./"})
+#: Operators that divide, as numbers or element by element.
+DIVIDES = frozenset({"/", "./"})
 _FUNCTIONS: dict[str, Callable[..., float]] = {
     "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "abs": abs, "min": min, "max": max,
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "tanh": math.tanh, "atan": math.atan,
 }  # fmt: skip
 #: Functions whose value has the dimension of their argument.
-_SAME = frozenset({"abs", "min", "max", "noEvent", "smooth", "homotopy"})
+_SAME = frozenset({"abs", "min", "max", "noEvent", "smooth", "homotopy", "diagonal", "transpose", "vector", "sum"})
 _NAMED = (
     "N", "N.m", "V", "A", "W", "Pa", "Ohm", "C", "m3/s", "kg/s", "N.s/m", "N/m", "H", "F",
 )  # fmt: skip
@@ -31,8 +33,8 @@ Dimension = Mapping[str, float]
 class Term:
     """A part of an expression.
 
-    ``kind`` is sum, product, power, group (in parentheses), call, name, number or opaque. ``parts`` of a sum carry
-    their sign, of a product their operator.
+    ``kind`` is sum, product, power, group (in parentheses), array (in braces), call, name, number or opaque. ``parts``
+    of a sum carry their sign, of a product their operator.
     """
 
     kind: str
@@ -91,7 +93,7 @@ def _product(tokens: Sequence[Token]) -> Term:
     parts = _cut(tokens, _TIMES)
     if len(parts) == 1:
         return _power(tokens)
-    return Term("product", tokens[0].start, tokens[-1].end, "", tuple(((o or "*")[-1], _power(p)) for o, p in parts))
+    return Term("product", tokens[0].start, tokens[-1].end, "", tuple((o or "*", _power(p)) for o, p in parts))
 
 
 def _power(tokens: Sequence[Token]) -> Term:
@@ -112,6 +114,11 @@ def _atom(tokens: Sequence[Token]) -> Term:
         if find_outside(tokens[1:-1], frozenset({","})) < len(tokens) - 2:
             return Term("opaque", start, end)
         return Term("group", start, end, "", (("", parse_term(tokens[1:-1])),))
+    if tokens[0].word == "{" and skip_group(tokens, 0) == len(tokens):
+        items = split_outside(tokens[1:-1])
+        if any(t.word == "for" for t in tokens) or not all(items):
+            return Term("opaque", start, end)
+        return Term("array", start, end, "", tuple(("", parse_term(i)) for i in items))
     if tokens[0].kind == "name" or tokens[0].word == ".":
         at = 1
         while at < len(tokens) and tokens[at].word != "(":
@@ -141,7 +148,7 @@ def evaluate(term: Term, values: Mapping[str, float]) -> float:
         case "product":
             result = 1.0
             for operator, part in term.parts:
-                result = result / evaluate(part, values) if operator == "/" else result * evaluate(part, values)
+                result = result / evaluate(part, values) if operator in DIVIDES else result * evaluate(part, values)
             return result
         case "power":
             return float(evaluate(term.parts[0][1], values) ** evaluate(term.parts[1][1], values))
@@ -169,7 +176,7 @@ def dimension(term: Term, of: Callable[[str], Dimension | None]) -> Dimension | 
                 if own is None:
                     return None
                 for base, exponent in own.items():
-                    total[base] = total.get(base, 0.0) + (-exponent if operator == "/" else exponent)
+                    total[base] = total.get(base, 0.0) + (-exponent if operator in DIVIDES else exponent)
             return _clean(total)
         case "power" if term.parts[1][1].kind == "number":
             own = dimension(term.parts[0][1], of)
@@ -181,6 +188,8 @@ def dimension(term: Term, of: Callable[[str], Dimension | None]) -> Dimension | 
         case "call" if term.word == "der" and term.parts:
             own = dimension(term.parts[0][1], of)
             return None if own is None else _clean({**own, "s": own.get("s", 0.0) - 1.0})
+        case "call" if term.word == "cross" and len(term.parts) == 2:
+            return dimension(Term("product", 0, 0, "", tuple(("*", p) for _, p in term.parts)), of)
         case "call" if term.word in _SAME and term.parts:
             return dimension(term.parts[-1][1], of)
         case "call":

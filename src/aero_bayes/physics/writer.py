@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.physics.balance import Entry, entry_of, sides_of
+from aero_bayes.physics.balance import Entry, entry_of, in_vector, sides_of
 from aero_bayes.physics.classes import ClassText, Component, Statement
+from aero_bayes.physics.component_copy import without_numbers
 from aero_bayes.physics.draft import Draft
 from aero_bayes.physics.edit import Edit, insert_in_connect, text_of
 from aero_bayes.physics.entrance import parameter_values
@@ -17,13 +20,14 @@ from aero_bayes.physics.ports import Port
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
-from aero_bayes.physics.tokens import split_outside
+from aero_bayes.physics.tokens import find_outside, split_outside, with_numbers
 from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
 #: How the quantity behind a reading that is a state is called, after the reading's name.
 TRUE = "_true"
+_COMMA = frozenset({","})
 
 
 class Writer:
@@ -34,7 +38,12 @@ class Writer:
     ) -> None:
         self.known, self.uses = known, uses
         self.structure = structure_of(flat)
-        self.flat = self.structure.flat
+        self.flat = flat
+        self.whole_numbers = {
+            v.name: round(evaluate(flat, v.name, "value"))
+            for v in flat.variables
+            if v.constant and v.type == "Integer" and not v.sizes
+        }
         self.draft = Draft(known, user, uses, title, inherits=self._inherits(user[1]))
 
     def text(self) -> str:
@@ -70,18 +79,27 @@ class Writer:
         if not equation.component:
             self.draft.edits += self._entry(port, self.draft.cls, "").insert(text, sign)
             return
-        copy = self.draft.copy_of(equation.component)
+        path, numbers = without_numbers(equation.component)
+        copy = self.draft.copy_of(path)
         stated = self._class_at(equation)
         if stated is None or stated.name != copy.origin.name:
             copy.write_out_bases(self.known)
-        given = plain_name(text)
+        # two elements of an array of components share the copy of their class
+        given = plain_name(text) if plain_name(text) not in copy.inputs else f"{plain_name(text)}_in"
         copy.edits += self._entry(port, copy.cls, equation.component + ".").insert(given, sign)
         about = f'"{"Taken from" if sign > 0 else "Added to"} the balance"'
-        path = equation.component
         while path:
             parent = path.rpartition(".")[0]
-            self.draft.copies[path].take(given, text if not parent else given, about)
+            value = given if parent else text
+            if path in numbers:
+                value = in_vector(value, (numbers[path], self._count(path)))
+            self.draft.copies[path].take(given, value, about)
             path = parent
+
+    def _count(self, path: str) -> int:
+        """How many components an array of them has."""
+        known = (without_numbers(v.name.rpartition(".")[0])[1].get(path, 0) for v in self.flat.variables)
+        return max(known, default=0)
 
     def _equation_of(self, port: Port) -> FlatEquation:
         if port.entrance is None:
@@ -93,23 +111,39 @@ class Writer:
 
     def _entry(self, port: Port, cls: ClassText, prefix: str) -> Entry:
         """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
-        values = {n.removeprefix(prefix): v for n, v in parameter_values(self.flat).items()}
-        constants = frozenset(v.name.removeprefix(prefix) for v in self.flat.variables if v.constant)
+        flat = self.structure.flat
+        values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
+        constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
+        whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
         drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, next(iter(port.signals.values())))]
         wanted = self._words(port)
+        row = port.entrance.row if port.entrance is not None else None
         found: list[tuple[bool, int, Entry]] = []
         for s in cls.statements:
-            sides = self._sides(s, cls)
-            if sides is None or s.inside:
-                continue
-            for name in drivers:
-                entry = entry_of(sides, is_driver(name), constants=constants, values=values)
-                if entry is not None:
-                    found.append(([t.word for t in s.core] != wanted, len(found), entry))
-                    break
+            for loop in self._turns(s):
+                sides = self._sides(s, cls, whole | dict([loop] if loop else []))
+                if sides is None:
+                    continue
+                for name in drivers:
+                    driver = is_driver(name, whole=row is not None)
+                    entry = entry_of(sides, driver, constants=constants, values=values, row=row)
+                    if entry is not None:
+                        entry = replace(entry, loop=loop)
+                        found.append(([t.word for t in s.core] != wanted, len(found), entry))
+                        break
         if not found:
             raise InputError(f"{self._equation_of(port).place}: no term can be written into the balance of {port.id!r}")
         return min(found, key=lambda f: f[:2])[2]
+
+    def _turns(self, s: Statement) -> list[tuple[str, int] | None]:
+        """Nothing for a statement by itself; the variable of a loop around it with each value it may have."""
+        if not s.inside:
+            return [None]
+        words = [t.word for t in s.head]
+        if s.inside != ("for",) or words[2:3] != ["in"] or find_outside(s.head, _COMMA) < len(s.head):
+            return []
+        most = max((max(v.sizes) for v in self.flat.variables if v.sizes), default=0)
+        return [(s.head[1].word, k) for k in range(most + 2)]
 
     def _words(self, port: Port) -> list[str]:
         """The balance as it stands in the user's source."""
@@ -119,10 +153,10 @@ class Writer:
         _, cls, position = self.known.at(equation.place)
         return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
 
-    def _sides(self, s: Statement, cls: ClassText) -> tuple[Term, Term] | None:
-        """Both sides of an equation, or of a declaration with a value."""
+    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Term, Term] | None:
+        """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
         if s.section == "equation":
-            return sides_of(s.core)
+            return sides_of(with_numbers(s.core, whole))
         c = next((c for c in cls.components() if c.statement is s and c.binding), None)
         if c is None or c.prefixes & {"parameter", "constant"}:
             return None
@@ -248,7 +282,7 @@ class Writer:
                 if port.via == "equation":
                     equation = self._equation_of(port)
                     stated = self._class_at(equation)
-                    inside = equation.component
+                    inside = without_numbers(equation.component)[0]
                     if (inside and inside not in own) or (not inside and stated is not cls):
                         return True
                 if port.via == "series" and self._connection(cls, port) is None:

@@ -25,6 +25,7 @@ from aero_bayes.export.units import TEMPERATURES, base_units, conversion, spelle
 from aero_bayes.files import whole_file
 from aero_bayes.library import load_model
 from aero_bayes.physics.sources import read_classes_of
+from aero_bayes.physics.touched import OwnClasses
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.model import Variable
 from aero_bayes.workflow.job import columns_of, layout_of
@@ -84,7 +85,10 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
     matched = match_columns(signals, read_header(data)[1], units)
     head = _head(name, [source, *libraries], out, built, data, matched)
-    text = head + _parameter_lines(built, _reasons(built, head, data))
+    own = OwnClasses(read_classes_of(source), name)
+    # the user's own first: of two that the outputs cannot tell apart, the first is free
+    listed = sorted(built.parameters, key=lambda v: (not own.touches(v.name), "." in v.name))
+    text = head + _parameter_lines(listed, _reasons(built, listed, own, head, data))
     Config.model_validate(tomllib.loads(text))
     with whole_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -223,10 +227,14 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
     return [*lines, given if known or not variables else f"# {role} = [...]"]
 
 
-def _reasons(model: Model, head: str, data: Path) -> dict[str, str]:
+def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
     """Why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
-    for v in model.parameters:
+    some = any(own.touches(v.name) for v in listed)
+    for v in listed:
+        if some and not own.touches(v.name):
+            reasons[v.name] = "a default of the library, which the model leaves as it is"
+            continue
         try:
             tunable += list(parameters_from_model(model, free=[v.name]))
         except InputError:
@@ -271,12 +279,13 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     return np.concatenate([by * own[:, None] / size for by, size in zip(run.slopes, ranges, strict=True)], axis=1)
 
 
-def _parameter_lines(model: Model, reasons: dict[str, str]) -> str:
+def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
-        "# All parameters of the model. Free are those that the outputs react to; free = false holds one.",
+        "# All parameters of the model. Free are those of its own classes and those that these set, where the outputs",
+        "# react to them; free = false holds one.",
         "[parameters]",
     ]
-    for v in model.parameters:
+    for v in listed:
         value = [] if v.start is None else [f"value = {float(v.start)!r}"]
         line = f"{_key(v.name)} = {{{', '.join(['free = true', *value])}}}"
         why = reasons[v.name]

@@ -19,15 +19,17 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
+from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import in_library
-from aero_bayes.export.syntax import Number
+from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.compose import probe
 from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.ports import Port, PortKind, port_table
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.physics.structure import reference
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -42,8 +44,11 @@ Row = dict[str, Any]
 ACTS: Mapping[PortKind, str] = {
     "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
 }  # fmt: skip
-#: Response to a probe, as a share of the strongest port's, from which a port counts as seen, and as hardly seen.
-SEEN, HARDLY = 1e-2, 1e-4
+#: Response to a probe as large as all else at a port from which the port counts as hardly seen, and as seen: what is a
+#: tenth as large answers with as much.
+HARDLY, SEEN = 3.0, 30.0
+#: Share of a signal's size over which what changes with its direction changes.
+TURN = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
@@ -92,22 +97,22 @@ def model_ports(name: str, options: RunOptions, data: Sequence[Path]) -> list[Ro
         responses = port_responses(family, found, options.out)
         for row in rows:
             row["response"] = responses.get(row["id"])
-            row["seen"] = visibility(row["response"], max(responses.values(), default=0.0))
+            row["seen"] = visibility(row["response"])
     return rows
 
 
-def visibility(response: float | None, strongest: float) -> str:
-    """``seen``, ``hardly``, ``not seen`` by the share of the strongest port's response; ``unknown`` without one."""
+def visibility(response: float | None) -> str:
+    """``seen``, ``hardly``, ``not seen`` by a port's response in standard deviations; ``unknown`` without one."""
     if response is None:
         return "unknown"
-    share = response / strongest if strongest > 0.0 else 0.0
-    return "seen" if share >= SEEN else "hardly" if share >= HARDLY else "not seen"
+    return "seen" if response >= SEEN else "hardly" if response >= HARDLY else "not seen"
 
 
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
-    """How many standard deviations of noise a constant probe of each port's own size moves the outputs by.
+    """How many standard deviations of noise a probe of each port's own size moves the outputs by.
 
-    What a change of the fitted parameters imitates does not count.
+    A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square.
+    The one counts that changes of the fitted parameters and of the initial states imitate least.
 
     Parameters
     ----------
@@ -119,10 +124,10 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
     """
     ports = [p for p in family.ports if p.via in ("input", "output") or p.entrance is not None]
     sizes = port_sizes(family.flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, names = _constant_probes(family.flat, ports)
+    flat, names = _probed(family.flat, ports, sizes)
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(names[p.id], p, sizes[p.id][ACTS[p.kind]]) for p in ports]
+    probes = [_probe(name, p, sizes[p.id][ACTS[p.kind]]) for p in ports for name in names[p.id]]
     calibration = family.on(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -133,20 +138,44 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
         if run is None:
             raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
         rows = objective.whiten(run.residual, run.slopes, found.optimum.noise).slopes
-    left = _apart(rows[len(free) :], rows[: len(free)])
-    return {p.id: float(np.linalg.norm(row)) for p, row in zip(ports, left, strict=True)}
+    left = iter(np.linalg.norm(_apart(rows[len(free) :], rows[: len(free)]), axis=1))
+    return {p.id: max(float(next(left)) for _ in names[p.id]) for p in ports}
 
 
-def _constant_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
-    """The model with a parameter at every port: its exact sensitivity is the response to a constant probe."""
-    probed, names = probe(flat, ports)
-    variables = tuple(
-        replace(v, causality="local", variability="parameter", attributes={}, binding=Number(0.0))
-        if v.name in names.values()
-        else v
-        for v in probed.variables
-    )
-    return replace(probed, variables=variables), names
+def _probed(
+    flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
+) -> tuple[FlatModel, dict[str, list[str]]]:
+    """The model with parameters at every port whose exact sensitivities are the responses to its probes."""
+    probed, inputs = probe(flat, ports)
+    names: dict[str, list[str]] = {}
+    variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
+    probed = replace(probed, variables=variables)
+    for port in ports:
+        whole: Expression = Number(0.0)
+        names[port.id] = []
+        for k, shape in enumerate(_shapes(port, sizes[port.id], inputs[port.id])):
+            name = f"{inputs[port.id]}_{k}"
+            probed = add_parameter(probed, name, 0.0, port.unit)
+            whole = Call("+", (whole, Call("*", (Name(name), shape))))
+            names[port.id].append(name)
+        probed = equate(probed, inputs[port.id], whole)
+    return probed, names
+
+
+def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
+    """What probes follow, of size one: nothing, and each signal of a port."""
+    found: list[Expression] = [Number(1.0)]
+    for signal, variable in port.signals.items():
+        # an output as it was before the probe
+        tree = Name(f"{variable}_without_{probe_name}") if port.via == "output" else reference(variable)
+        level: Expression = Call("-", (tree, Number(sizes["h_0"]))) if "h_0" in sizes else tree
+        share = Call("/", (level, Number(sizes[f"{signal}_n"])))
+        found.append(share)
+        if port.via == "input":
+            found.append(Call("*", (share, Call("abs", (share,)))))
+        elif signal in ("v", "i"):
+            found.append(Call("tanh", (Call("/", (share, Number(TURN))),)))
+    return found
 
 
 def _probe(name: str, port: Port, size: float) -> Parameter:

@@ -1,0 +1,77 @@
+"""Variables that move together: equal but for a constant and their sign, such as both ends of a rigid mass."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from aero_bayes.export.flat import FlatEquation
+from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+
+#: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
+Together = Mapping[str, tuple[str, int]]
+
+
+def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
+    """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
+    known: dict[str, tuple[str, int]] = {}
+
+    def root(name: str) -> tuple[str, int]:
+        sign = 1
+        while name in known:
+            name, flip = known[name]
+            sign *= flip
+        return name, sign
+
+    sums = [s for e in equations if (s := _sum(e, free)) is not None]
+    grown = True
+    while grown:
+        grown = False
+        for terms in sums:
+            left: dict[str, int] = {}
+            for sign, name in terms:
+                base, flip = root(name)
+                left[base] = left.get(base, 0) + sign * flip
+            moving = [(name, k) for name, k in left.items() if name and k]
+            if len(moving) == 1:
+                known[moving[0][0]] = ("", 1)
+                grown = True
+            elif len(moving) == 2 and {abs(k) for _, k in moving} == {1}:
+                (one, k), (two, m) = moving
+                known[two] = (one, -k * m)
+                grown = True
+    return {name: root(name) for name in free}
+
+
+def distances(equations: Sequence[FlatEquation], moving: Together) -> dict[str, frozenset[str]]:
+    """Between which two each variable that stands alone in an equation is the distance, or the sum, of two others."""
+    found: dict[str, frozenset[str]] = {}
+    for e in equations:
+        terms = _sum(e, moving.keys()) if isinstance(e.left, Name) else None
+        if terms is not None and isinstance(e.left, Name):
+            ends = frozenset(moving[name][0] for _, name in terms if name != e.left.name) - {""}
+            if len(ends) == 2:
+                found.setdefault(e.left.name, ends)
+    return found
+
+
+def _sum(e: FlatEquation, free: Collection[str]) -> list[tuple[int, str]] | None:
+    """The variables of an equation with their signs, where it is a sum of them and constants."""
+    found: list[tuple[int, str]] = []
+    stack: list[tuple[int, Expression]] = [(1, e.left), (-1, e.right)]
+    while stack:
+        sign, tree = stack.pop()
+        match tree:
+            case Call("+", (one, two)):
+                stack += [(sign, one), (sign, two)]
+            case Call("-", (one, two)):
+                stack += [(sign, one), (-sign, two)]
+            case Call("neg", (one,)):
+                stack.append((-sign, one))
+            case Number():
+                pass
+            case Name(name, ()) if name in free:
+                found.append((sign, name))
+            case _:
+                if names_in(tree) & {*free, "time"} or (isinstance(tree, Name) and tree.subscripts):
+                    return None
+    return found
