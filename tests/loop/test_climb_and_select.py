@@ -190,3 +190,22 @@ def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
     found = score(prospect(base, stand.candidates["clip"], AttributeSettings()), ClimbSettings())
     assert found.gain > 20.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)
+
+
+def test_an_aim_within_reach_changes_nothing():
+    stand = OneStand([1.0, 2.0, 0.6, 0.0, 0.0], 2).stand
+    base = stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+    found = prospect(base, stand.candidates["sine"], AttributeSettings())
+    free = score(found, ClimbSettings())
+    again = score(found, ClimbSettings(), base.log_evidence + free.gain + 10.0)
+    assert again.gain == free.gain
+
+
+def test_ends_of_lines_that_lead_nowhere_are_not_simulated():
+    stand = OneStand([1.0, 2.0, 0.6, 0.0, 0.0], 6).stand
+    base = stand.fit({}, ("sine",), {"y": NOISE}, ClimbSettings())
+    start = stand.study.simulations
+    nothing = prospect(base, stand.candidates["square"], AttributeSettings())
+    spent = stand.study.simulations - start
+    assert not nothing.starts
+    assert spent == len(stand.candidates["square"].starts)
