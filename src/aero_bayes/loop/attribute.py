@@ -30,8 +30,9 @@ FloatArray = NDArray[np.float64]
 class Scored:
     """A candidate beside those already chosen: its refit and its gain in log-evidence over the model without it.
 
-    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. ``odds``
-    is its probability among all that the round tried, nothing, and what was not tried.
+    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. A refit
+    that would not matter was given up, with a ``gain`` less than it could have. ``odds`` is its probability among all
+    that the round tried, nothing, and what was not tried.
     """
 
     candidate: Candidate
@@ -317,7 +318,8 @@ class Search:
                     here = self.moved(first.held, [second.candidate.id])
                 except CannotFinishError:
                     continue
-                both = score(prospect(here, here.stand.candidates[second.candidate.id], self.settings), self.fit)
+                found = prospect(here, here.stand.candidates[second.candidate.id], self.settings)
+                both = score(found, self.fit, base.log_evidence + (bar if best is None else max(bar, best.gain)))
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
                     if best is None or gain > best.gain:
