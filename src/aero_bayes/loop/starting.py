@@ -53,7 +53,7 @@ def starting_points(around: Around, candidate: Candidate) -> list[Start]:
     whole. A law with a threshold is not a line: it may leave where it acts, so that both ends are simulated.
     """
     columns = candidate.columns
-    tried = around.tried(columns, candidate.starts)
+    tried = around.first_look(candidate)
     lines = [around.line(row, residual) for row, residual in tried]
     if len(columns) == 1 and len(candidate.starts) >= GRID:
         for _ in range(CLOSER):
@@ -73,7 +73,7 @@ def starting_points(around: Around, candidate: Candidate) -> list[Start]:
 
 def promised(around: Around, candidate: Candidate) -> float:
     """The most that a line through one of its first starts foretells: a first look, at few simulations."""
-    tried = around.tried(candidate.columns, candidate.starts)
+    tried = around.first_look(candidate)
     most = max((around.line(*one).most for one in tried), default=-math.inf)
     if (wide := around.by_squares) is not None:
         most = max((most, *(wide.in_pieces(wide.line(*one).most) for one in tried)))
@@ -192,6 +192,18 @@ class Around:
             row[list(columns)] = parameters.to_search(value)[list(columns)]
         found = self.study.residuals(rows) if len(rows) else []
         return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
+
+    def first_look(self, candidate: Candidate) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
+        """A candidate at its starts; where every second of many magnitudes makes things worse, only at these."""
+        columns, starts = candidate.columns, candidate.starts
+        if len(columns) > 1 or len(starts) < GRID:
+            return self.tried(columns, starts)
+        ordered = sorted(starts)
+        tried = self.tried(columns, ordered[::2])
+        lines = [around.line(*one) for around in (self, self.by_squares) if around is not None for one in tried]
+        if lines and all(line.power > 0.0 and line.along <= 0.0 for line in lines):
+            return tried
+        return tried + self.tried(columns, ordered[1::2])
 
     def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
         """From here to a point with these residuals."""
