@@ -98,7 +98,7 @@ KEYS: Mapping[str, str] = {
     "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
     "solver.relative_tolerance": "of the integration",
     "solver.absolute_tolerance": "of the integration, over a state's nominal value",
-    "solver.time_limit": "of one simulation, in s",
+    "solver.time_limit": "of computing, for one simulation, in s",
     "fleet.work": "what `aero-bayes fleet` does with each rig",
     "fleet.rigs": "CSV file with the columns name, train, test, and one for each key that differs",
     "rig[].name": "the rig's name, which its folder gets too",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
@@ -143,3 +145,15 @@ def test_a_terrain_that_is_surveyed_anew_is_followed_to_where_both_rest() -> Non
     assert found.point[0] == pytest.approx(sample.mean(), abs=1e-3)
     assert terrain.sd == pytest.approx(sample.std(), rel=1e-3)
     assert found.reason.converged
+
+
+def test_an_aim_ends_only_a_search_that_would_not_reach_it() -> None:
+    start, low, high = np.array([-4.0, 4.0, 1.0]), np.full(3, -5.0), np.full(3, 5.0)
+    free = search(Plain(ground), start, low, high, TIGHT)
+    within = search(Plain(ground), start, low, high, replace(TIGHT, aim=free.cost))
+    np.testing.assert_array_equal(within.point, free.point)
+    assert (within.reason, within.evaluations) == (free.reason, free.evaluations)
+    beyond = search(Plain(ground), start, low, high, replace(TIGHT, aim=-1e9))
+    assert beyond.reason is Stop.BEATEN
+    assert not beyond.reason.converged
+    assert beyond.evaluations < free.evaluations

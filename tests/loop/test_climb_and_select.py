@@ -224,3 +224,22 @@ def test_a_limit_is_found_though_the_other_parameters_readjust_to_it_along_no_li
     found = score(prospect(base, stand.candidates["limit"], AttributeSettings(), ClimbSettings()), ClimbSettings())
     assert found.gain > 100.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)
+
+
+def test_an_aim_within_reach_changes_nothing():
+    stand = OneStand([1.0, 2.0, 0.6, 0.0, 0.0], 2).stand
+    base = stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+    found = prospect(base, stand.candidates["sine"], AttributeSettings(), ClimbSettings())
+    free = score(found, ClimbSettings())
+    again = score(found, ClimbSettings(), base.log_evidence + free.gain + 10.0)
+    assert again.gain == free.gain
+
+
+def test_ends_of_lines_that_lead_nowhere_are_not_simulated():
+    stand = OneStand([1.0, 2.0, 0.6, 0.0, 0.0], 6).stand
+    base = stand.fit({}, ("sine",), {"y": NOISE}, ClimbSettings())
+    start = stand.study.simulations
+    nothing = prospect(base, stand.candidates["square"], AttributeSettings(), ClimbSettings())
+    spent = stand.study.simulations - start
+    assert not nothing.starts
+    assert spent == len(stand.candidates["square"].starts)

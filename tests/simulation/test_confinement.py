@@ -42,7 +42,7 @@ CALLS = (ALLOCATE_SHARED, FORK, EXECUTE, CONNECT, SIGNAL_PARENT)
 def problem(test_fmu) -> Problem:
     experiment = Experiment(TIME, ("x",))
     targets = ((ParameterTarget("mode"),),)
-    return Problem(test_fmu("Trouble"), (experiment,), targets, settings=SolverSettings(time_limit=0.3))
+    return Problem(test_fmu("Trouble"), (experiment,), targets, settings=SolverSettings(time_limit=0.1))
 
 
 def check(problem: Problem, modes: list[int], pool: WorkerPool) -> None:

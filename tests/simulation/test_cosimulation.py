@@ -63,7 +63,7 @@ def test_agrees_with_the_closed_form_and_the_native_engine(test_fmu, here, versi
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_trouble_costs_its_own_run(test_fmu):
     model = test_fmu("Trouble", defines=("STEPS",))
-    settings = SolverSettings(time_limit=1.0)
+    settings = SolverSettings(time_limit=0.3)
     problem = Problem(model, (Experiment(TIME, ("x",)),), ((ParameterTarget("mode"),),), settings=settings)
     modes = [FINE, CRASH, FINE, HANG, FAIL, NOT_A_NUMBER, FINE]
     with open_simulator(problem, workers=1) as simulator:

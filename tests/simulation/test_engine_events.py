@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.integrate import quad
 
+from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
     Experiment,
+    Model,
     NativeSimulator,
     Outcome,
     ParameterTarget,
@@ -82,3 +85,37 @@ def test_events_cost_no_accuracy(test_fmu, here):
             out = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
         errors.append(np.max(np.abs(out - bounce(time, 1.0, 0.7))))
     assert max(errors) < 1e-9  # parabolas are integrated exactly: only the event times could err
+
+
+STOP = """model Stop "Pushed at constant speed against a stop"
+  parameter Real c = 0.7;
+  parameter Real k = 3;
+  parameter Real d = 0 "Counterforce that sets in all at once";
+  output Real x(start = 0, fixed = true);
+equation
+  der(x) = 1 - (if x > c then k * (x - c) + d else 0);
+end Stop;
+"""
+
+
+@pytest.mark.parametrize(("d", "near"), [(0.0, 1e-7), (0.25, 1e-4)])
+def test_sensitivities_beyond_a_switch(tmp_path, here, d, near):
+    """Where the slope is the same on both sides, and where it is not."""
+    source = tmp_path / "Stop.mo"
+    source.write_text(STOP, encoding="utf-8")
+    fmu = Model.load(export_fmu("Stop", tmp_path / "Stop.fmu", compiler="embedded", sources=[source]))
+    time, c, k = np.linspace(0.0, 2.0, 41), 0.71, 3.0
+    problem = Problem(
+        fmu, (Experiment(time, ("x",)),), ((ParameterTarget("c"), ParameterTarget("k")),), {"d": d},
+        settings=SolverSettings(1e-9, 1e-9),
+    )  # fmt: skip
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.array([[c, k]]), active=[0, 1])
+    late, after = time > c, time - c
+    decay = np.exp(-k * after)
+    x = np.where(late, c + (1.0 - d) * (1.0 - decay) / k, time)
+    by_c = np.where(late, 1.0 - (1.0 - d) * decay, 0.0)
+    by_k = np.where(late, (1.0 - d) * (after * decay / k - (1.0 - decay) / k**2), 0.0)
+    assert found.sensitivities is not None
+    np.testing.assert_allclose(found.outputs[0][0, :, 0], x, atol=1e-7)
+    np.testing.assert_allclose(found.sensitivities[0][0, :, 0], np.stack([by_c, by_k], axis=1), atol=near)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time as clock
 
 import numpy as np
@@ -46,7 +48,7 @@ EXPECTED = {
 TIME = np.linspace(0.0, 2.0, 41)
 
 
-def trouble(test_fmu, time_limit: float = 0.4) -> Problem:
+def trouble(test_fmu, time_limit: float = 0.15) -> Problem:
     settings = SolverSettings(time_limit=time_limit)
     experiment = Experiment(TIME, ("x",), measured=np.zeros((41, 1)))
     return Problem(test_fmu("Trouble"), (experiment,), ((ParameterTarget("mode"),),), settings=settings)
@@ -205,6 +207,50 @@ def test_a_worker_that_leaks_is_recycled(test_fmu):
     assert np.all(found.outcomes == Outcome.OK)
     assert np.all(again.outcomes == Outcome.OK)
     np.testing.assert_array_equal(np.unique(found.outputs[0], axis=0), again.outputs[0][:1])
+
+
+def stopped(pool: WorkerPool, seconds: float = math.inf) -> tuple[threading.Thread, list[int]]:
+    """Take the processor from the worker in the middle of its next task; then the task that it was at is known."""
+    task: list[int] = []
+
+    def stop() -> None:
+        worker = pool._workers[0]
+        assert worker is not None
+        while pool._slots[0, 0] < 0:
+            clock.sleep(0.001)
+        os.kill(worker.process.pid, signal.SIGSTOP)
+        task.append(int(pool._slots[0, 0]))
+        if math.isfinite(seconds):
+            clock.sleep(seconds)
+            os.kill(worker.process.pid, signal.SIGCONT)
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    return thread, task
+
+
+def test_a_run_without_a_processor_does_not_use_its_time(test_fmu):
+    experiment = Experiment(np.linspace(0.0, 10_000.0, 11), ("x0",))
+    settings = SolverSettings(max_steps=10**9, time_limit=3.0)
+    problem = Problem(test_fmu("VanDerPol"), (experiment,), ((ParameterTarget("mu"),),), settings=settings)
+    with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        undisturbed = simulator.simulate(np.array([[1.0]]))
+        thread, task = stopped(pool, 4.0)
+        found = simulator.simulate(np.array([[1.0]]))
+        thread.join()
+    assert task == [0]
+    assert np.all(found.outcomes == Outcome.OK)
+    np.testing.assert_array_equal(found.outputs[0], undisturbed.outputs[0])
+
+
+def test_a_run_that_sleeps_is_ended(test_fmu):
+    with WorkerPool(1) as pool, NativeSimulator(trouble(test_fmu, 0.05), pool=pool) as simulator:
+        simulator.simulate(np.zeros((1, 1)))
+        thread, task = stopped(pool)
+        found = simulator.simulate(np.full((1, 1), float(HANG)))
+        thread.join()
+    assert task == [0]
+    assert found.outcomes[0, 0] == Outcome.TIMED_OUT
 
 
 def test_a_worker_below_the_limit_is_kept(test_fmu):

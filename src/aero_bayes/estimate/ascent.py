@@ -248,7 +248,8 @@ class Climber:
     ) -> tuple[FloatArray, pso.SwarmResult | None]:
         """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
         assert self.settings.swarm is not None
-        cheap = hurried(leading(self.objective.calibration, self.objective.simulator, self.settings.samples))
+        full, samples = self.objective.calibration, self.settings.samples
+        cheap = hurried(leading(full, self.objective.simulator, samples, lines=True))
         limit = self.settings.swarm.iterations
         values = self.objective.parameters.from_search(start)
         with open_simulator(cheap.problem()) as simulator:

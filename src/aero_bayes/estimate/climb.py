@@ -79,6 +79,10 @@ class ClimbSettings:
     prior: bool = True
     smooth: SmoothPrior | None = None
 
+    def aiming(self, cost: float) -> ClimbSettings:
+        """The same, given up where a cost is out of reach."""
+        return replace(self, local=replace(self.local, aim=cost))
+
     def rough(self, steps: int, tolerance: float) -> ClimbSettings:
         """The same with fewer steps and less care."""
         return replace(self, local=replace(self.local, max_iterations=steps, tolerance=tolerance))

@@ -7,6 +7,8 @@ ground may be surveyed anew at the same place (a likelihood renews its noise).
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -18,11 +20,16 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
+#: How many times its last :data:`LATELY` steps, or what the next one promises, a search is trusted to go on.
+REACH, LATELY = 20.0, 3
+
+
 class Stop(Enum):
     """Why a local search ended; the value is what a person reads."""
 
     CONVERGED = "converged: no step inside the bounds would lower the cost noticeably"
     SMALL_STEP = "converged: the steps became smaller than the tolerance"
+    BEATEN = "given up: what it has gained lately would not take it as far as it had to come"
     NO_PROGRESS = "no step lowered the cost although the model of it promised one"
     ITERATION_LIMIT = "the iteration limit was reached"
     FAILED_START = "the simulation failed at the starting point"
@@ -76,7 +83,9 @@ class LocalSettings:
     ``tolerance`` is the predicted decrease of the cost (in its own unit; for a log-posterior: nats) below which the
     search has converged; ``step_tolerance`` the relative size of a step; ``renewal`` the decrease by a new survey that
     keeps it going; ``rejections`` how many steps in a row may fail to lower the cost, and
-    ``worthwhile`` the decrease that one of two steps in a row must bring (along a kink a search creeps for ever).
+    ``worthwhile`` the decrease that one of two steps in a row must bring (along a kink a search creeps for ever). A
+    search that is farther above ``aim`` than the last steps that lowered the cost and the next one would bring it
+    :data:`REACH` times over is given up.
     """
 
     max_iterations: int = 60
@@ -87,6 +96,7 @@ class LocalSettings:
     renewal: float = 0.02
     rejections: int = 60
     worthwhile: float = 0.0
+    aim: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,12 +176,16 @@ def search(
         return Found(point, None, 0, Stop.FAILED_START, 1)
     damping, growth, evaluations = settings.damping, 2.0, 1
     ceiling, rejected, idle = np.zeros(point.size), 0, 0
+    lately: deque[float] = deque(maxlen=LATELY)
     for iteration in range(1, settings.max_iterations + 1):
         np.maximum(ceiling, np.diag(here.hessian), out=ceiling)
         scale = np.where(ceiling > 0.0, ceiling, 1.0)
         room = low - point, high - point
         newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *room)
-        end = _flat(here, newton, point, settings)
+        promise = _promise(here, newton)
+        if len(lately) == LATELY and here.cost - settings.aim > REACH * max(sum(lately), promise):
+            return Found(point, here, iteration, Stop.BEATEN, evaluations)
+        end = _flat(here, promise, newton, point, settings)
         if end is None:
             step = bounded_step(here.hessian + np.diag((1e-14 + damping) * scale), here.gradient, *room)
             promised = max(_promise(here, step), 1e-300)
@@ -192,6 +206,7 @@ def search(
             before = here.cost
         renewed = terrain.renew(here)
         gained, here = here.cost - renewed.cost, renewed
+        lately.append(before - here.cost)
         idle = idle + 1 if before - here.cost < settings.worthwhile else 0
         if end is None and idle >= 2:
             return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
@@ -204,11 +219,11 @@ def _promise(here: Ground, step: FloatArray) -> float:
     return -float(here.gradient @ step + 0.5 * step @ here.hessian @ step)
 
 
-def _flat(here: Ground, newton: FloatArray, point: FloatArray, settings: LocalSettings) -> Stop | None:
+def _flat(here: Ground, promise: float, newton: FloatArray, point: FloatArray, settings: LocalSettings) -> Stop | None:
     """Whether even the best step is not worth taking."""
     # A decrease below the cost's own rounding can be promised, but not seen.
     relative = max(settings.relative_tolerance, float(np.finfo(np.float64).eps))
-    if _promise(here, newton) <= max(settings.tolerance, relative * abs(here.cost)):
+    if promise <= max(settings.tolerance, relative * abs(here.cost)):
         return Stop.CONVERGED
     if np.all(np.abs(newton) <= settings.step_tolerance * (np.abs(point) + settings.step_tolerance)):
         return Stop.SMALL_STEP

@@ -31,8 +31,9 @@ FloatArray = NDArray[np.float64]
 class Scored:
     """A candidate beside those already chosen: its refit and its gain in log-evidence over the model without it.
 
-    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. ``odds``
-    is its probability among all that the round tried, nothing, and what was not tried.
+    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. A refit
+    that would not matter was given up, with a ``gain`` less than it could have. ``odds`` is its probability among all
+    that the round tried, nothing, and what was not tried.
     """
 
     candidate: Candidate
@@ -81,6 +82,8 @@ class Selection:
 #: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
 #: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
 UNTRIED, TEMPER = 0.02, 0.5
+#: How far below what it has to reach a fit is still worth a climb, in log-evidence.
+SLACK = 20.0
 #: Least gain in log-evidence for which one effect takes the place of another.
 SWAP = 1.0
 
@@ -112,11 +115,15 @@ class Prospect:
 
 
 def prospect(
-    base: Held, candidate: Candidate, settings: AttributeSettings, fit: ClimbSettings, beside: Around | None = None
+    base: Held,
+    candidate: Candidate,
+    settings: AttributeSettings,
+    fit: ClimbSettings,
+    beside: Around | Start | None = None,
 ) -> Prospect:
     """The most promising starts of a candidate; none where all promise almost nothing.
 
-    ``beside`` is another place on the same stand that a start is looked for from as well.
+    ``beside`` is another start on the same stand, or a place from which one is looked for as well.
     """
     few = fit.rough(6, 0.5)
     points = starting_points(base.around, candidate, few)
@@ -125,20 +132,32 @@ def prospect(
     own = [s for s in likely if not s.squares][: settings.starts]
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
     starts += [s for s in likely if s.squares][:1]
-    if beside is not None:
-        starts += starting_points(beside, candidate, few)[:1]
+    if isinstance(beside, Start):
+        starts.insert(0, beside)
+    elif beside is not None:
+        starts += [s for s in starting_points(beside, candidate, few)[:1] if math.isfinite(s.gain)]
     return Prospect(base, candidate, tuple(starts), first)
 
 
-def score(found: Prospect, fit: ClimbSettings) -> Scored:
-    """Refit the model with one more effect from each of its starts."""
+def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored:
+    """Refit the model with one more effect from each of its starts, as far as log-evidence ``aim`` is within reach."""
     base, candidate = found.base, found.candidate
     if not found.starts:
         return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
-    refits = [_refit(base, (*base.effects, candidate.id), start, fit) for start in found.starts]
-    best = max((held for held in refits if held is not None), key=lambda held: held.log_evidence, default=None)
+    best: Held | None = None
+    for start in found.starts:
+        aim = max(aim, best.log_evidence if best is not None else -math.inf)
+        held = _refit(base, (*base.effects, candidate.id), start, fit.aiming(_cost(base, aim) + SLACK))
+        if held is not None and (best is None or held.log_evidence > best.log_evidence):
+            best = held
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), found.promise)
+
+
+def _cost(like: Held, log_evidence: float) -> float:
+    """The cost at which a fit as sharp as another has a log-evidence."""
+    sharpness = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
+    return sharpness - log_evidence
 
 
 def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
@@ -198,7 +217,7 @@ class Search:
         ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
         that were not ``seen``, if given, only the few most promising are looked at closely.
         """
-        beside: list[tuple[Held, Candidate, Around | None]] = []
+        beside: list[tuple[Held, Candidate, Around | Start | None]] = []
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
             if own:
@@ -209,16 +228,36 @@ class Search:
                     self.skipped |= dict.fromkeys(own)
                     continue
                 place = _place(here, instead) if instead is not None else None
-                beside += [(here, here.stand.candidates[id_], place) for id_ in own]
+                for id_ in own:
+                    start: Around | Start | None = place
+                    if instead is not None and id_ in instead.effects:
+                        start = Start(math.inf, here.stand.at(instead.values, instead.effects))
+                    beside.append((here, here.stand.candidates[id_], start))
         if seen is not None:
             new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
             likely = sorted(new, key=lambda id_: -new[id_])[: self.settings.near]
             beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
+        prospects = []
+        for here, candidate, other in beside:
+            prospects.append(prospect(here, candidate, self.settings, self.fit, other))
+            self._tell(0.5 * len(prospects) / len(beside))
         scores: list[Scored] = []
-        for here, candidate, place in beside:
-            scores.append(score(prospect(here, candidate, self.settings, self.fit, place), self.fit))
-            self._tell(len(scores) / len(beside))
+        for found in sorted(prospects, key=lambda p: -p.promise):
+            scores.append(score(found, self.fit, self._aim(found.candidate.id, scores, instead)))
+            self._tell(0.5 + 0.5 * len(scores) / len(beside))
         return sorted(scores, key=lambda s: -s.gain)
+
+    def _aim(self, id_: str, scores: Sequence[Scored], instead: Held | None) -> float:
+        """Log-evidence that a candidate must reach to matter: that of what it would replace, or of the few best.
+
+        What a simple law gains is asked for where a finer one is weighed.
+        """
+        if instead is not None:
+            return instead.log_evidence - self.settings.equivalence
+        if id_ in self.finer.values():
+            return -math.inf
+        best = sorted((s.held.log_evidence for s in scores if s.held is not None), reverse=True)
+        return best[self.settings.near - 1] if len(best) >= self.settings.near else -math.inf
 
     def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
         """Finer laws that explain far more than what they refine, which shows little by itself.
@@ -285,8 +324,8 @@ class Search:
                     here = self.moved(first.held, [second.candidate.id])
                 except CannotFinishError:
                     continue
-                beside = here.stand.candidates[second.candidate.id]
-                both = score(prospect(here, beside, self.settings, self.fit), self.fit)
+                found = prospect(here, here.stand.candidates[second.candidate.id], self.settings, self.fit)
+                both = score(found, self.fit, base.log_evidence + (bar if best is None else max(bar, best.gain)))
                 if both.held is not None:
                     gain = both.held.log_evidence - base.log_evidence
                     if best is None or gain > best.gain:

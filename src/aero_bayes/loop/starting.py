@@ -28,6 +28,8 @@ FAR, PIECES = 1.5, 50.0
 #: Magnitudes that make a grid, how often it is halved about its best, and of how many of its lines both ends are looked
 #: at.
 GRID, CLOSER, LIKELIEST = 6, 3, 3
+#: Gain in log-likelihood below which no end of a line is looked at.
+HOPE = 0.25
 
 
 #: Share of what a line promises that a simulation must find for the line to be believed.
@@ -58,25 +60,31 @@ def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) 
     neither bears the promise out the other parameters readjust by a few ``steps`` of a climb, with the law held.
     """
     columns = candidate.columns
-    tried = around.tried(columns, candidate.starts)
+    tried = around.first_look(candidate)
     lines = [around.line(row, residual) for row, residual in tried]
     if len(columns) == 1 and len(candidate.starts) >= GRID:
         for _ in range(CLOSER):
-            closer = around.tried(columns, _between(around.study.parameters, candidate, lines))
+            between = _between(around.study.parameters, candidate, lines)
+            if not between:
+                break
+            closer = around.tried(columns, between)
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
-    points = around.points(candidate, lines)
-    if max((s.gain for s in points), default=0.0) < BORNE_OUT * max((s.promise for s in points), default=0.0):
+    closely = _foretold(lines) >= HOPE
+    points = around.points(candidate, lines, closely)
+    promise = max((s.promise for s in points), default=0.0)
+    if closely and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
         points += around.held(candidate, lines, steps)
     if (wide := around.by_squares) is not None:
-        for s in wide.points(candidate, [wide.line(row, residual) for row, residual in tried]):
+        lines = [wide.line(row, residual) for row, residual in tried]
+        for s in wide.points(candidate, lines, wide.in_pieces(_foretold(lines)) >= HOPE):
             points.append(Start(wide.in_pieces(s.promise), s.point, True, wide.in_pieces(s.gain)))
     return sorted(points, key=lambda s: -s.gain)
 
 
 def promised(around: Around, candidate: Candidate) -> float:
     """The most that a line through one of its first starts foretells: a first look, at few simulations."""
-    tried = around.tried(candidate.columns, candidate.starts)
+    tried = around.first_look(candidate)
     most = max((around.line(*one).most for one in tried), default=-math.inf)
     if (wide := around.by_squares) is not None:
         most = max((most, *(wide.in_pieces(wide.line(*one).most) for one in tried)))
@@ -112,13 +120,20 @@ class _Line:
         return self.gain(max(self.along, 0.0))
 
 
+def _foretold(lines: Sequence[_Line]) -> float:
+    """The most that a line foretells, at its best or where it was tried."""
+    return max((max(line.most, line.gain(1.0)) for line in lines), default=0.0)
+
+
 def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[float, ...]]:
-    """Magnitudes on either side of the best of those tried, half way to the next."""
+    """Magnitudes on either side of the best of those tried, half way to the next; none if the least is too much."""
     (column,) = candidate.columns
     gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
     sizes = sorted(gains)
     # Of those that do not act at all, the last before the threshold.
     best = max(range(len(sizes)), key=lambda k: (gains[sizes[k]], sizes[k]), default=0)
+    if best == 0 and sizes and gains[sizes[0]] < 0.0:
+        return []
     return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
 
 
@@ -189,6 +204,18 @@ class Around:
         found = self.study.residuals(rows) if len(rows) else []
         return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
 
+    def first_look(self, candidate: Candidate) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
+        """A candidate at its starts; where every second of many magnitudes makes things worse, only at these."""
+        columns, starts = candidate.columns, candidate.starts
+        if len(columns) > 1 or len(starts) < GRID:
+            return self.tried(columns, starts)
+        ordered = sorted(starts)
+        tried = self.tried(columns, ordered[::2])
+        lines = [around.line(*one) for around in (self, self.by_squares) if around is not None for one in tried]
+        if lines and all(line.power > 0.0 and line.along <= 0.0 for line in lines):
+            return tried
+        return tried + self.tried(columns, ordered[1::2])
+
     def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
         """From here to a point with these residuals."""
         whitened = self.base.whitened
@@ -199,14 +226,17 @@ class Around:
         along = float(direction @ self._left) / power if power > 0.0 else 0.0
         return _Line(row, self._own, back, power, math.sqrt(float(change @ change)), along)
 
-    def points(self, candidate: Candidate, lines: Sequence[_Line]) -> list[Start]:
-        """Both ends of the likeliest lines, with what a simulation of each gains."""
+    def points(self, candidate: Candidate, lines: Sequence[_Line], closely: bool) -> list[Start]:
+        """Both ends of the likeliest lines; looked at ``closely``, with what a simulation of each gains."""
         acting = [line for line in lines if line.power > 0.0]
         ends: list[tuple[_Line, float]] = []
         for reaches in ([1.0] * len(acting), [line.within for line in acting]):
             kind = sorted(zip(acting, reaches, strict=True), key=lambda end: -end[0].gain(end[1]))
             ends += kind[:LIKELIEST]
-        points = self._simulated([self._end(candidate, line, reach) for line, reach in ends])
+        points = [self._end(candidate, line, reach) for line, reach in ends]
+        if not closely:
+            return points
+        points = self._simulated(points)
         if ends and all(s.gain < 0.0 for s in points):
             # No line: from here, with so little of it as is just seen, a climb follows the tangent.
             line = ends[0][0]

@@ -42,12 +42,12 @@ class CosimulationRuns:
     def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> None:
         """Take tasks from the job's counter until none is left. The three are addresses."""
         words = (ctypes.c_int64 * 16).from_address(job)
-        mine = (ctypes.c_int64 * 2).from_address(slot)
+        mine = (ctypes.c_int64 * 3).from_address(slot)
         outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
         index = first if first >= 0 else engine.ab_take(job)
         while index < words[_TOTAL]:
             if outcomes[index] == 255:
-                mine[1] = clock.monotonic_ns()
+                mine[2], mine[1] = clock.process_time_ns(), clock.monotonic_ns()
                 mine[0] = index
                 outcomes[index] = self._task(words, base, index)
                 mine[0] = -1

@@ -165,7 +165,7 @@ class FmpySimulator(ReducedTrajectories):
     def _simulate_one(self, number: int, values: FloatArray, settings: SolverSettings) -> FloatArray:
         model, experiment, fmu = self.problem.model, self.problem.experiments[number], self._fmu
         signals = delayed(experiment, self.problem.targets[number], values)
-        deadline = clock.monotonic() + settings.time_limit
+        deadline = clock.thread_time() + settings.time_limit
         next_event = self._start(number, values, signals)[0]
         variables = [model.output(name) for name in experiment.outputs]
         samples = experiment.time
@@ -215,7 +215,7 @@ class FmpySimulator(ReducedTrajectories):
                     if terminate:
                         raise FMICallException("fmi2CompletedIntegratorStep", 3)
                     event = event or bool(ask)
-                if clock.monotonic() > deadline:
+                if clock.thread_time() > deadline:
                     raise _TimedOutError
             if t >= end - tiny and not event and next_event > end + tiny and not np.any(np.abs(breaks - t) <= tiny):
                 break

@@ -133,7 +133,8 @@ Target = ParameterTarget | StartTarget | DelayTarget | InputTarget
 class SolverSettings:
     """Tolerances and limits of one run.
 
-    ``absolute_tolerance`` is relative to each state's nominal value. ``time_limit`` is in s of wall time a run.
+    ``absolute_tolerance`` is relative to each state's nominal value. ``time_limit`` is in s of
+    computing time a run.
     """
 
     relative_tolerance: float = 1e-6

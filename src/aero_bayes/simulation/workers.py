@@ -41,6 +41,7 @@ _SLOT_BYTES = 64
 _SLOTS_AT = 0  # slots come first in the arena
 _FIRST_ARENA = 1 << 20
 SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
+WAITING = 10.0  # time limits on the wall clock after which a run that sleeps, or gets no processor, is ended
 
 
 @cache
@@ -69,6 +70,15 @@ class _Worker:
                 data = data[os.write(self.commands, data) :]
         except BrokenPipeError:
             pass  # found dead when its reply is awaited
+
+    @property
+    def computed(self) -> int | None:
+        """Computing time of the process in ns; None where it cannot be told."""
+        if not sys.platform.startswith("linux"):
+            return None
+        with contextlib.suppress(OSError):
+            return time.clock_gettime_ns((~self.process.pid << 3) | 2)  # its id as clock_getcpuclockid gives it
+        return None
 
     def stop(self) -> None:
         os.close(self.commands)
@@ -247,7 +257,7 @@ class WorkerPool:
         worker = self._workers[index]
         if worker is None:
             worker = self._workers[index] = self._start()
-        self._slots[index, :2] = -1, 0
+        self._slots[index, :3] = -1, 0, 0
         worker.send(worker_main.RUN, self.arena.size, job, _SLOTS_AT + index * _SLOT_BYTES, first, key)
         active[worker.replies] = index
 
@@ -338,10 +348,11 @@ class WorkerPool:
                         raise CannotFinishError("worker processes of the native engine die as soon as they start")
                     proceed(index, task, Outcome.CRASHED, retry=True)
             now = time.monotonic_ns()
+            clocks = {index: worker.computed for index in active.values() if (worker := self._workers[index])}
             allowed = 1e9 * (time_limit + 0.05 + 0.1 * time_limit)
             for fd, index in list(active.items()):
                 task, _ = self._slot(index, outcomes.size)
-                started = int(self._slots[index, 1])
+                started, spent = (int(v) for v in self._slots[index, 1:3])
                 if task < 0:
                     # nonsense is a model's writing, which runs no longer than any other
                     patient = allowed if task == NONSENSE else max(1e9 * SILENCE, 2.0 * allowed)
@@ -349,7 +360,10 @@ class WorkerPool:
                         continue
                 else:
                     silent.pop(index, None)
-                    if abs(now - started) < allowed:  # it may have begun another since the clock was read
+                    computed = clocks[index]
+                    waits = WAITING if computed is not None else 1.0
+                    # It may have begun another since the clocks were read.
+                    if abs(now - started) < waits * allowed and abs((computed or spent) - spent) < allowed:
                         continue
                 drop(fd)
                 self._replace(index)

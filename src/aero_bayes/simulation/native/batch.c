@@ -17,17 +17,23 @@ typedef struct {
     int64_t values, noise, active, outcome, result, result_stride, table;
 } Job;
 
+/* `started` by the clock on the wall, `spent` in computing time. */
 typedef struct {
-    int64_t task, started;
+    int64_t task, started, spent;
 } Slot;
 
 static Slot *slot;
 
+static void stamp(Slot *s)
+{
+    __atomic_store_n(&s->spent, process_ns(), __ATOMIC_RELEASE);
+    __atomic_store_n(&s->started, now_ns(), __ATOMIC_RELEASE);
+}
+
 void heartbeat(Run *r)
 {
-    const int64_t now = now_ns();
-    r->deadline = now + (int64_t)(1e9 * r->problem->time_limit);
-    if (slot) __atomic_store_n(&slot->started, now, __ATOMIC_RELEASE);
+    r->deadline = thread_ns() + (int64_t)(1e9 * r->problem->time_limit);
+    if (slot) stamp(slot);
 }
 
 void problem_drop_runs(Problem *p)
@@ -181,7 +187,7 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
         first = -1;
         if (index >= job->total) break;
         if (outcome[index] != TODO) continue;
-        __atomic_store_n(&slot->started, now_ns(), __ATOMIC_RELEASE);
+        stamp(slot);
         __atomic_store_n(&slot->task, index, __ATOMIC_RELEASE);
         const int result = task(p, base, job, index);
         if (p->fmu && p->fmu->spent) {

@@ -256,7 +256,7 @@ double first_step(Run *, double limit);
 /* sensitivity.c */
 int sensitivity_begin(Run *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
-double sensitivity_step(Run *, double h);
+double sensitivity_step(Run *, double h, double root);
 void sensitivity_enter(Run *, double t);
 
 /* events.c */
@@ -276,7 +276,9 @@ int64_t filter_gains(Filter *, const double *time, const double *measured, int64
 
 /* run.c */
 enum { NEED_DIFFERENCES = -1 };
-int64_t now_ns(void);
+int64_t now_ns(void);     /* by the clock on the wall */
+int64_t process_ns(void); /* computed by this process */
+int64_t thread_ns(void);  /* and by this thread */
 int run_once(Run *);
 Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
 void run_close(Run *);

@@ -4,12 +4,18 @@
 
 #include "engine.h"
 
-int64_t now_ns(void)
+static int64_t read_clock(clockid_t id)
 {
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(id, &t);
     return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
 }
+
+int64_t now_ns(void) { return read_clock(CLOCK_MONOTONIC); }
+
+int64_t process_ns(void) { return read_clock(CLOCK_PROCESS_CPUTIME_ID); }
+
+int64_t thread_ns(void) { return read_clock(CLOCK_THREAD_CPUTIME_ID); }
 
 /* Hands out parts of one block, each on a 64-byte line; the first pass (base NULL) only measures. */
 typedef struct {
@@ -238,7 +244,7 @@ static int smaller(Run *r, Segment *g, double h, double error)
 static int stuck(Run *r)
 {
     if (r->taken + r->rejected > r->problem->max_steps) return AB_SOLVER_FAILED;
-    if ((r->taken + r->rejected) % 32 == 0 && now_ns() > r->deadline) return AB_TIMED_OUT;
+    if ((r->taken + r->rejected) % 32 == 0 && thread_ns() > r->deadline) return AB_TIMED_OUT;
     return AB_OK;
 }
 
@@ -289,10 +295,6 @@ static int integrate_segment(Run *r, Segment *g)
                 if ((outcome = smaller(r, g, h, NAN))) return outcome;
                 continue;
             }
-            if (root <= 1.0) {
-                if (r->sensitive) return NEED_DIFFERENCES;
-                memcpy(r->x1, r->u, sizeof *r->u * (size_t)n);
-            }
         }
         int have_f1 = 0;
         if (r->q && r->alive && n) {
@@ -301,15 +303,18 @@ static int integrate_segment(Run *r, Segment *g)
             if (worse(status = jacobian(r, t1, r->x1, r->f1, jac))) return outcome_of(r, status);
             if (!r->problem->has_directional && worse(status = set_point(r, t1, r->x1))) return outcome_of(r, status);
             if (worse(status = sensitivity_node(r, 3, t1, r->x1, jac))) return outcome_of(r, status);
-            const double s_error = sensitivity_step(r, h);
+            const double s_error = sensitivity_step(r, h, root);
             if (worse(r->status) && r->status != FMI_DISCARD) return outcome_of(r, r->status);
             if (!(s_error <= 1.0)) {
                 if ((outcome = smaller(r, g, h, s_error))) return outcome;
                 continue;
             }
             error = fmax(error, s_error);
-            have_f1 = 1;
+            swap(&r->s, &r->s1);
+            have_f1 = root > 1.0;
         }
+        for (int i = 0; i < n && root <= 1.0; i++)
+            kernels->horner(r->dense + i, n, method->dense, &root, 1, r->x1 + i);
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
@@ -325,7 +330,6 @@ static int integrate_segment(Run *r, Segment *g)
         swap(&r->x, &r->x1);
         g->have_f = g->have_jac = g->have_node = 0;
         if (have_f1) {
-            swap(&r->s, &r->s1);
             swap(&r->f, &r->f1);
             memcpy(r->jac, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
             memcpy(r->a_node, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
@@ -352,6 +356,18 @@ static int delay_column(const Run *r)
     for (int k = 0; k < r->q; k++)
         if (r->column_target[k].kind == TARGET_DELAY) return 1;
     return 0;
+}
+
+/* Is the slope the same before (r->f1) and after (r->f) a state event? Then S has no jump there, however the event moves
+ * with the parameters. */
+static int slope_is_kept(const Run *r)
+{
+    const double span = r->t_end - r->e->time[0];
+    for (int i = 0; i < r->n; i++) {
+        const double size = larger(larger(fabs(r->f[i]), fabs(r->f1[i])), r->nominal[i] / span);
+        if (!(fabs(r->f[i] - r->f1[i]) <= 1e-6 * size)) return 0;
+    }
+    return 1;
 }
 
 /* What happens at the end of a segment: jumps and kinks of inputs, time and state events. */
@@ -394,12 +410,15 @@ static int cross(Run *r, Segment *g)
         g->have_f = 0; /* the FMU stands elsewhere now */
     }
     int changed = r->events_seen;
-    for (int i = 0; watch && i < r->n; i++) changed |= r->f[i] != r->f1[i];
-    if (watch && r->sensitive && (r->events_seen || (!jump && changed))) return NEED_DIFFERENCES;
+    if (r->sensitive && g->event && !g->asked)
+        changed |= jump || timed || (r->n && !slope_is_kept(r));
+    else
+        for (int i = 0; watch && i < r->n; i++) changed |= r->f[i] != r->f1[i];
+    if (watch && r->sensitive && (r->events_seen || ((!jump || g->event) && changed))) return NEED_DIFFERENCES;
     g->idle = idle && !changed;
     if (g->idle)
         g->fresh = 0; /* nothing happened: the step size still fits */
-    else if (g->event)
+    else if (g->event && !r->sensitive)
         r->events_seen = 1; /* the time of a state event moves with the parameters: its step cannot be repeated */
     for (int k = 0; shifts && k < r->q; k++)
         if (r->column_target[k].kind == TARGET_DELAY)

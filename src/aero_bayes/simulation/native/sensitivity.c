@@ -190,14 +190,14 @@ static void combine_nodes(Run *r, double *out, const double *w, int64_t size)
                  w[3] * r->b_node[3 * size + i];
 }
 
-/* Powers of fraction of the continuous extension, for the rows that samples read. */
-static void continuous_extension(Run *r)
+/* Powers of fraction of the continuous extension, for the rows that samples read or for all. */
+static void continuous_extension(Run *r, int all)
 {
     const int64_t ld = r->ld, size = (int64_t)r->n * ld;
     const Method *m = method;
     double *c = r->sdense;
     for (int i = 0; i < r->n; i++) {
-        int wanted = r->e->n_other > 0;
+        int wanted = all || r->e->n_other > 0;
         for (int64_t o = 0; o < r->e->m && !wanted; o++) wanted = r->e->output_state[o] == i;
         if (!wanted) continue;
         double *row = c + i * ld;
@@ -217,8 +217,9 @@ static void continuous_extension(Run *r)
 }
 
 /* The step of the state has been accepted: r->factors are its own, r->dense its continuous extension, points 0 and 3
- * are filled. Leaves S(t + h) in r->s1 and its continuous extension in r->sdense. Returns the error, NAN for failure. */
-double sensitivity_step(Run *r, double h)
+ * are filled. Leaves S(t + root h) in r->s1 and its continuous extension in r->sdense. Returns the error, NAN for
+ * failure. */
+double sensitivity_step(Run *r, double h, double root)
 {
     const Method *m = method;
     const int n = r->n, ld = r->ld;
@@ -267,6 +268,9 @@ double sensitivity_step(Run *r, double h)
     const double *end = r->sv + (m->stages - 1) * size;
     for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];
     const double error = column_error(r, end);
-    if (error <= 1.0) continuous_extension(r);
+    if (!(error <= 1.0)) return error;
+    continuous_extension(r, root < 1.0);
+    for (int64_t i = 0; i < size && root < 1.0; i++)
+        kernels->horner(r->sdense + i, (int)size, m->dense, &root, 1, r->s1 + i);
     return error;
 }
