@@ -147,6 +147,10 @@ def _sizes(
     return sizes | {"t_n": time}
 
 
+#: Readings in a typical time: what laws take for short beside it is short beside the sampling too.
+FEWEST = 10.0
+
+
 def typical_time(calibration: Calibration, fit: Optimum) -> float:
     """How long the fastest output takes to change by its own size, in s."""
     times = []
@@ -159,7 +163,7 @@ def typical_time(calibration: Calibration, fit: Optimum) -> float:
             rate = float(np.sqrt(np.mean((np.diff(v) / np.diff(t)) ** 2)))
             step = float(np.median(np.diff(t)))
             if rate > 0.0:
-                times.append(max(float(np.std(v)) / rate, 2.0 * step))
+                times.append(max(float(np.std(v)) / rate, FEWEST * step))
     return min(times, default=1.0)
 
 
