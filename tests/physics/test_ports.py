@@ -14,7 +14,7 @@ from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import candidates, port_table
 from aero_bayes.physics.terms import dimension_of_unit, unit_text
-from aero_bayes.physics.use import levels_of, use_of
+from aero_bayes.physics.use import use_of
 from aero_bayes.physics.write import write_law
 
 FOUND = {
@@ -66,16 +66,13 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert not {"overflow", "root_loss"} & set(bodies["one.port"].laws)  # a temperature does not spill
 
 
-def test_temperatures_count_from_where_they_start(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
     flat = rig("Bodies.Pair")
     port = next(p for p in ports_of(flat, laws) if p.id == "one.port")
-    assert levels_of(flat, port) == {"h_0": 295.0, "h_z": 0.0}
-    tanks = rig("TankPair")
-    assert [levels_of(tanks, p) for p in ports_of(tanks, laws) if p.kind == "storage"] == [{}, {}]
     taken = [v.name for v in flat.variables]
     for id_, c, flow in (("radiation", 2e-9, 2e-9 * (310.0**4 - 295.0**4)), ("square_loss", 0.3, 0.3 * 15.0**2)):
         law = next(law for law in laws if law.id == id_)
-        use = use_of(law, port, taken, sizes={"h_n": 15.0, **levels_of(flat, port)}, values={"c": c})
+        use = use_of(law, port, taken, sizes={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c})
         base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
         point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
         change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]

@@ -1,6 +1,5 @@
 """Ripple and encoder counts, made with known sizes, must come back with them and leave the noise as it was."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +10,16 @@ from scipy.stats import norm
 
 from aero_bayes import bench
 from aero_bayes.data import read_recording
-from aero_bayes.errors import InputError
-from aero_bayes.estimate import FitSettings, NoiseModel, OutputNoise, fit
+from aero_bayes.estimate import FitSettings, NoiseModel, fit
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.counts import EncoderDensity
 from aero_bayes.sensors.counts import (
     counts_of,
     interval_log_density,
     rounding_error,
 )
 from aero_bayes.sensors.ripple import find_ripple
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import ripple_series
 
 STEP_RECORDING = Path(__file__).resolve().parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
@@ -180,36 +177,6 @@ def test_counts_are_described(counted):
     assert found.gain > 0.0
     assert counts_of(time, readings[:, 0], smooth[:, 0]) is None
     assert fitted.sensors["theta"]["encoder"]["step"] == pytest.approx(step, rel=1e-6)
-
-
-def test_exact_likelihood_of_counts_replaces_the_gaussian_one(counted):
-    fitted, step = counted
-    with open_simulator(fitted.calibration.problem(), workers=0) as simulator:
-        joint = fitted.joint_target(simulator)
-        name = "noise.theta.sd_white"
-        density = EncoderDensity(joint, {"theta": step})
-        points = np.tile(fitted.laplace.mean, (3, 1))
-        points[:, joint.names.index(name)] = np.log([0.2 * step, 0.3 * step, 5.0 * step])
-        found, gaussian = density(points), joint(points)
-        predicted = simulator.simulate(joint.target.values(points[:, : len(fitted.free)])).outputs[0][:, :, 2]
-    reading = fitted.calibration.measured[0][:, 2]
-    for k, sd in enumerate([0.2 * step, 0.3 * step, 5.0 * step]):
-        upper = norm.cdf((reading + step / 2 - predicted[k]) / sd)
-        mass = upper - norm.cdf((reading - step / 2 - predicted[k]) / sd)
-        exact = np.sum(np.log(np.maximum(mass, 1e-300) / step))
-        assert found[k] - gaussian[k] == pytest.approx(exact - norm.logpdf(reading, predicted[k], sd).sum(), rel=1e-3)
-    assert found[0] > found[2]
-    with pytest.raises(InputError, match="was not fitted"):
-        EncoderDensity(joint, {"yaw": 0.1})
-
-
-def test_counts_of_correlated_noise_have_no_exact_likelihood(counted):
-    fitted, step = counted
-    noise = {**fitted.noise, "theta": OutputNoise(0.01, 0.02, 0.3)}
-    with open_simulator(fitted.calibration.problem(), workers=0) as simulator:
-        joint = replace(fitted, optimum=replace(fitted.optimum, noise=noise)).joint_target(simulator)
-    with pytest.raises(InputError, match="white"):
-        EncoderDensity(joint, {"theta": step})
 
 
 @pytest.mark.parametrize(("size", "exact"), [(0.1, True), (1.5, False)])

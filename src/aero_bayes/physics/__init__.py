@@ -15,7 +15,7 @@ from aero_bayes.physics.compose import Models, compose_law, compose_laws, law_mo
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law, LawParameter, general_laws, laws_of
 from aero_bayes.physics.ports import Candidate, Port, candidates, fits, port_table
-from aero_bayes.physics.use import Use, levels_of, use_of
+from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
 
 __all__ = [
@@ -33,7 +33,6 @@ __all__ = [
     "general_laws",
     "law_models",
     "laws_of",
-    "levels_of",
     "port_table",
     "ports_of",
     "probe",

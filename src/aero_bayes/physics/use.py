@@ -8,10 +8,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import evaluate
-from aero_bayes.export.flat import FlatModel
 from aero_bayes.physics.laws import Attribute, Law, LawParameter
-from aero_bayes.physics.ports import KELVIN, Port
+from aero_bayes.physics.ports import Port
 
 _LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 
@@ -111,22 +109,6 @@ def use_of(
     # a size is a typical magnitude: three digits of it read well in a written model
     rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (sizes or {}).items()}
     return Use(law, port, free(law.id), names, rounded, dict(values or {}), neighbour)
-
-
-def levels_of(flat: FlatModel, port: Port) -> dict[str, float]:
-    """What a storage's level is counted from, as sizes of its laws.
-
-    A temperature loses nothing at its start value, ``h_0``, and its absolute zero is ``h_z``; other levels count from
-    zero.
-    """
-    unit = port.units.get("h", "")
-    if unit not in KELVIN:
-        return {}
-    try:
-        start = evaluate(flat, port.signals["h"], "start")
-    except InputError:
-        start = 0.0
-    return {"h_0": start, "h_z": 0.0 if unit == "K" else -273.15}
 
 
 def plain_name(path: str) -> str:
