@@ -75,8 +75,8 @@ FORCES = {
 }
 
 
-@pytest.mark.parametrize(("kind", "lines"), [("slow", False), ("slow", True), ("rough", True)])
-def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind, lines):
+@pytest.mark.parametrize("kind", FORCES)
+def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
     w, force, averaged = FORCES[kind]
     readings = swinging(w, force, INTERVAL) + 0.02 * np.random.default_rng(3).standard_normal(TIME.size)
     model = modelica(PENDULUM)
@@ -88,10 +88,9 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind, l
     assert np.all(np.diff(force) != 0.0)
 
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        cheap = leading(calibration, simulator, SAMPLES, lines=lines)
+        cheap = leading(calibration, simulator, SAMPLES)
         (full,), (few,) = calibration.experiments, cheap.experiments
         assert bool(few.time[-1] > 0.9 * TIME[-1]) is averaged
-        assert few.inputs[0].interpolation == ("linear" if averaged and lines else "hold")
         assert few.time.size <= 3 * SAMPLES
         # What a simulation costs is the number of times at which its input jumps.
         assert few.inputs[0].time.size <= 0.2 * full.inputs[0].time.size

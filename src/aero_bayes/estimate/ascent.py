@@ -248,8 +248,7 @@ class Climber:
     ) -> tuple[FloatArray, pso.SwarmResult | None]:
         """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
         assert self.settings.swarm is not None
-        full, samples = self.objective.calibration, self.settings.samples
-        cheap = hurried(leading(full, self.objective.simulator, samples, lines=True))
+        cheap = hurried(leading(self.objective.calibration, self.objective.simulator, self.settings.samples))
         limit = self.settings.swarm.iterations
         values = self.objective.parameters.from_search(start)
         with open_simulator(cheap.problem()) as simulator:

@@ -20,9 +20,7 @@ STRETCH = 2
 STEPS, FEWEST, TOLERANCE = 10, 5000, 1e-4
 
 
-def leading(
-    calibration: Calibration, simulator: Simulator, samples: int, close: float = CLOSE, *, lines: bool = False
-) -> Calibration:
+def leading(calibration: Calibration, simulator: Simulator, samples: int, close: float = CLOSE) -> Calibration:
     """The calibration on about ``samples`` samples a recording, whose simulations cost as little.
 
     An input that changes at every sample makes an engine restart there however few outputs are asked for: it is
@@ -36,17 +34,13 @@ def leading(
     samples : int
     close : float
         Error of an output at the start, as a share of its range, that averages may make.
-    lines : bool
-        Join the averages of held inputs by lines where the outputs stay close: what is fast in a model need not settle
-        after every jump.
     """
     thinned = calibration.thinned(samples)
     if max(s.time.size for e in calibration.experiments for s in e.inputs or (_STILL,)) <= 2 * samples:
         return thinned
-    for joined in (True, False) if lines else (False,):
-        averaged = replace(thinned, experiments=tuple(_averaged(e, samples, joined) for e in thinned.experiments))
-        if _close(calibration, simulator, averaged, close):
-            return averaged
+    averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
+    if _close(calibration, simulator, averaged, close):
+        return averaged
     changes = STRETCH * samples
     return replace(
         calibration, experiments=tuple(thin(_beginning(e, changes), changes) for e in calibration.experiments)
@@ -63,12 +57,12 @@ def hurried(calibration: Calibration) -> Calibration:
 _STILL = InputSignal("", np.zeros(1), np.zeros(1))
 
 
-def _averaged(experiment: Experiment, samples: int, joined: bool) -> Experiment:
-    return replace(experiment, inputs=tuple(_blocks(signal, samples, joined) for signal in experiment.inputs))
+def _averaged(experiment: Experiment, samples: int) -> Experiment:
+    return replace(experiment, inputs=tuple(_blocks(signal, samples) for signal in experiment.inputs))
 
 
-def _blocks(signal: InputSignal, samples: int, joined: bool) -> InputSignal:
-    """An input by its averages over blocks of equal length; those of a held one are held, or joined by lines."""
+def _blocks(signal: InputSignal, samples: int) -> InputSignal:
+    """A held input by its averages over blocks of equal length."""
     if signal.time.size <= 2 * samples:
         return signal
     held = signal.interpolation == "hold"
@@ -79,12 +73,6 @@ def _blocks(signal: InputSignal, samples: int, joined: bool) -> InputSignal:
     means = np.diff(np.interp(edges, signal.time, area)) / np.diff(edges)
     if not held:
         return replace(signal, time=0.5 * (edges[1:] + edges[:-1]), values=means)
-    if joined:
-        return replace(
-            signal, interpolation="linear",
-            time=np.concatenate(([signal.time[0]], 0.5 * (edges[1:] + edges[:-1]), [stop])),
-            values=np.concatenate(([signal.values[0]], means, [signal.values[-1]])),
-        )  # fmt: skip
     return replace(
         signal,
         time=np.concatenate(([signal.time[0]], edges)),
