@@ -86,6 +86,8 @@ UNTRIED, TEMPER = 0.02, 0.5
 SLACK = 20.0
 #: Least gain in log-evidence for which one effect takes the place of another.
 SWAP = 1.0
+#: Gain in log-evidence from which the model as it stands was in a wrong valley.
+BETTER = 4.0
 
 
 def threshold(candidates: int, settings: AttributeSettings) -> float:
@@ -355,6 +357,9 @@ class Search:
             if found.chosen is None or found.chosen.held is None:
                 break
             current = found.chosen.held
+            if len(current.effects) == 1 and (better := self._from_there(base, current)) is not None:
+                base = current = better
+                self.rounds.clear()
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
         if len(current.effects) > 1:
             self._begin(told, "drop and swap", self.settings.max_effects)
@@ -362,6 +367,17 @@ class Search:
         return Selection(
             current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1), tuple(self.skipped)
         )
+
+    def _from_there(self, base: Held, current: Held) -> Held | None:
+        """The model as it stands, fitted anew from where its first effect led it; None if that is no better.
+
+        A fit that stopped in a wrong valley is led out of it by whatever it is given, which must not pass for physics.
+        """
+        (effect,) = current.effects
+        if effect in self.settings.require:
+            return None
+        without = self.without(base, current, effect)
+        return without if without is not None and without.log_evidence > base.log_evidence + BETTER else None
 
     def _begin(self, told: Callable[[str, float], None], what: str, step: int) -> None:
         """Say what is done from now on, and say how far it is with each candidate."""

@@ -106,6 +106,17 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
 
 
+def fit_from_there(bench: Workbench, base: BaseFit, held: Held) -> BaseFit:
+    """The same from where a search was led that found the first fit in a wrong valley."""
+    with bench.open(base.plain.problem()) as simulator:
+        study = bench.objective(base.plain, simulator)
+        at = study.parameters.to_search(np.array([held.values[name] for name in study.parameters.names]))
+        fit = Climber(study, bench.settings.ascent).again(at, base.fit.free, held.optimum.noise)
+        reports = inspect(base.plain, study.series, fit, base.floors)
+        bench.tally.count(study)
+    return replace(base, fit=fit, held=held, reports=reports)
+
+
 def _shared(bench: Workbench, model: Model) -> ParameterSet:
     overrides = {**bench.family.overrides(model), **bench.settings.overrides}
     free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)

@@ -47,7 +47,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
         if named is not None:
             refused = _astray(found, named, bench.settings.astray)
         if named is not None and not refused:
-            return _no_more_than_carries_over(bench, found, named)
+            return _if_it_gains(bench, found, _no_more_than_carries_over(bench, found, named))
         best = rival.best_curve
         if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
             learned = add_curve(bench, found, best)
@@ -55,7 +55,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
                 return learned
         other = _other(bench, found) or _partial(bench, found)
         if other is not None:
-            return _no_more_than_carries_over(bench, found, other)
+            return _if_it_gains(bench, found, _no_more_than_carries_over(bench, found, other))
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
         unseen = (
@@ -79,6 +79,21 @@ def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion
         if not surely_worse(after, named.after, bench.recordings) and (kept := _with(bench, found, held)) is not None:
             return kept
     return named
+
+
+def _if_it_gains(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
+    """What is named; nothing where structure is left and the model as it stands predicts the unseen as well."""
+    if not named.after.test or all(r.verdict != "structured" for r in named.reports):
+        return named
+    if surely_worse(found.before, named.after, bench.recordings):
+        return named
+    explain = "explain" if len(named.effects) > 1 else "explains"
+    sentence = (
+        f"The residual is structured; {listed([effect.id for effect in named.effects])} {explain} part of it where it "
+        "was fitted, but data that was not is predicted as well without. The missing physics is something else, or the "
+        "parameters are not the best ones."
+    )
+    return replace(nothing_added(bench, found, ""), outcome="unexplained", sentence=sentence)
 
 
 def _other(bench: Workbench, found: Found) -> Conclusion | None:

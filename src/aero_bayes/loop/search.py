@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.errors import InputError
 from aero_bayes.loop.attribute import Search, Selection
-from aero_bayes.loop.base_fit import BaseFit
+from aero_bayes.loop.base_fit import BaseFit, fit_from_there
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
 from aero_bayes.loop.rival import Rival, find_rival
@@ -42,6 +42,8 @@ def search(bench: Workbench, base: BaseFit) -> Found:
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),
     )  # fmt: skip
     selection = refine(effort, selection, finer, len(ids))
+    if selection.base is not base.held:
+        base = fit_from_there(bench, base, selection.base)
     bench.tally.lap("attribution")
     left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)
