@@ -32,8 +32,9 @@ GRID, CLOSER, LIKELIEST = 6, 3, 3
 HOPE = 0.25
 
 
-#: Share of what a line promises that a simulation must find for the line to be believed.
-BORNE_OUT = 0.3
+#: Share of what a line promises that a simulation must find for the line to be believed, and the least promise, in
+#: log-likelihood, for which another way is tried: nobody is named for less.
+BORNE_OUT, WORTH = 0.3, 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,9 @@ def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) 
             closer = around.tried(columns, between)
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
-    closely = _foretold(lines) >= HOPE
-    points = around.points(candidate, lines, closely)
+    points = around.points(candidate, lines, _foretold(lines) >= HOPE)
     promise = max((s.promise for s in points), default=0.0)
-    if closely and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
+    if promise > WORTH and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
         points += around.held(candidate, lines, steps)
     if (wide := around.by_squares) is not None:
         lines = [wide.line(row, residual) for row, residual in tried]
