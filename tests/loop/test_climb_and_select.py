@@ -243,3 +243,38 @@ def test_ends_of_lines_that_lead_nowhere_are_not_simulated():
     spent = stand.study.simulations - start
     assert not nothing.starts
     assert spent == len(stand.candidates["square"].starts)
+
+
+class WaveSimulator(LinearSimulator):
+    """A wave, its height and frequency the first two parameters; the third damps it."""
+
+    def outputs(self, p):
+        return (p[:, [0]] * np.exp(-(p[:, [2]] ** 2) * TIME) * np.sin(p[:, [1]] * TIME))[:, :, None]
+
+    def simulate(self, values, *, active=None):
+        slopes = None
+        if active is not None:
+            steps = 1e-6 * np.eye(5)[list(active)]
+            change = [(self.outputs(values + step) - self.outputs(values - step)) / 2e-6 for step in steps]
+            slopes = (np.stack(change, axis=-1),)
+        return Trajectories((self.outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+
+
+def test_what_only_led_the_fit_out_of_a_wrong_valley_is_no_effect():
+    noise = OutputNoise(0.1)
+    exact = WaveSimulator(np.zeros(600)).outputs(np.array([[1.0, 3.7, 0.0, 0.0, 0.0]]))[0, :, 0]
+    measured = exact + noise.sd_white * np.random.default_rng(4).normal(size=600)
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
+    damping = {"damping": Candidate("damping", "in", ((0.7,), (0.5,)), (2,))}
+    stand = Stand(Objective(problem, WaveSimulator(measured)), damping, (0, 1))
+
+    class Stands:
+        def of(self, ids):
+            return stand
+
+    base = stand.fit({"a": 1.0, "b": 3.0}, (), {"y": noise}, ClimbSettings())
+    assert abs(base.values["b"] - 3.7) > 0.1
+    search = Search(Stands(), [("damping",)], {}, AttributeSettings(), ClimbSettings())
+    found = search.select(base, ("damping",), lambda held: True, lambda what, share: None)
+    assert not found.effects
+    assert found.base.values["b"] == pytest.approx(3.7, abs=0.01)
