@@ -121,11 +121,11 @@ def prospect(
     candidate: Candidate,
     settings: AttributeSettings,
     fit: ClimbSettings,
-    beside: Around | Start | None = None,
+    beside: Around | None = None,
 ) -> Prospect:
     """The most promising starts of a candidate; none where all promise almost nothing.
 
-    ``beside`` is another start on the same stand, or a place from which one is looked for as well.
+    ``beside`` is another place on the same stand that a start is looked for from as well.
     """
     few = fit.rough(6, 0.5)
     points = starting_points(base.around, candidate, few)
@@ -134,10 +134,8 @@ def prospect(
     own = [s for s in likely if not s.squares][: settings.starts]
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
     starts += [s for s in likely if s.squares][:1]
-    if isinstance(beside, Start):
-        starts.insert(0, beside)
-    elif beside is not None:
-        starts += [s for s in starting_points(beside, candidate, few)[:1] if math.isfinite(s.gain)]
+    if beside is not None:
+        starts += starting_points(beside, candidate, few)[:1]
     return Prospect(base, candidate, tuple(starts), first)
 
 
@@ -219,7 +217,7 @@ class Search:
         ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
         that were not ``seen``, if given, only the few most promising are looked at closely.
         """
-        beside: list[tuple[Held, Candidate, Around | Start | None]] = []
+        beside: list[tuple[Held, Candidate, Around | None]] = []
         for group in self.groups:
             own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
             if own:
@@ -230,11 +228,7 @@ class Search:
                     self.skipped |= dict.fromkeys(own)
                     continue
                 place = _place(here, instead) if instead is not None else None
-                for id_ in own:
-                    start: Around | Start | None = place
-                    if instead is not None and id_ in instead.effects:
-                        start = Start(math.inf, here.stand.at(instead.values, instead.effects))
-                    beside.append((here, here.stand.candidates[id_], start))
+                beside += [(here, here.stand.candidates[id_], place) for id_ in own]
         if seen is not None:
             new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
             likely = sorted(new, key=lambda id_: -new[id_])[: self.settings.near]
