@@ -160,66 +160,44 @@ def test_a_finer_law_is_found_where_what_it_refines_shows_nothing():
     assert set(selected([1.0, 2.0, 0.6, 0.0, 0.0], 2, structured=True, finer=finer).effects) & {"sine", "twin"}
 
 
-class ClippedSimulator(LinearSimulator):
+def clipped(time, p):
     """The third parameter acts only beyond one: then it clips the line that the second one makes."""
+    return np.minimum(p[0] + p[1] * time / 30.0, 1.0 / np.maximum(p[2], 1e-12))[:, None]
 
-    def simulate(self, values, *, active=None):
-        def outputs(p):
-            line = p[:, [0]] + p[:, [1]] * TIME / 30.0
-            limit = 1.0 / np.maximum(p[:, [2]], 1e-12)
-            return np.minimum(line, limit)[:, :, None]
 
-        slopes = None
-        if active is not None:
-            steps = 1e-6 * np.eye(5)[list(active)]
-            change = [(outputs(values + step) - outputs(values - step)) / 2e-6 for step in steps]
-            slopes = (np.stack(change, axis=-1),)
-        return Trajectories((outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+def formula_stand(formula, measured, candidate):
+    """A stand with one candidate, on a model that is a formula of five parameters."""
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
+    simulator = closed_form.FormulaSimulator(problem.problem(), formula)
+    return Stand(Objective(problem, simulator), {candidate.id: candidate}, (0, 1))
 
 
 def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
     rng = np.random.default_rng(8)
     limit, noise = 2.85, OutputNoise(0.02, 0.0, 1.0)
     measured = np.minimum(1.0 + 2.0 * TIME / 30.0, limit) + noise.sd_white * rng.normal(size=600)
-    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
     starts = tuple((share / 2.4,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.9, 1.2, 2.5))
-    stand = Stand(
-        Objective(problem, ClippedSimulator(measured)), {"clip": Candidate("clip", "in", starts, (2,))}, (0, 1)
-    )
+    stand = formula_stand(clipped, measured, Candidate("clip", "in", starts, (2,)))
     base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
     found = score(prospect(base, stand.candidates["clip"], AttributeSettings(), ClimbSettings()), ClimbSettings())
     assert found.gain > 20.0
     assert 1.0 / found.held.values["c"] == pytest.approx(limit, abs=0.02)
 
 
-class LimitedSimulator(LinearSimulator):
+LEVELS = np.where(np.arange(600) < 60, 3.0, np.where(np.random.default_rng(1).random(600) < 0.5, 1.2, 4.8))
+
+
+def limited(time, p):
     """A power law, its factor and exponent the first two parameters, of an input that the third limits."""
-
-    levels = np.where(np.arange(600) < 60, 3.0, np.where(np.random.default_rng(1).random(600) < 0.5, 1.2, 4.8))
-
-    def outputs(self, p):
-        u = np.minimum(self.levels, 1.0 / np.maximum(p[:, [2]], 1e-12))
-        return (np.exp(p[:, [0]]) * u ** p[:, [1]])[:, :, None]
-
-    def simulate(self, values, *, active=None):
-        slopes = None
-        if active is not None:
-            steps = 1e-6 * np.eye(5)[list(active)]
-            change = [(self.outputs(values + step) - self.outputs(values - step)) / 2e-6 for step in steps]
-            slopes = (np.stack(change, axis=-1),)
-        return Trajectories((self.outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+    return (np.exp(p[0]) * np.minimum(LEVELS, 1.0 / np.maximum(p[2], 1e-12)) ** p[1])[:, None]
 
 
 def test_a_limit_is_found_though_the_other_parameters_readjust_to_it_along_no_line():
     limit, noise = 3.5, OutputNoise(0.01, 0.0, 1.0)
-    truth = np.array([[0.3, 0.7, 1.0 / limit, 0.0, 0.0]])
-    exact = LimitedSimulator(np.zeros(600)).outputs(truth)[0, :, 0]
+    exact = limited(TIME, np.array([0.3, 0.7, 1.0 / limit]))[:, 0]
     measured = exact + noise.sd_white * np.random.default_rng(8).normal(size=600)
-    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
     starts = tuple((share / 3.8,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0))
-    stand = Stand(
-        Objective(problem, LimitedSimulator(measured)), {"limit": Candidate("limit", "in", starts, (2,))}, (0, 1)
-    )
+    stand = formula_stand(limited, measured, Candidate("limit", "in", starts, (2,)))
     base = stand.fit({"a": 0.3, "b": 0.7}, (), {"y": noise}, ClimbSettings())
     found = score(prospect(base, stand.candidates["limit"], AttributeSettings(), ClimbSettings()), ClimbSettings())
     assert found.gain > 100.0
@@ -245,28 +223,16 @@ def test_ends_of_lines_that_lead_nowhere_are_not_simulated():
     assert spent == len(stand.candidates["square"].starts)
 
 
-class WaveSimulator(LinearSimulator):
+def damped(time, p):
     """A wave, its height and frequency the first two parameters; the third damps it."""
-
-    def outputs(self, p):
-        return (p[:, [0]] * np.exp(-(p[:, [2]] ** 2) * TIME) * np.sin(p[:, [1]] * TIME))[:, :, None]
-
-    def simulate(self, values, *, active=None):
-        slopes = None
-        if active is not None:
-            steps = 1e-6 * np.eye(5)[list(active)]
-            change = [(self.outputs(values + step) - self.outputs(values - step)) / 2e-6 for step in steps]
-            slopes = (np.stack(change, axis=-1),)
-        return Trajectories((self.outputs(values),), slopes, np.zeros((len(values), 1), dtype=np.uint8))
+    return (p[0] * np.exp(-(p[2] ** 2) * time) * np.sin(p[1] * time))[:, None]
 
 
 def test_what_only_led_the_fit_out_of_a_wrong_valley_is_no_effect():
     noise = OutputNoise(0.1)
-    exact = WaveSimulator(np.zeros(600)).outputs(np.array([[1.0, 3.7, 0.0, 0.0, 0.0]]))[0, :, 0]
+    exact = damped(TIME, np.array([1.0, 3.7, 0.0]))[:, 0]
     measured = exact + noise.sd_white * np.random.default_rng(4).normal(size=600)
-    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
-    damping = {"damping": Candidate("damping", "in", ((0.7,), (0.5,)), (2,))}
-    stand = Stand(Objective(problem, WaveSimulator(measured)), damping, (0, 1))
+    stand = formula_stand(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,)))
 
     class Stands:
         def of(self, ids):

@@ -58,7 +58,6 @@ def start_parameters(
     start: dict[str, float] = {}
     found: list[Parameter] = []
     seen: set[str] = set()
-    floors = floors_of([recording], experiment.outputs)
     in_motion = any(signal.values[0] != 0.0 and signal.time[0] >= recording.time[0] for signal in experiment.inputs)
     for column, name in enumerate(experiment.outputs):
         state = state_of(model, name)
@@ -70,7 +69,8 @@ def start_parameters(
         start[state.name] = reading
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
-            moved, floor = float(np.nanmax(values) - np.nanmin(values)), floors[recording.name, name]
+            moved = float(np.nanmax(values) - np.nanmin(values))
+            (floor,) = floors_of([recording], [name]).values()
             spread = max(min(max(FLOORS * floor, LEAST * moved), MOST * moved), 1e-9)
             found.append(_start(name, state, reading, spread, index, suffix))
     if policy == "estimated":

@@ -43,11 +43,9 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     refused = ""
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
         named = _added(bench, found)
-        refused = "it cannot be simulated there"
-        if named is not None:
-            refused = _astray(found, named, bench.settings.astray)
+        refused = "it cannot be simulated there" if named is None else _astray(found, named, bench.settings.astray)
         if named is not None and not refused:
-            return _if_it_gains(bench, found, _no_more_than_carries_over(bench, found, named))
+            return _what_carries_over(bench, found, named)
         best = rival.best_curve
         if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
             learned = add_curve(bench, found, best)
@@ -55,7 +53,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
                 return learned
         other = _other(bench, found) or _partial(bench, found)
         if other is not None:
-            return _if_it_gains(bench, found, _no_more_than_carries_over(bench, found, other))
+            return _what_carries_over(bench, found, other)
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
         unseen = (
@@ -66,26 +64,14 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     return plain
 
 
-def _no_more_than_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named, or fewer effects where some structure is left and more do not surely predict the unseen better.
+def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
+    """What is named; where some structure is left, no more of it than surely predicts the unseen better, if anything.
 
     While structure is left the noise is not known, and evidence is surer of itself than it should be.
     """
-    count = len(named.effects)
-    if count < 2 or not named.after.test or all(r.verdict != "structured" for r in named.reports):
-        return named
-    fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
-    for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
-        if not surely_worse(after, named.after, bench.recordings) and (kept := _with(bench, found, held)) is not None:
-            return kept
-    return named
-
-
-def _if_it_gains(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named; nothing where structure is left and the model as it stands predicts the unseen as well."""
-    if not named.after.test or all(r.verdict != "structured" for r in named.reports):
-        return named
-    if surely_worse(found.before, named.after, bench.recordings):
+    if _is_open(named):
+        named = _no_more_than_needed(bench, found, named)
+    if not _is_open(named) or surely_worse(found.before, named.after, bench.recordings):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
@@ -94,6 +80,21 @@ def _if_it_gains(bench: Workbench, found: Found, named: Conclusion) -> Conclusio
         "parameters are not the best ones."
     )
     return replace(nothing_added(bench, found, ""), outcome="unexplained", sentence=sentence)
+
+
+def _is_open(named: Conclusion) -> bool:
+    """Whether structure is left, and unseen data can say more."""
+    return bool(named.after.test) and any(r.verdict == "structured" for r in named.reports)
+
+
+def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
+    """What is named, or fewer effects that predict the unseen not surely worse."""
+    count = len(named.effects)
+    fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
+    for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
+        if not surely_worse(after, named.after, bench.recordings) and (kept := _with(bench, found, held)) is not None:
+            return kept
+    return named
 
 
 def _other(bench: Workbench, found: Found) -> Conclusion | None:

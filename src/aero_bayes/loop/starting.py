@@ -30,8 +30,6 @@ FAR, PIECES = 1.5, 50.0
 GRID, CLOSER, LIKELIEST = 6, 3, 3
 #: Gain in log-likelihood below which no end of a line is looked at.
 HOPE = 0.25
-
-
 #: Share of what a line promises that a simulation must find for the line to be believed, and the least promise, in
 #: log-likelihood, for which another way is tried: nobody is named for less.
 BORNE_OUT, WORTH = 0.3, 6.0

@@ -9,7 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, children, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, names_in
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.connections import node, series
@@ -26,7 +26,7 @@ from aero_bayes.physics.quantities import (
     unit_in,
     units_of,
 )
-from aero_bayes.physics.structure import Structure, is_derivative, structure_of
+from aero_bayes.physics.structure import Structure, derived_names, structure_of
 from aero_bayes.physics.terms import Term, dimension_of_unit
 
 
@@ -166,20 +166,16 @@ def _rows_of(s: Structure, states: Sequence[str]) -> dict[tuple[int, str], int]:
     """The row of a vector equation that is a state's own: the first for the first of its states, and so on."""
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
-        whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _derived(e)}
+        whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _driving(e)}
         own = [x for x in states if whole & {*driver_names(s, x)}]
         found |= {(equation, x): row for row, x in enumerate(own, 1)}
     return found
 
 
-def _derived(e: FlatEquation) -> set[str]:
+def _driving(e: FlatEquation) -> set[str]:
     """The names of an equation, and its derivatives as ``der(x)``."""
-    found, stack = names_in(e.left) | names_in(e.right), [e.left, e.right]
-    while stack:
-        tree = stack.pop()
-        found |= {f"der({name})"} if (name := is_derivative(tree)) is not None else set()
-        stack += children(tree)
-    return found
+    sides = e.left, e.right
+    return {n for side in sides for n in (*names_in(side), *(f"der({x})" for x in derived_names(side)))}
 
 
 def _again(s: Structure, state: str, positions: Collection[str]) -> bool:

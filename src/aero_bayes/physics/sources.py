@@ -132,7 +132,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     for source in (*rig_packages(), *map(Path, sources)):
         if not source.exists():
             raise InputError(f"{source}: no such file")
-        for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
+        for path in files_of(source):
             name = str(path.relative_to(source.parent))
             files[name] = _read(path, name)
     places = [] if flat is None else [v.place for v in flat.variables] + [e.place for e in flat.equations]
@@ -146,6 +146,11 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
                 if str(package) not in files:
                     files[str(package)] = _read(package, str(package))
     return Sources(files)
+
+
+def files_of(source: Path) -> list[Path]:
+    """A Modelica file itself, or all those in the folder of a package."""
+    return sorted(source.rglob("*.mo")) if source.is_dir() else [source]
 
 
 def _read(path: Path, name: str) -> SourceFile:
@@ -164,15 +169,14 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     InputError
         For a file that is no Modelica; names it.
     """
-    files = sorted(source.rglob("*.mo")) if source.is_dir() else [source]
-    return tuple(c for path in files for top in _read(path, path.name).classes for c in top.walk())
+    return tuple(c for path in files_of(source) for top in _read(path, path.name).classes for c in top.walk())
 
 
 def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
     """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
     loops = set[str]()
     for source in sources:
-        for path in sorted(source.rglob("*.mo")) if source.is_dir() else [source]:
+        for path in files_of(source):
             words = [t.word for t in tokenize(path.read_text(encoding="utf-8"))]
             loops |= {after for word, after in pairwise(words) if word == "for"}
     return {v.name for v in flat.variables} | loops

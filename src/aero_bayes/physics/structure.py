@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
 from aero_bayes.physics.rows import Origin, by_elements
-from aero_bayes.physics.together import Together, distances, moving_together
+from aero_bayes.physics.together import Signed, Together, distances, moving_together
 
 
 @dataclass(frozen=True)
@@ -69,23 +69,16 @@ def structure_of(flat: FlatModel) -> Structure:
     flat, origins = by_elements(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
-    parent: dict[str, tuple[str, int]] = {}
-    dynamic = {n for e in flat.equations for n in (*_derived(e.left), *_derived(e.right)) if n in free}
-
-    def root(name: str) -> tuple[str, int]:
-        sign = 1
-        while name in parent:
-            name, flip = parent[name]
-            sign *= flip
-        return name, sign
+    equal = Signed()
+    dynamic = {n for e in flat.equations for n in (*derived_names(e.left), *derived_names(e.right)) if n in free}
 
     plain = set[int]()
 
     def unite(one: str, two: str, sign: int) -> None:
-        (a, sign_a), (b, sign_b) = root(one), root(two)
+        (a, sign_a), (b, sign_b) = equal.root(one), equal.root(two)
         if a != b:
             kept, gone = sorted((a, b), key=lambda n: _rank(variables[n], dynamic))
-            parent[gone] = (kept, sign_a * sign_b * sign)
+            equal.put(gone, kept, sign_a * sign_b * sign)
 
     for i, e in enumerate(flat.equations):
         pair = _equal(e)
@@ -99,34 +92,35 @@ def structure_of(flat: FlatModel) -> Structure:
         for one, two in ((e.left, e.right), (e.right, e.left)):
             derived = is_derivative(one)
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
-                if variables[root(two.name)[0]].causality == "input" and "." not in root(two.name)[0]:
+                if variables[equal.root(two.name)[0]].causality == "input" and "." not in equal.root(two.name)[0]:
                     continue  # an integrator of an input: its balance
                 plain.add(i)
-                state, sign = root(derived)
+                state, sign = equal.root(derived)
                 # all rates of what moves together are equal, whoever names them
                 if sign > 0:
                     own.setdefault(state, two.name)
                 unite(first.setdefault(moving[derived], two.name), two.name, 1)
-    same = {n: root(n) for n in variables if n in free}
-    rates = {state: root(rate)[0] for state, rate in own.items()}
+    same = {n: equal.root(n) for n in variables if n in free}
+    rates = {state: equal.root(rate)[0] for state, rate in own.items()}
     rest = [e for i, e in enumerate(flat.equations) if i not in plain]
-    used = {root(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
-    driven = {root(n)[0] for e in rest for n in (*_derived(e.left), *_derived(e.right)) if n in free}
+    used = {equal.root(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
+    driven = {equal.root(n)[0] for e in rest for n in (*derived_names(e.left), *derived_names(e.right)) if n in free}
     # a rate whose own rate is only given a name is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
-    found = {root(n)[0] for n in dynamic} - idle
+    found = {equal.root(n)[0] for n in dynamic} - idle
     states = tuple(v.name for v in flat.variables if v.name in found)
     return Structure(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving)
     )
 
 
-def _derived(tree: Expression) -> Iterator[str]:
+def derived_names(tree: Expression) -> Iterator[str]:
+    """What is derived by time anywhere in an expression."""
     name = is_derivative(tree)
     if name is not None:
         yield name
     for inner in children(tree):
-        yield from _derived(inner)
+        yield from derived_names(inner)
 
 
 def _equal(e: FlatEquation) -> tuple[str, str, int] | None:

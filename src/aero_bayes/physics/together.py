@@ -11,17 +11,28 @@ from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 Together = Mapping[str, tuple[str, int]]
 
 
-def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
-    """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
-    known: dict[str, tuple[str, int]] = {}
+class Signed:
+    """Classes of names that equal each other but for their sign."""
 
-    def root(name: str) -> tuple[str, int]:
+    def __init__(self) -> None:
+        self._above: dict[str, tuple[str, int]] = {}
+
+    def root(self, name: str) -> tuple[str, int]:
+        """Representative of a name, and its sign beside it."""
         sign = 1
-        while name in known:
-            name, flip = known[name]
+        while name in self._above:
+            name, flip = self._above[name]
             sign *= flip
         return name, sign
 
+    def put(self, gone: str, kept: str, sign: int) -> None:
+        """From now on one representative is another one, or its negative."""
+        self._above[gone] = kept, sign
+
+
+def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
+    """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
+    known = Signed()
     sums = [s for e in equations if (s := _sum(e, free)) is not None]
     grown = True
     while grown:
@@ -29,17 +40,17 @@ def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) ->
         for terms in sums:
             left: dict[str, int] = {}
             for sign, name in terms:
-                base, flip = root(name)
+                base, flip = known.root(name)
                 left[base] = left.get(base, 0) + sign * flip
             moving = [(name, k) for name, k in left.items() if name and k]
             if len(moving) == 1:
-                known[moving[0][0]] = ("", 1)
+                known.put(moving[0][0], "", 1)
                 grown = True
             elif len(moving) == 2 and {abs(k) for _, k in moving} == {1}:
                 (one, k), (two, m) = moving
-                known[two] = (one, -k * m)
+                known.put(two, one, -k * m)
                 grown = True
-    return {name: root(name) for name in free}
+    return {name: known.root(name) for name in free}
 
 
 def distances(equations: Sequence[FlatEquation], moving: Together) -> dict[str, frozenset[str]]:

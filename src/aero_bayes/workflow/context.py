@@ -7,6 +7,7 @@ from typing import Any
 
 from aero_bayes.diagram import model_diagrams
 from aero_bayes.export import modelica_root
+from aero_bayes.physics.sources import files_of
 from aero_bayes.workflow.job import Job
 
 Json = dict[str, Any]
@@ -38,7 +39,7 @@ def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
     if job.modelica:
         written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
         for source in (modelica_root(), *job.config.model.sources, *dict.fromkeys(written)):
-            files += sorted(source.rglob("*.mo")) if source.is_dir() else [source]
+            files += files_of(source)
     tried = {c["id"].partition("@")[2] for step in loop.get("steps", []) for c in step["candidates"]}
     outputs = {v.name for v in job.model.outputs}
     ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]

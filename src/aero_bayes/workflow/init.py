@@ -130,7 +130,7 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
 
     def alike(signal: str, column: str) -> bool:
         plain = _bare(named[column][0])
-        return plain == _bare(signal) or (signal == "time" and (plain in TIME or bool(_in_seconds(column))))
+        return plain == _bare(signal) or (signal == "time" and (plain in TIME or conversion(column, "s") is not None))
 
     def possible(signal: str, column: str) -> bool:
         unit = named[column][1]
@@ -159,11 +159,6 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
 def _bare(name: str) -> str:
     """A name without case and punctuation: ``i_load`` and ``ILoad`` are one."""
     return re.sub(r"[\W_]", "", name.casefold()) or name
-
-
-def _in_seconds(column: str) -> tuple[float, float] | None:
-    """Whether a column is called by a unit of time alone."""
-    return conversion(column, "s")
 
 
 def split_unit(column: str) -> tuple[str, str]:
