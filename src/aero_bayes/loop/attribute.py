@@ -131,9 +131,10 @@ def prospect(
     points = starting_points(base.around, candidate, few)
     first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
     likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
-    own = [s for s in likely if not s.squares][: settings.starts]
+    own = [s for s in likely if not s.squares and not s.held][: settings.starts]
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
-    starts += [s for s in likely if s.squares][:1]
+    # Ways of another kind are no reason to leave one of these out: they may lead to another valley.
+    starts += [s for s in likely if s.squares][:1] + [s for s in likely if s.held][:1]
     if beside is not None:
         starts += starting_points(beside, candidate, few)[:1]
     return Prospect(base, candidate, tuple(starts), first)

@@ -40,13 +40,15 @@ class Start:
     """Where a refit may start.
 
     ``promise`` is the gain in log-likelihood that the line through the tried value foretells, ``gain`` what a
-    simulation at ``point`` finds; ``squares`` is whether both are by least squares.
+    simulation at ``point`` finds; ``squares`` is whether both are by least squares, ``held`` whether ``point`` is where
+    a climb with the law held came to.
     """
 
     promise: float
     point: FloatArray
     squares: bool = False
     gain: float = -math.inf
+    held: bool = False
 
 
 def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) -> list[Start]:
@@ -249,7 +251,7 @@ class Around:
         for line in acting[:LIKELIEST]:
             with suppress(CannotFinishError):
                 end = climb(self.study, line.row, self.base.free, noise=self.base.noise, settings=steps)
-                found.append(Start(line.most, end.coordinates, gain=end.log_likelihood - present))
+                found.append(Start(line.most, end.coordinates, gain=end.log_likelihood - present, held=True))
         return found
 
     def _end(self, candidate: Candidate, line: _Line, reach: float) -> Start:
