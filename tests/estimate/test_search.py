@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -157,3 +158,41 @@ def test_an_aim_ends_only_a_search_that_would_not_reach_it() -> None:
     assert beyond.reason is Stop.BEATEN
     assert not beyond.reason.converged
     assert beyond.evaluations < free.evaluations
+
+
+def kinked(point: np.ndarray) -> Ground:
+    """A valley along y = 1 + x that ends at a wall on the left of every whole x; at the wall its slope is the valley's.
+
+    What is lost beyond the wall is far more than the valley promises there.
+    """
+    x, y = point
+    gap = y - 1.0 - x
+    gradient = np.array([2.0 - 40.0 * gap, 40.0 * gap])
+    beyond = 1e4 * max(math.floor(3.0 + 1e-9) - x, 0.0)
+    return Ground(2.0 * x + 20.0 * gap**2 + beyond, gradient, np.array([[41.0, -40.0], [-40.0, 40.0]]))
+
+
+def test_a_kink_ends_what_goes_across_it_and_not_the_search() -> None:
+    start, box = np.array([3.0, 0.0]), (np.array([0.0, -9.0]), np.array([9.0, 9.0]))
+    few = LocalSettings(rejections=6)
+    assert search(Plain(kinked), start, *box, few).point == pytest.approx(start, abs=0.1)
+    cell = search(Plain(kinked), start, *box, few, walls=lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf])))
+    assert cell.point == pytest.approx([3.0, 4.0])
+    assert cell.reason.converged
+
+
+def test_who_leaves_the_wall_is_confined_no_more() -> None:
+    def valley(point: np.ndarray) -> Ground:
+        """Falls towards (5.5, 1), but for a wall at x = 3, beside which x seems to fall until y is right."""
+        x, y = point
+        slope = 50.0 if abs(y - 1.0) > 0.5 else x - 5.5
+        cost = 0.5 * (x - 5.5) ** 2 + 0.5 * (y - 1.0) ** 2 + (1e4 if x < 3.0 else 0.0)
+        return Ground(cost, np.array([slope, y - 1.0]), np.eye(2))
+
+    def cells(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        first = np.floor(point[0])
+        return np.array([first, -np.inf]), np.array([first + 1.0 - 1e-6, np.inf])
+
+    box = np.array([0.0, -9.0]), np.array([9.0, 9.0])
+    found = search(Plain(valley), np.array([3.0, 0.0]), *box, walls=cells)
+    assert found.point == pytest.approx([5.5, 1.0], abs=1e-3)

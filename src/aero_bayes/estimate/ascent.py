@@ -374,15 +374,12 @@ class Climber:
         if not delay_columns(self.objective, free):
             return here
         calibration = self.objective.calibration
-        intervals = [float(np.median(np.diff(e.time))) for e in calibration.experiments]
         for _ in range(3):
             values = self.objective.parameters.from_search(here.coordinates)
             target = Target(
                 calibration, self.objective.simulator, values, free, prior=self.settings.cost == "posterior"
             )
-            point, moved = best_valleys(
-                target, here.coordinates[list(free)], self.objective.noise_rows(here.noise), intervals
-            )
+            point, moved = best_valleys(target, here.coordinates[list(free)], self.objective.noise_rows(here.noise))
             self.objective.outcomes.update(target.outcomes)
             if not moved:
                 return here

@@ -151,6 +151,11 @@ class Calibration:
         return np.where(spread > 0.0, spread, 1.0)
 
     @property
+    def intervals(self) -> tuple[float, ...]:
+        """Sample interval of each experiment in s."""
+        return tuple(float(np.median(np.diff(e.time))) for e in self.experiments)
+
+    @property
     def counts(self) -> NDArray[np.int64]:
         """Number of readings of each output, shape (m,)."""
         return np.asarray(sum(np.isfinite(y).sum(axis=0) for y in self.measured), dtype=np.int64)

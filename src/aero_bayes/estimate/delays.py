@@ -18,6 +18,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.search import Found, Ground, LocalSettings, search
 from aero_bayes.estimate.target import Target
+from aero_bayes.estimate.walls import walls_of
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +73,7 @@ class Valleys:
 
 
 def best_valleys(
-    target: Target, point: FloatArray, noise: FloatArray, intervals: Sequence[float], valleys: Valleys | None = None
+    target: Target, point: FloatArray, noise: FloatArray, valleys: Valleys | None = None
 ) -> tuple[FloatArray, bool]:
     """Search the likeliest valleys of every delay with all parameters free, one delay after the other.
 
@@ -83,8 +84,6 @@ def best_valleys(
         Search coordinates of the target's free parameters, at a local optimum.
     noise : ndarray
         Noise triples as a simulator takes them.
-    intervals : sequence of float, length E
-        Sample interval of each recording in s.
     valleys : Valleys, optional
 
     Returns
@@ -96,10 +95,12 @@ def best_valleys(
     """
     valleys = valleys or Valleys()
     terrain, (low, high) = target.at(noise), target.box
+    intervals = target.calibration.intervals
+    walls = walls_of(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):
         starts = _starts(target, point, noise, k, item, intervals, valleys.most)
-        found = [search(terrain, start, low, high, valleys.settings) for start in starts]
+        found = [search(terrain, start, low, high, valleys.settings, walls=walls) for start in starts]
         scores = [log_mass(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + LEAST_GAIN:

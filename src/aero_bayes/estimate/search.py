@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 #: How many times its last :data:`LATELY` steps, or what the next one promises, a search is trusted to go on.
 REACH, LATELY = 20.0, 3
+#: What a coordinate may be off a kink to stand at it.
+ROUNDING = 1e-12
 
 
 class Stop(Enum):
@@ -61,6 +63,10 @@ class Terrain(Protocol[G]):
     def renew(self, here: G) -> G:
         """The same place surveyed anew, not higher than before; ``here`` itself where there is nothing to renew."""
         ...
+
+
+#: Bounds (p,) of the surroundings of a point (p,) in which the ground is smooth.
+Walls = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -156,6 +162,7 @@ def search(
     high: FloatArray,
     settings: LocalSettings | None = None,
     progress: Callable[[int, float], None] | None = None,
+    walls: Walls | None = None,
 ) -> Found[G]:
     """Descend from a start.
 
@@ -168,6 +175,9 @@ def search(
     settings : LocalSettings, optional
     progress : callable, optional
         Told the iteration and the cost.
+    walls : callable, optional
+        Where the ground has kinks. After a step beyond them was refused, steps end there at the latest, until one
+        leaves the kink that the search stood at.
     """
     settings = settings or LocalSettings()
     point = np.clip(np.asarray(start, dtype=np.float64), low, high)
@@ -177,10 +187,14 @@ def search(
     damping, growth, evaluations = settings.damping, 2.0, 1
     ceiling, rejected, idle = np.zeros(point.size), 0, 0
     lately: deque[float] = deque(maxlen=LATELY)
+    confined = False
     for iteration in range(1, settings.max_iterations + 1):
         np.maximum(ceiling, np.diag(here.hessian), out=ceiling)
         scale = np.where(ceiling > 0.0, ceiling, 1.0)
+        near = walls(point) if walls is not None else (low, high)
         room = low - point, high - point
+        if confined:
+            room = np.maximum(room[0], near[0] - point), np.minimum(room[1], near[1] - point)
         newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *room)
         promise = _promise(here, newton)
         if len(lately) == LATELY and here.cost - settings.aim > REACH * max(sum(lately), promise):
@@ -192,6 +206,9 @@ def search(
             there = terrain.look(point + step)
             evaluations += 1
             if there is None or not there.cost < here.cost:
+                if not confined and _outside(point + step, near):
+                    confined = True
+                    continue
                 damping, growth, rejected = damping * growth, 2.0 * growth, rejected + 1
                 if damping > 1e15 or rejected >= settings.rejections:
                     return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
@@ -200,6 +217,7 @@ def search(
             ratio = (before - there.cost) / promised
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
             growth, point, here, rejected = 2.0, point + step, there, 0
+            confined = confined and _stays(point, step, near)
             if progress is not None:
                 progress(iteration, here.cost)
         else:
@@ -213,6 +231,16 @@ def search(
         if end is not None and gained < settings.renewal:
             return Found(point, here, iteration, end, evaluations)
     return Found(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
+
+
+def _outside(point: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
+    return bool(np.any((point < near[0] - ROUNDING) | (point > near[1] + ROUNDING)))
+
+
+def _stays(point: FloatArray, step: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
+    """Whether a step that led to a point went along a kink."""
+    beside = (point <= near[0] + ROUNDING) | (point >= near[1] - ROUNDING)
+    return bool(np.any(beside & (np.abs(step) <= ROUNDING)))
 
 
 def _promise(here: Ground, step: FloatArray) -> float:

@@ -40,7 +40,7 @@ class NoiseLayout:
     @classmethod
     def of(cls, calibration: Calibration, noise: Mapping[str, OutputNoise]) -> NoiseLayout:
         scale, outputs = calibration.scale, calibration.outputs
-        interval = min(float(np.median(np.diff(e.time))) for e in calibration.experiments)
+        interval = min(calibration.intervals)
         duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
         centre = np.log(np.stack([0.01 * scale, 0.03 * scale, np.full(scale.shape, np.sqrt(interval * duration))], 1))
         return cls(outputs, tuple(noise[name] for name in outputs), centre)

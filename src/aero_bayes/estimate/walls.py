@@ -1,0 +1,48 @@
+"""Where a likelihood has kinks: a delay that carries a jump of the input across a reading changes that reading at once.
+
+A slope that is taken beside a kink says nothing about the other side, so that a search whose step was refused there
+stays on its own side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.search import Walls
+from aero_bayes.simulation.interface import DelayTarget
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a sample interval that is left before its end, and that a delay may be off its beginning.
+ROUNDING = 1e-6
+
+
+def walls_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> Walls | None:
+    """Bounds of the smooth surroundings of a point over the free columns; None where no delay is among them.
+
+    ``intervals`` are the sample intervals of the recordings in s.
+    """
+    steps = {
+        k: intervals[item.recording] if item.recording is not None else min(intervals)
+        for k, item in enumerate(parameters.items[j] for j in free)
+        if isinstance(item.target, DelayTarget)
+    }
+    if not steps:
+        return None
+    own = type(parameters)(tuple(parameters.items[j] for j in free))
+
+    def walls(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = own.from_search(point)
+        low, high = np.full(point.size, -np.inf), np.full(point.size, np.inf)
+        for k, step in steps.items():
+            first = np.floor(values[k] / step + ROUNDING)
+            for bound, at in ((low, first), (high, first + 1.0 - ROUNDING)):
+                values[k] = at * step
+                bound[k] = own.to_search(values)[k]
+        return low, high
+
+    return walls
