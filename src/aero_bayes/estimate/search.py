@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 
 #: How many times its last :data:`LATELY` steps, or what the next one promises, a search is trusted to go on.
 REACH, LATELY = 20.0, 3
-#: What a coordinate may be off a kink to stand at it.
-ROUNDING = 1e-12
+#: What a coordinate may be off a kink to stand at it, as a share of the way to the next.
+BESIDE = 1e-3
 
 
 class Stop(Enum):
@@ -234,13 +234,15 @@ def search(
 
 
 def _outside(point: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
-    return bool(np.any((point < near[0] - ROUNDING) | (point > near[1] + ROUNDING)))
+    return bool(np.any((point < near[0]) | (point > near[1])))
 
 
 def _stays(point: FloatArray, step: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
     """Whether a step that led to a point went along a kink."""
-    beside = (point <= near[0] + ROUNDING) | (point >= near[1] - ROUNDING)
-    return bool(np.any(beside & (np.abs(step) <= ROUNDING)))
+    walled = np.isfinite(near[0])
+    x, moved, low, high = point[walled], np.abs(step[walled]), near[0][walled], near[1][walled]
+    little = BESIDE * (high - low)
+    return bool(np.any((moved <= little) & ((x <= low + little) | (x >= high - little))))
 
 
 def _promise(here: Ground, step: FloatArray) -> float:

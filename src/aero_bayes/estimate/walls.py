@@ -17,8 +17,8 @@ from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a sample interval that is left before its end, and that a delay may be off its beginning.
-ROUNDING = 1e-6
+#: Share of a sample interval that is left free at both its ends: at the kink itself a slope is of either side.
+ASIDE = 1e-6
 
 
 def walls_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> Walls | None:
@@ -39,8 +39,8 @@ def walls_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[
         values = own.from_search(point)
         low, high = np.full(point.size, -np.inf), np.full(point.size, np.inf)
         for k, step in steps.items():
-            first = np.floor(values[k] / step + ROUNDING)
-            for bound, at in ((low, first), (high, first + 1.0 - ROUNDING)):
+            first = np.floor(values[k] / step + ASIDE)
+            for bound, at in ((low, first + ASIDE), (high, first + 1.0 - ASIDE)):
                 values[k] = at * step
                 bound[k] = own.to_search(values)[k]
         return low, high
