@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Stop, bounded_step, search
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Shape, Stop, bounded_step, search
 
 
 def test_bounded_step_agrees_with_bvls() -> None:
@@ -176,7 +176,9 @@ def test_a_kink_ends_what_goes_across_it_and_not_the_search() -> None:
     start, box = np.array([3.0, 0.0]), (np.array([0.0, -9.0]), np.array([9.0, 9.0]))
     few = LocalSettings(rejections=6)
     assert search(Plain(kinked), start, *box, few).point == pytest.approx(start, abs=0.1)
-    cell = search(Plain(kinked), start, *box, few, walls=lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf])))
+    cell = search(
+        Plain(kinked), start, *box, few, shape=Shape(lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf])))
+    )
     assert cell.point == pytest.approx([3.0, 4.0])
     assert cell.reason.converged
 
@@ -194,5 +196,28 @@ def test_who_leaves_the_wall_is_confined_no_more() -> None:
         return np.array([first, -np.inf]), np.array([first + 1.0 - 1e-6, np.inf])
 
     box = np.array([0.0, -9.0]), np.array([9.0, 9.0])
-    found = search(Plain(valley), np.array([3.0, 0.0]), *box, walls=cells)
+    found = search(Plain(valley), np.array([3.0, 0.0]), *box, shape=Shape(cells))
     assert found.point == pytest.approx([5.5, 1.0], abs=1e-3)
+
+
+def test_a_valley_that_is_straight_in_the_values_is_walked_at_once() -> None:
+    """Two terms of nearly the same shape: one of them goes, by orders of magnitude, while the other comes."""
+    t = np.linspace(1.0, 1.5, 50)
+    design = np.stack([t**2, t, np.ones_like(t)], axis=1)
+    read = design @ np.array([1e-4, 1.0, 0.5])
+
+    def ground(point: np.ndarray) -> Ground:
+        values = np.array([math.exp(point[0]), point[1], point[2]])
+        slopes = design * np.array([values[0], 1.0, 1.0])
+        residual = (design @ values - read) / 1e-3
+        return Ground(0.5 * float(residual @ residual), slopes.T @ residual / 1e-3, slopes.T @ slopes / 1e-6)
+
+    box = np.array([math.log(1e-4), -9.0, -9.0]), np.array([math.log(10.0), 9.0, 9.0])
+    start = np.array([0.0, -1.1, 1.6])
+    bent = search(Plain(ground), start, *box, LocalSettings(max_iterations=200))
+    straight = search(
+        Plain(ground), start, *box, LocalSettings(max_iterations=200), shape=Shape(logs=np.array([True, False, False]))
+    )
+    assert straight.evaluations < 0.5 * bent.evaluations
+    assert straight.cost < 1.0
+    assert straight.point[1:] == pytest.approx([1.0, 0.5], abs=0.02)

@@ -19,7 +19,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.search import Found, Ground, LocalSettings, Stop, search
-from aero_bayes.estimate.walls import walls_of
+from aero_bayes.estimate.shape import shape_of
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
 
 FloatArray = NDArray[np.float64]
@@ -268,8 +268,8 @@ def climb(
     ends: list[Found[_Slope]] = []
 
     def descend() -> Arrays:
-        walls = walls_of(objective.parameters, free, objective.calibration.intervals)
-        ends.append(search(terrain, terrain.base[list(free)], low, high, settings.local, walls=walls))
+        shape = shape_of(objective.parameters, free, objective.calibration.intervals)
+        ends.append(search(terrain, terrain.base[list(free)], low, high, settings.local, shape=shape))
         return _packed(ends[0])
 
     kept = objective.once("climb", (terrain.base, tuple(free), noise, settings), descend)

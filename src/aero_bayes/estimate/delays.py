@@ -17,8 +17,8 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.search import Found, Ground, LocalSettings, search
+from aero_bayes.estimate.shape import shape_of
 from aero_bayes.estimate.target import Target
-from aero_bayes.estimate.walls import walls_of
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
@@ -96,11 +96,11 @@ def best_valleys(
     valleys = valleys or Valleys()
     terrain, (low, high) = target.at(noise), target.box
     intervals = target.calibration.intervals
-    walls = walls_of(target.parameters, range(len(target.free)), intervals)
+    shape = shape_of(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):
         starts = _starts(target, point, noise, k, item, intervals, valleys.most)
-        found = [search(terrain, start, low, high, valleys.settings, walls=walls) for start in starts]
+        found = [search(terrain, start, low, high, valleys.settings, shape=shape) for start in starts]
         scores = [log_mass(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + LEAST_GAIN:

@@ -120,7 +120,8 @@ class ParameterSet:
         return np.array([item.start for item in self.items])
 
     @property
-    def _log(self) -> NDArray[np.bool_]:
+    def logarithmic(self) -> NDArray[np.bool_]:
+        """Which search coordinates (p,) are logarithms."""
         return np.array([item.scale == "log" for item in self.items], dtype=bool)
 
     @property
@@ -143,13 +144,13 @@ class ParameterSet:
     def to_search(self, values: FloatArray) -> FloatArray:
         """Search coordinates of SI values, shape (..., p)."""
         values = np.asarray(values, dtype=np.float64)
-        log = self._log
+        log = self.logarithmic
         return np.where(log, np.log(np.where(log, values, 1.0)), values / self._width)
 
     def from_search(self, coordinates: FloatArray) -> FloatArray:
         """SI values of search coordinates, shape (..., p), clipped by one rounding to the bounds."""
         coordinates = np.asarray(coordinates, dtype=np.float64)
-        log = self._log
+        log = self.logarithmic
         values = np.where(log, np.exp(np.where(log, coordinates, 0.0)), coordinates * self._width)
         low, high = self.box
         inside = (coordinates >= low) & (coordinates <= high)
@@ -159,7 +160,7 @@ class ParameterSet:
     def jacobian(self, values: FloatArray) -> FloatArray:
         """Derivative of each value with respect to its own coordinate, shape (..., p)."""
         values = np.asarray(values, dtype=np.float64)
-        return np.where(self._log, values, self._width)
+        return np.where(self.logarithmic, values, self._width)
 
     def log_prior(self, coordinates: FloatArray) -> FloatArray:
         """Log-density of the priors in search coordinates, shape (n,) for coordinates (n, p)."""
@@ -181,7 +182,7 @@ class ParameterSet:
             d1, d2 = item.prior.derivatives(values[..., j])
             first[..., j] = d1 * slope[..., j]
             second[..., j] = d2 * slope[..., j] ** 2
-        log = self._log
+        log = self.logarithmic
         return first + log, second + np.where(log, first, 0.0)
 
     def sample_prior(self, rng: np.random.Generator, size: int) -> FloatArray:

@@ -24,6 +24,9 @@ FloatArray = NDArray[np.float64]
 REACH, LATELY = 20.0, 3
 #: What a coordinate may be off a kink to stand at it, as a share of the way to the next.
 BESIDE = 1e-3
+#: Length of a Newton step in a logarithm from which it matters whether steps are straight in the logarithm or in its
+#: value, and the share of its promise that a step must keep for the next one to be made in the same way.
+FAR, GOOD = 0.3, 0.75
 
 
 class Stop(Enum):
@@ -67,6 +70,23 @@ class Terrain(Protocol[G]):
 
 #: Bounds (p,) of the surroundings of a point (p,) in which the ground is smooth.
 Walls = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What is known of a ground beforehand.
+
+    Parameters
+    ----------
+    walls : callable, optional
+        Where it has kinks. After a step beyond them was refused, steps end there at the latest, until one leaves the
+        kink that the search stood at.
+    logs : ndarray of bool, shape (p,), optional
+        Coordinates that are logarithms: where a valley is curved in them it may be straight in their values.
+    """
+
+    walls: Walls | None = None
+    logs: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -155,6 +175,69 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     return np.clip(step, low, high)
 
 
+class _Way:
+    """How a step is made: inside the box, on one side of a kink, straight in the coordinates or in the values."""
+
+    def __init__(self, low: FloatArray, high: FloatArray, shape: Shape) -> None:
+        self.low, self.high, self.shape = low, high, shape
+        self._logs = shape.logs if shape.logs is not None else np.zeros(low.size, dtype=bool)
+        self._confined = self._straight = self._turned = False
+
+    def _near(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.shape.walls(point) if self.shape.walls is not None else (self.low, self.high)
+
+    @property
+    def _bent(self) -> NDArray[np.bool_]:
+        return self._logs & self._straight
+
+    def room(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far a step may go from a point."""
+        low, high = self.low - point, self.high - point
+        if self._confined:
+            near = self._near(point)
+            low, high = np.maximum(low, near[0] - point), np.minimum(high, near[1] - point)
+        bent = self._bent
+        low[bent], high[bent] = np.expm1(low[bent]), np.expm1(high[bent])
+        return low, high
+
+    def ahead(self, point: FloatArray, step: FloatArray) -> FloatArray:
+        """Where a step leads to."""
+        bent, there = self._bent, point + step
+        there[bent] = point[bent] + np.log1p(step[bent])
+        return there
+
+    def turns(self, point: FloatArray, refused: FloatArray, newton: FloatArray) -> bool:
+        """Whether, a step having been refused, there is another way to make it."""
+        low, high = self._near(point)
+        if not self._confined and np.any((refused < low) | (refused > high)):
+            self._confined = True
+            return True
+        if self._turned or not self._is_far(newton):
+            return False
+        self._straight, self._turned = not self._straight, True
+        return True
+
+    def went(self, point: FloatArray, there: FloatArray, newton: FloatArray, ratio: float) -> None:
+        """A step was taken, and kept so much of its promise."""
+        self._turned = False
+        self._confined = self._confined and self._stays(point, there)
+        if ratio < GOOD and self._is_far(newton):
+            self._straight = not self._straight
+
+    def _is_far(self, newton: FloatArray) -> bool:
+        """Whether the way to the bottom is so far that the two ways differ."""
+        return bool(np.any(np.abs(newton[self._logs]) > FAR))
+
+    def _stays(self, point: FloatArray, there: FloatArray) -> bool:
+        """Whether a step went along a kink."""
+        low, high = self._near(point)
+        walled = np.isfinite(low)
+        x, low, high = there[walled], low[walled], high[walled]
+        little = BESIDE * (high - low)
+        beside = (x <= low + little) | (x >= high - little)
+        return bool(np.any(beside & (np.abs(x - point[walled]) <= little)))
+
+
 def search(
     terrain: Terrain[G],
     start: FloatArray,
@@ -162,7 +245,7 @@ def search(
     high: FloatArray,
     settings: LocalSettings | None = None,
     progress: Callable[[int, float], None] | None = None,
-    walls: Walls | None = None,
+    shape: Shape | None = None,
 ) -> Found[G]:
     """Descend from a start.
 
@@ -175,53 +258,46 @@ def search(
     settings : LocalSettings, optional
     progress : callable, optional
         Told the iteration and the cost.
-    walls : callable, optional
-        Where the ground has kinks. After a step beyond them was refused, steps end there at the latest, until one
-        leaves the kink that the search stood at.
+    shape : Shape, optional
     """
     settings = settings or LocalSettings()
     point = np.clip(np.asarray(start, dtype=np.float64), low, high)
     here = terrain.look(point)
     if here is None:
         return Found(point, None, 0, Stop.FAILED_START, 1)
+    way = _Way(low, high, shape or Shape())
     damping, growth, evaluations = settings.damping, 2.0, 1
     ceiling, rejected, idle = np.zeros(point.size), 0, 0
     lately: deque[float] = deque(maxlen=LATELY)
-    confined = False
     for iteration in range(1, settings.max_iterations + 1):
         np.maximum(ceiling, np.diag(here.hessian), out=ceiling)
         scale = np.where(ceiling > 0.0, ceiling, 1.0)
-        near = walls(point) if walls is not None else (low, high)
-        room = low - point, high - point
-        if confined:
-            room = np.maximum(room[0], near[0] - point), np.minimum(room[1], near[1] - point)
+        room = way.room(point)
         newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *room)
         promise = _promise(here, newton)
         if len(lately) == LATELY and here.cost - settings.aim > REACH * max(sum(lately), promise):
             return Found(point, here, iteration, Stop.BEATEN, evaluations)
         end = _flat(here, promise, newton, point, settings)
+        before = here.cost
         if end is None:
             step = bounded_step(here.hessian + np.diag((1e-14 + damping) * scale), here.gradient, *room)
             promised = max(_promise(here, step), 1e-300)
-            there = terrain.look(point + step)
+            ahead = way.ahead(point, step)
+            there = terrain.look(ahead)
             evaluations += 1
-            if there is None or not there.cost < here.cost:
-                if not confined and _outside(point + step, near):
-                    confined = True
+            if there is None or not there.cost < before:
+                if way.turns(point, ahead, newton):
                     continue
                 damping, growth, rejected = damping * growth, 2.0 * growth, rejected + 1
                 if damping > 1e15 or rejected >= settings.rejections:
                     return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
                 continue
-            before = here.cost
             ratio = (before - there.cost) / promised
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
-            growth, point, here, rejected = 2.0, point + step, there, 0
-            confined = confined and _stays(point, step, near)
+            way.went(point, ahead, newton, ratio)
+            growth, point, here, rejected = 2.0, ahead, there, 0
             if progress is not None:
                 progress(iteration, here.cost)
-        else:
-            before = here.cost
         renewed = terrain.renew(here)
         gained, here = here.cost - renewed.cost, renewed
         lately.append(before - here.cost)
@@ -231,18 +307,6 @@ def search(
         if end is not None and gained < settings.renewal:
             return Found(point, here, iteration, end, evaluations)
     return Found(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
-
-
-def _outside(point: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
-    return bool(np.any((point < near[0]) | (point > near[1])))
-
-
-def _stays(point: FloatArray, step: FloatArray, near: tuple[FloatArray, FloatArray]) -> bool:
-    """Whether a step that led to a point went along a kink."""
-    walled = np.isfinite(near[0])
-    x, moved, low, high = point[walled], np.abs(step[walled]), near[0][walled], near[1][walled]
-    little = BESIDE * (high - low)
-    return bool(np.any((moved <= little) & ((x <= low + little) | (x >= high - little))))
 
 
 def _promise(here: Ground, step: FloatArray) -> float:

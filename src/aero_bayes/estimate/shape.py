@@ -1,5 +1,6 @@
-"""Where a likelihood has kinks: a delay that carries a jump of the input across a reading changes that reading at once.
+"""The shape of a likelihood, as far as it is known: what is a logarithm, and where there are kinks.
 
+A delay that carries a jump of the input across a reading changes that reading at once.
 A slope that is taken beside a kink says nothing about the other side, so that a search whose step was refused there
 stays on its own side.
 """
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.search import Walls
+from aero_bayes.estimate.search import Shape
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
@@ -21,19 +22,17 @@ FloatArray = NDArray[np.float64]
 ASIDE = 1e-6
 
 
-def walls_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> Walls | None:
-    """Bounds of the smooth surroundings of a point over the free columns; None where no delay is among them.
+def shape_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> Shape:
+    """Which of the free coordinates are logarithms, and where a delay among them has kinks.
 
     ``intervals`` are the sample intervals of the recordings in s.
     """
+    own = type(parameters)(tuple(parameters.items[j] for j in free))
     steps = {
         k: intervals[item.recording] if item.recording is not None else min(intervals)
-        for k, item in enumerate(parameters.items[j] for j in free)
+        for k, item in enumerate(own.items)
         if isinstance(item.target, DelayTarget)
     }
-    if not steps:
-        return None
-    own = type(parameters)(tuple(parameters.items[j] for j in free))
 
     def walls(point: FloatArray) -> tuple[FloatArray, FloatArray]:
         values = own.from_search(point)
@@ -45,4 +44,4 @@ def walls_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[
                 bound[k] = own.to_search(values)[k]
         return low, high
 
-    return walls
+    return Shape(walls if steps else None, own.logarithmic)
