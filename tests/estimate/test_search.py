@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Shape, Stop, bounded_step, search
+from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Stop, bounded_step, search
+from aero_bayes.estimate.way import Shape
 
 
 def test_bounded_step_agrees_with_bvls() -> None:

@@ -17,16 +17,13 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.way import Shape, Way
+
 FloatArray = NDArray[np.float64]
 
 
 #: How many times its last :data:`LATELY` steps, or what the next one promises, a search is trusted to go on.
 REACH, LATELY = 20.0, 3
-#: What a coordinate may be off a kink to stand at it, as a share of the way to the next.
-BESIDE = 1e-3
-#: Length of a Newton step in a logarithm from which it matters whether steps are straight in the logarithm or in its
-#: value, and the share of its promise that a step must keep for the next one to be made in the same way.
-FAR, GOOD = 0.3, 0.75
 
 
 class Stop(Enum):
@@ -66,27 +63,6 @@ class Terrain(Protocol[G]):
     def renew(self, here: G) -> G:
         """The same place surveyed anew, not higher than before; ``here`` itself where there is nothing to renew."""
         ...
-
-
-#: Bounds (p,) of the surroundings of a point (p,) in which the ground is smooth.
-Walls = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """What is known of a ground beforehand.
-
-    Parameters
-    ----------
-    walls : callable, optional
-        Where it has kinks. After a step beyond them was refused, steps end there at the latest, until one leaves the
-        kink that the search stood at.
-    logs : ndarray of bool, shape (p,), optional
-        Coordinates that are logarithms: where a valley is curved in them it may be straight in their values.
-    """
-
-    walls: Walls | None = None
-    logs: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -175,69 +151,6 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     return np.clip(step, low, high)
 
 
-class _Way:
-    """How a step is made: inside the box, on one side of a kink, straight in the coordinates or in the values."""
-
-    def __init__(self, low: FloatArray, high: FloatArray, shape: Shape) -> None:
-        self.low, self.high, self.shape = low, high, shape
-        self._logs = shape.logs if shape.logs is not None else np.zeros(low.size, dtype=bool)
-        self._confined = self._straight = self._turned = False
-
-    def _near(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self.shape.walls(point) if self.shape.walls is not None else (self.low, self.high)
-
-    @property
-    def _bent(self) -> NDArray[np.bool_]:
-        return self._logs & self._straight
-
-    def room(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far a step may go from a point."""
-        low, high = self.low - point, self.high - point
-        if self._confined:
-            near = self._near(point)
-            low, high = np.maximum(low, near[0] - point), np.minimum(high, near[1] - point)
-        bent = self._bent
-        low[bent], high[bent] = np.expm1(low[bent]), np.expm1(high[bent])
-        return low, high
-
-    def ahead(self, point: FloatArray, step: FloatArray) -> FloatArray:
-        """Where a step leads to."""
-        bent, there = self._bent, point + step
-        there[bent] = point[bent] + np.log1p(step[bent])
-        return there
-
-    def turns(self, point: FloatArray, refused: FloatArray, newton: FloatArray) -> bool:
-        """Whether, a step having been refused, there is another way to make it."""
-        low, high = self._near(point)
-        if not self._confined and np.any((refused < low) | (refused > high)):
-            self._confined = True
-            return True
-        if self._turned or not self._is_far(newton):
-            return False
-        self._straight, self._turned = not self._straight, True
-        return True
-
-    def went(self, point: FloatArray, there: FloatArray, newton: FloatArray, ratio: float) -> None:
-        """A step was taken, and kept so much of its promise."""
-        self._turned = False
-        self._confined = self._confined and self._stays(point, there)
-        if ratio < GOOD and self._is_far(newton):
-            self._straight = not self._straight
-
-    def _is_far(self, newton: FloatArray) -> bool:
-        """Whether the way to the bottom is so far that the two ways differ."""
-        return bool(np.any(np.abs(newton[self._logs]) > FAR))
-
-    def _stays(self, point: FloatArray, there: FloatArray) -> bool:
-        """Whether a step went along a kink."""
-        low, high = self._near(point)
-        walled = np.isfinite(low)
-        x, low, high = there[walled], low[walled], high[walled]
-        little = BESIDE * (high - low)
-        beside = (x <= low + little) | (x >= high - little)
-        return bool(np.any(beside & (np.abs(x - point[walled]) <= little)))
-
-
 def search(
     terrain: Terrain[G],
     start: FloatArray,
@@ -265,7 +178,7 @@ def search(
     here = terrain.look(point)
     if here is None:
         return Found(point, None, 0, Stop.FAILED_START, 1)
-    way = _Way(low, high, shape or Shape())
+    way = Way(low, high, shape or Shape())
     damping, growth, evaluations = settings.damping, 2.0, 1
     ceiling, rejected, idle = np.zeros(point.size), 0, 0
     lately: deque[float] = deque(maxlen=LATELY)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.search import Shape
+from aero_bayes.estimate.way import Shape
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]

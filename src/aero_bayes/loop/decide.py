@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -28,6 +28,8 @@ PLAINLY, MOST = 0.5, 6
 PARTLY = 0.25
 #: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
 FOLLOWS = 1.0 / 3.0
+#: How many standard deviations of its own uncertainty a prediction may be off on data that was not fitted.
+SENSITIVE = 4.0
 
 
 def decide(bench: Workbench, found: Found) -> Conclusion:
@@ -43,24 +45,27 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     refused = ""
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
         named = _added(bench, found)
-        refused = "it cannot be simulated there" if named is None else _astray(found, named, bench.settings.astray)
+        refused = "it cannot be simulated there" if named is None else _astray(bench, found, named)
         if named is not None and not refused:
             return _what_carries_over(bench, found, named)
         best = rival.best_curve
         if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
             learned = add_curve(bench, found, best)
-            if not _astray(found, learned, bench.settings.astray):
+            if not _astray(bench, found, learned):
                 return learned
         other = _other(bench, found) or _partial(bench, found)
         if other is not None:
             return _what_carries_over(bench, found, other)
     plain = nothing_added(bench, found, refused)
-    if plain.outcome == "adequate" and (off := _astray(found, plain, bench.settings.astray)):
+    if plain.outcome == "adequate" and (off := _astray(bench, found, plain)):
         unseen = (
             f"What was fitted asks for no more, but on data that was not, the model is far off: {off}. What was fitted "
             "does not show what is missing, or does not fix the parameters well enough."
         )
         return replace(plain, outcome="unexplained", sentence=unseen)
+    if plain.outcome == "adequate" and (off := _named(_far(bench, found, plain))):
+        sensitive = f"Data that was not fitted is sensitive to the parameters: {off}, as their uncertainty lets expect."
+        return replace(plain, sentence=f"{plain.sentence} {sensitive}")
     return plain
 
 
@@ -101,7 +106,7 @@ def _other(bench: Workbench, found: Found) -> Conclusion | None:
     """What explains what was fitted as well, or stood after an earlier round, and plainly carries over."""
     for held in _fits(found)[:MOST]:
         named = _with(bench, found, held)
-        if named is None or _astray(found, named, bench.settings.astray):
+        if named is None or _astray(bench, found, named):
             continue
         if _plainly_better(found.before, named.after):
             return named
@@ -211,14 +216,33 @@ def _excess(reports: Sequence[ResidualReport]) -> float:
     return sum(max(report.ratio**2 - 1.0, 0.0) for report in reports)
 
 
-def _astray(found: Found, extended: Conclusion, most: float) -> str:
-    """Where the extended model is far off on data that was not fitted; empty where it is not."""
+def _astray(bench: Workbench, found: Found, extended: Conclusion) -> str:
+    """Where a model is farther off on data that was not fitted than its parameters' uncertainty explains; empty where
+    it is not."""
+    far = _far(bench, found, extended)
+    if not far:
+        return ""
+    unsure = bench.uncertainty_of(extended.calibration, extended.refit)
+    after = extended.after.test
+    return _named({key: ratio for key, ratio in far.items() if after[key].rms > SENSITIVE * unsure[key]})
+
+
+def _far(bench: Workbench, found: Found, extended: Conclusion) -> dict[tuple[str, str], float]:
+    """How many times what the fit leaves a model is off on data that was not fitted, where that is too much."""
     settled = {(r.recording, r.output): r.rms for r in extended.reports if r.verdict == "adequate"}
-    off: dict[str, float] = {}
+    far: dict[tuple[str, str], float] = {}
     for (name, output), error in extended.after.test.items():
         own = [rms for (_, other), rms in settled.items() if other == output]
         expected = max([extended.refit.noise[output].sd, found.base.floors.get((name, output), 0.0), *own])
         carries_over = error.rms < CARRIES_OVER * found.before.test[name, output].rms
-        if error.rms > most * expected and not carries_over:
-            off[output] = max(error.rms / expected, off.get(output, 0.0))
-    return ", ".join(f"{output} ({ratio:.2g} times what the fit leaves)" for output, ratio in off.items())
+        if error.rms > bench.settings.astray * expected and not carries_over:
+            far[name, output] = error.rms / expected
+    return far
+
+
+def _named(far: Mapping[tuple[str, str], float]) -> str:
+    """Outputs with the worst of their ratios."""
+    worst: dict[str, float] = {}
+    for (_, output), ratio in far.items():
+        worst[output] = max(ratio, worst.get(output, 0.0))
+    return ", ".join(f"{output} ({ratio:.2g} times what the fit leaves)" for output, ratio in worst.items())

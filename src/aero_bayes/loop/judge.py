@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import autocorrelation
-from aero_bayes.data import Recording
-from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.recordings import Recordings
-from aero_bayes.physics.kin import Family
-from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a recording that was not fitted from which its initial states are estimated.
-SETTLING = 0.05
 #: Standard deviations by which one prediction is surely worse than another.
 SURE = 2.0
 
@@ -125,123 +116,6 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
     return any(extra > SURE * math.sqrt(variance[output]) for output, extra in more.items())
-
-
-def predict(
-    calibration: Calibration,
-    fit: Optimum,
-    recordings: Recordings,
-    settings: CalibrationSettings,
-    family: Family,
-    open_simulator: Callable[[Problem], Simulator],
-    extra: Mapping[int, InputSignal] | None = None,
-) -> Prediction:
-    """Run a fitted model, or a fitted relative of it in its ``family``, over whole recordings.
-
-    A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
-    readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of
-    a training recording.
-    """
-    everything = [*recordings.train, *recordings.test]
-    named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
-    plain = family.plain()
-    known = {v.name for v in plain.parameters}
-    shared = [p for p in calibration.parameters if p.recording is None]
-    new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
-    kept = ParameterSet(tuple(p for p in shared if p not in new))
-    own = replace(
-        settings, outputs=recordings.outputs, most_readings=None, standing=True, interpolation=calibration.interpolation
-    )
-    # Which states start at a reading is known of the model itself: a relative may read them through a law.
-    fixed = {name: value for name, value in calibration.fixed.items() if name in known}
-    known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
-    known_as = replace(known_as, parameters=known_as.parameters.extended(new))
-    whole = replace(family.on(known_as, calibration.model), fixed=calibration.fixed)
-    if extra:
-        experiments = list(whole.experiments)
-        for e, signal in extra.items():
-            experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
-        whole = replace(whole, experiments=tuple(experiments))
-    row = _values(_renamed(calibration, known_as, whole), fit, known_as, everything, len(recordings.train))
-    # A law at an output hides where its state started.
-    hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
-    if recordings.test and (settings.start == "estimated" or hidden):
-        row = _settled(whole, row, fit, len(recordings.train), open_simulator)
-    with open_simulator(whole.problem()) as simulator:
-        found = simulator.simulate(row[np.newaxis])
-    if np.any(found.outcomes[0] != 0):
-        raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
-    errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
-    fitted: dict[tuple[str, str], FloatArray] = {}
-    for e, recording in enumerate(everything):
-        interval = float(np.median(np.diff(recording.time)))
-        unseen = recording.time >= recordings.held_from.get(recording.name, math.inf)
-        for column, output in enumerate(recordings.outputs):
-            if output not in recording.outputs:
-                continue
-            predicted = found.outputs[e][0, :, column]
-            key = (recording.name, output)
-            fitted[key] = predicted
-            residual = recording.outputs[output] - predicted
-            seen = np.isfinite(residual)
-            if e >= len(recordings.train):
-                errors[1][key] = rms_error(residual[seen], interval)
-                continue
-            errors[0][key] = rms_error(residual[seen & ~unseen], interval)
-            if unseen.any():
-                errors[1][key] = rms_error(residual[seen & unseen], interval)
-    return Prediction(errors[0], errors[1], fitted)
-
-
-def _renamed(calibration: Calibration, known_as: Calibration, whole: Calibration) -> Calibration:
-    """A relative's calibration with its states named as in the model itself."""
-    old = {there.target: here.target for here, there in zip(known_as.parameters, whole.parameters, strict=True)}
-    items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
-    return replace(calibration, model=known_as.model, parameters=ParameterSet(items))
-
-
-def _values(
-    calibration: Calibration, fit: Optimum, whole: Calibration, everything: Sequence[Recording], fitted: int
-) -> FloatArray:
-    """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones'."""
-    values = calibration.parameters.from_search(fit.coordinates)
-    own = {(p.recording, p.target): v for p, v in zip(calibration.parameters, values.tolist(), strict=True)}
-    follow = typical(calibration, values, everything)
-    by_name = dict(zip(calibration.parameters.names, values.tolist(), strict=True))
-    row = []
-    for p in whole.parameters:
-        if p.recording is None:
-            row.append(by_name[p.name])
-            continue
-        value = own.get((p.recording, p.target)) if p.recording < fitted else None
-        if value is None:
-            first = first_reading(everything[p.recording], p.target, whole)
-            start = p.start if first is None else 0.0
-            value = (first or 0.0) + float(follow.get(p.target, start))
-        row.append(float(np.clip(value, p.lower, p.upper)))
-    return np.array(row)
-
-
-def _settled(
-    whole: Calibration, row: FloatArray, fit: Optimum, fitted: int, open_simulator: Callable[[Problem], Simulator]
-) -> FloatArray:
-    """Values with the starts of recordings that were not fitted estimated from their beginnings."""
-    columns = [
-        j for j, p in enumerate(whole.parameters)
-        if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= fitted
-    ]  # fmt: skip
-    if not columns:
-        return row
-    beginning = whole.beginning(SETTLING)
-    with open_simulator(beginning.problem()) as simulator:
-        objective = Objective(beginning, simulator)
-        at = whole.parameters.to_search(row)
-        try:
-            found = climb(objective, at, columns, noise=fit.noise, settings=ClimbSettings(hold_noise=True))
-        except CannotFinishError:
-            return row
-    return whole.parameters.from_search(found.coordinates)
 
 
 def shifts(

@@ -12,9 +12,10 @@ from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.loop.judge import Prediction, predict
+from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.loop.unseen import predict, uncertainty_of
 from aero_bayes.physics.kin import Family
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import InputSignal, Problem, Simulator
@@ -91,5 +92,9 @@ class Workbench:
     def predict(
         self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
     ) -> Prediction:
-        """Run a fitted model over all recordings, whole; ``extra`` as in :func:`~.judge.predict`."""
+        """Run a fitted model over all recordings, whole; ``extra`` as in :func:`~.unseen.predict`."""
         return predict(calibration, fit, self.recordings, self.settings.calibration, self.family, self.open, extra)
+
+    def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
+        """What the parameters' uncertainty does to that prediction, see :func:`~.unseen.uncertainty_of`."""
+        return uncertainty_of(calibration, fit, self.recordings, self.settings.calibration, self.family, self.open)

@@ -1,0 +1,202 @@
+"""A fitted model run over whole recordings, those among them that it has not seen, and how sure it can be of these."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.loop.judge import Error, Prediction, rms_error
+from aero_bayes.loop.recordings import Recordings
+from aero_bayes.physics.kin import Family
+from aero_bayes.predict.carry import first_reading, typical
+from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a recording that was not fitted from which its initial states are estimated.
+SETTLING = 0.05
+
+
+def predict(
+    calibration: Calibration,
+    fit: Optimum,
+    recordings: Recordings,
+    settings: CalibrationSettings,
+    family: Family,
+    open_simulator: Callable[[Problem], Simulator],
+    extra: Mapping[int, InputSignal] | None = None,
+) -> Prediction:
+    """Run a fitted model, or a fitted relative of it in its ``family``, over whole recordings.
+
+    A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
+    readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
+    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of
+    a training recording.
+    """
+    whole, row, _ = _laid_out(calibration, fit, recordings, settings, family, open_simulator, extra)
+    everything = [*recordings.train, *recordings.test]
+    with open_simulator(whole.problem()) as simulator:
+        found = simulator.simulate(row[np.newaxis])
+    if np.any(found.outcomes[0] != 0):
+        raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
+    errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
+    fitted: dict[tuple[str, str], FloatArray] = {}
+    for e, recording in enumerate(everything):
+        interval = float(np.median(np.diff(recording.time)))
+        unseen = recording.time >= recordings.held_from.get(recording.name, math.inf)
+        for column, output in enumerate(recordings.outputs):
+            if output not in recording.outputs:
+                continue
+            predicted = found.outputs[e][0, :, column]
+            key = (recording.name, output)
+            fitted[key] = predicted
+            residual = recording.outputs[output] - predicted
+            seen = np.isfinite(residual)
+            if e >= len(recordings.train):
+                errors[1][key] = rms_error(residual[seen], interval)
+                continue
+            errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+            if unseen.any():
+                errors[1][key] = rms_error(residual[seen & unseen], interval)
+    return Prediction(errors[0], errors[1], fitted)
+
+
+def uncertainty_of(
+    calibration: Calibration,
+    fit: Optimum,
+    recordings: Recordings,
+    settings: CalibrationSettings,
+    family: Family,
+    open_simulator: Callable[[Problem], Simulator],
+) -> dict[tuple[str, str], float]:
+    """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
+
+    It is what the uncertainty of the parameters and of its own start makes of it, one standard deviation along each
+    axis of their covariances and back: a motion that is sensitive to them is predicted badly also by a model that lacks
+    nothing.
+    """
+    whole, row, starts = _laid_out(calibration, fit, recordings, settings, family, open_simulator)
+    shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
+    theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
+    moved = np.repeat(row[np.newaxis], 2 * len(fit.free), axis=0)
+    moved[:, shared] = _a_deviation_off(calibration.parameters, fit)[:, theirs]
+    with open_simulator(whole.problem()) as simulator:
+        found = simulator.simulate(np.concatenate((row[np.newaxis], moved, starts)))
+    spread: dict[tuple[str, str], float] = {}
+    for e, recording in enumerate((*recordings.train, *recordings.test)):
+        start = recordings.held_from.get(recording.name, math.inf) if e < len(recordings.train) else -math.inf
+        unseen = recording.time >= start
+        fine = found.outcomes[1:, e] == 0
+        for column, output in enumerate(recordings.outputs):
+            if unseen.any() and output in recording.outputs:
+                change = found.outputs[e][1:, unseen, column][fine] - found.outputs[e][0, unseen, column]
+                spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
+    return spread
+
+
+def _laid_out(
+    calibration: Calibration,
+    fit: Optimum,
+    recordings: Recordings,
+    settings: CalibrationSettings,
+    family: Family,
+    open_simulator: Callable[[Problem], Simulator],
+    extra: Mapping[int, InputSignal] | None = None,
+) -> tuple[Calibration, FloatArray, FloatArray]:
+    """A fitted model over whole recordings, SI values (p,) there, and (n, p) with starts a standard deviation off."""
+    everything = [*recordings.train, *recordings.test]
+    named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
+    plain = family.plain()
+    known = {v.name for v in plain.parameters}
+    shared = [p for p in calibration.parameters if p.recording is None]
+    new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
+    kept = ParameterSet(tuple(p for p in shared if p not in new))
+    own = replace(
+        settings, outputs=recordings.outputs, most_readings=None, standing=True, interpolation=calibration.interpolation
+    )
+    # Which states start at a reading is known of the model itself: a relative may read them through a law.
+    fixed = {name: value for name, value in calibration.fixed.items() if name in known}
+    known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
+    known_as = replace(known_as, parameters=known_as.parameters.extended(new))
+    whole = replace(family.on(known_as, calibration.model), fixed=calibration.fixed)
+    if extra:
+        experiments = list(whole.experiments)
+        for e, signal in extra.items():
+            experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
+        whole = replace(whole, experiments=tuple(experiments))
+    row = _values(_renamed(calibration, known_as, whole), fit, known_as, everything, len(recordings.train))
+    # A law at an output hides where its state started.
+    hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
+    if not recordings.test or not (settings.start == "estimated" or hidden):
+        return whole, row, row[np.newaxis][:0]
+    return whole, *_settled(whole, row, fit, len(recordings.train), open_simulator)
+
+
+def _renamed(calibration: Calibration, known_as: Calibration, whole: Calibration) -> Calibration:
+    """A relative's calibration with its states named as in the model itself."""
+    old = {there.target: here.target for here, there in zip(known_as.parameters, whole.parameters, strict=True)}
+    items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
+    return replace(calibration, model=known_as.model, parameters=ParameterSet(items))
+
+
+def _values(
+    calibration: Calibration, fit: Optimum, whole: Calibration, everything: Sequence[Recording], fitted: int
+) -> FloatArray:
+    """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones'."""
+    values = calibration.parameters.from_search(fit.coordinates)
+    own = {(p.recording, p.target): v for p, v in zip(calibration.parameters, values.tolist(), strict=True)}
+    follow = typical(calibration, values, everything)
+    by_name = dict(zip(calibration.parameters.names, values.tolist(), strict=True))
+    row = []
+    for p in whole.parameters:
+        if p.recording is None:
+            row.append(by_name[p.name])
+            continue
+        value = own.get((p.recording, p.target)) if p.recording < fitted else None
+        if value is None:
+            first = first_reading(everything[p.recording], p.target, whole)
+            start = p.start if first is None else 0.0
+            value = (first or 0.0) + float(follow.get(p.target, start))
+        row.append(float(np.clip(value, p.lower, p.upper)))
+    return np.array(row)
+
+
+def _settled(
+    whole: Calibration, row: FloatArray, fit: Optimum, fitted: int, open_simulator: Callable[[Problem], Simulator]
+) -> tuple[FloatArray, FloatArray]:
+    """Values with starts of what was not fitted estimated from its beginning, and the same a deviation off (n, p)."""
+    columns = [
+        j for j, p in enumerate(whole.parameters)
+        if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= fitted
+    ]  # fmt: skip
+    if not columns:
+        return row, row[np.newaxis][:0]
+    beginning = whole.beginning(SETTLING)
+    with open_simulator(beginning.problem()) as simulator:
+        objective = Objective(beginning, simulator)
+        at = whole.parameters.to_search(row)
+        try:
+            found = climb(objective, at, columns, noise=fit.noise, settings=ClimbSettings(hold_noise=True))
+        except CannotFinishError:
+            return row, row[np.newaxis][:0]
+    return whole.parameters.from_search(found.coordinates), _a_deviation_off(whole.parameters, found)
+
+
+def _a_deviation_off(parameters: ParameterSet, fit: Optimum) -> FloatArray:
+    """SI values one standard deviation off a fit along each axis of its covariance, there and back (2 f, p)."""
+    sizes, axes = np.linalg.eigh(fit.covariance)
+    steps = (axes * np.sqrt(np.maximum(sizes, 0.0))).T
+    low, high = parameters.box
+    rows = np.repeat(fit.coordinates[np.newaxis], 2 * len(fit.free), axis=0)
+    rows[:, list(fit.free)] += np.concatenate((steps, -steps))
+    return parameters.from_search(np.clip(rows, low, high))

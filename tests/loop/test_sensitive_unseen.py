@@ -1,0 +1,56 @@
+"""What a growing motion makes of the last digits of its parameters is no missing physics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aero_bayes.data import Recording
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop.result import LoopResult
+
+SOURCE = """model Culture "Cells that divide, and are fed"
+  input Real feed(unit = "mol/s");
+  output Real n(unit = "mol", start = 1, fixed = true);
+  parameter Real growth(unit = "1/s", min = 0) = 0.8;
+equation
+  der(n) = growth*n + feed;
+end Culture;
+"""
+STEP, NOISE, GROWTH = 0.01, 0.02, 0.9
+
+
+def recording(name: str, rng: np.random.Generator, duration: float, growth: float) -> Recording:
+    """By the closed form over each sample, the feed held."""
+    time = np.arange(0.0, duration, STEP)
+    feed = np.repeat(rng.uniform(-0.2, 0.2, time.size // 50 + 1), 50)[: time.size]
+    factor = np.exp(growth * STEP)
+    n = np.ones(time.size)
+    for k in range(time.size - 1):
+        n[k + 1] = factor * n[k] + (factor - 1.0) / growth * feed[k]
+    return Recording(name, time, {"feed": feed}, {"n": n + rng.normal(0.0, NOISE, time.size)})
+
+
+def found(tmp_path, growth: float) -> LoopResult:
+    (tmp_path / "Culture.mo").write_text(SOURCE, encoding="utf-8")
+    rng = np.random.default_rng(5)
+    settings = LoopSettings(attribute=AttributeSettings(max_effects=1), free=("growth",), laws=("gain", "offset"))
+    return close_loop(
+        [recording("train", rng, 3.0, GROWTH)], [recording("test", rng, 12.0, growth)], model="Culture",
+        sources=[tmp_path / "Culture.mo"], settings=settings, workers=0, cache=tmp_path / "fmus",
+    )  # fmt: skip
+
+
+def test_a_prediction_is_as_far_off_as_its_parameters_let_expect(tmp_path) -> None:
+    result = found(tmp_path, GROWTH)
+    # sensitivity of exp(growth t) to growth, at the end
+    by_growth = 12.0 * np.exp(GROWTH * 12.0) * result.parameters["growth"].sd
+    assert result.before.test["test", "n"].rms > 10.0 * NOISE
+    assert result.before.test["test", "n"].rms < 4.0 * by_growth
+    assert result.outcome == "adequate"
+    assert "sensitive" in result.sentence
+
+
+def test_what_is_farther_off_than_that_is_not_adequate(tmp_path) -> None:
+    result = found(tmp_path, GROWTH * 1.05)
+    assert result.outcome == "unexplained"
+    assert "far off" in result.sentence
