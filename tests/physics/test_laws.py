@@ -130,7 +130,7 @@ def test_a_law_is_its_closed_form(key: tuple[str, str], laws: tuple[Law, ...], m
 def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
     laws: tuple[Law, ...], models: Models, rng: Generator
 ) -> None:
-    """At the default the model is the base; the slope there is right, and of the size of the law itself."""
+    """At the default the model is the base; the slope beside it is right, and of the size of the law itself."""
     cart, tanks, circuit, bodies = (rig(m) for m in ("Cart", "TankPair", "Rlc", "Bodies.Pair"))
     carrier = {"input": cart, "output": cart, "reading": cart, "motion": cart, "electrical": circuit}
     for law in laws:
@@ -152,13 +152,20 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
         found = wide(point)
         assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-13), law.id
         every = [*model.rates, *(model.solved.get(n, b.symbol(n)) for n in wide.outputs)]
-        at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}}
+        # at the default itself a law with states may sleep
+        nominal = law.switch.value("nominal", use.all_sizes)
+        beside, step = 1e-6 * nominal, 5e-7 * nominal
+        at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}, switch: beside}
         slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))
-        step = 1e-6 * law.switch.value("nominal", use.all_sizes)
-        up, down = (np.array(evaluate(every, {**at, switch: s})) for s in (step, -step))
+        up, down = (np.array(evaluate(every, {**at, switch: beside + s})) for s in (step, -step))
         assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
         if law.id not in UNFELT_AT_ZERO:
             assert np.abs(slope).max() > 1e-3, law.id
+        if law.id in ("lag", "delay", "rate_limit"):
+            # fast states of a law that is off would set the pace of every simulation
+            own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(use.instance + ".")]
+            off, on = (np.abs(evaluate(own, {**at, switch: s})).max() for s in (0.0, beside))
+            assert off < 1e-4 * on, law.id
 
 
 @pytest.mark.parametrize("kind", ["input", "output", "reading"])

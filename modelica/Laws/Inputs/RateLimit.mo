@@ -5,7 +5,7 @@ model RateLimit "Actuator that changes only so fast"
   Real z_0(nominal = u_n) "Input as a fast tracker follows it";
   Real z(nominal = u_n) "Input as a tracker of limited rate follows it";
 protected
-  final parameter Real T = 1e-3 * t_n "Time constant of the trackers";
+  parameter Real T = if r > 0 then 1e-3 * t_n else 1e6 * t_n "Time constant of the trackers; without a limit nothing moves";
   final parameter Real u_smooth = 1e-6 * u_n "Width of the rounding of the absolute value";
 initial equation
   z_0 = u;

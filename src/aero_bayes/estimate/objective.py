@@ -140,6 +140,8 @@ class Objective:
     def evaluate(self, coordinates: FloatArray, active: Sequence[int] | None = None) -> Evaluation | None:
         """Hold one parameter vector (search coordinates) against the data; None if a simulation failed or ran away."""
         values = self.parameters.from_search(coordinates)
+        if active is not None:
+            values = self.parameters.awake(values, active)
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
@@ -199,7 +201,7 @@ class Objective:
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
         """Least-squares products at SI values (n, p) by SI values."""
-        found = self.simulator.gauss_newton(values, noise, active=active)
+        found = self.simulator.gauss_newton(self.parameters.awake(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
 

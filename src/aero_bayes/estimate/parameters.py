@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 WIDE = 1e3
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
 ON_BOUND = 1e-6
+#: Share of its upper bound that a parameter which may be zero is lifted to where a slope is asked for.
+HAIR = 1e-9
 Scale = Literal["log", "linear"]
 
 
@@ -156,6 +158,18 @@ class ParameterSet:
         inside = (coordinates >= low) & (coordinates <= high)
         clipped = np.clip(values, [item.lower for item in self.items], [item.upper for item in self.items])
         return np.where(inside, clipped, values)
+
+    def awake(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
+        """SI values (..., p) with the active ones that are off, at a lower bound of zero, a hair above it.
+
+        A law that is off has no slope at all: what it would need to move is not simulated.
+        """
+        lifted = values.copy()
+        for j in active:
+            item = self.items[j]
+            if item.lower == 0.0:
+                lifted[..., j] = np.maximum(lifted[..., j], HAIR * item.upper)
+        return lifted
 
     def jacobian(self, values: FloatArray) -> FloatArray:
         """Derivative of each value with respect to its own coordinate, shape (..., p)."""
