@@ -35,7 +35,7 @@ from trial_table import summarise
 from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
 from aero_bayes.fleet import open_executor
-from aero_bayes.loop import close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.physics.family import KNOTS, ModelFamily
 
 TABLE, DEVELOPMENT = 7001, 1001
@@ -82,7 +82,8 @@ def run(task: Task) -> dict[str, Any]:
         paths = spec.write(made, Path(folder) / "seen", Path(folder) / "truth" / "truth.json")
         train, test = (read_recording(path) for path in paths)
         loop_began, cpu = time.perf_counter(), time.process_time()
-        result = close_loop([train], [test], model=BASE, workers=0, cache=task.cache, out_dir=Path(folder) / "out")
+        settings = LoopSettings(cache=task.cache)
+        result = close_loop([train], [test], model=BASE, settings=settings, workers=0, out_dir=Path(folder) / "out")
         seconds, cpu = time.perf_counter() - loop_began, time.process_time() - cpu
     silent = spec.silent().record()
     over = {}

@@ -19,9 +19,8 @@ A model of one's own is told what was recorded and what is free (run in ``exampl
 >>> recording = aero_bayes.read_recording("train.csv", layout=layout)  # doctest: +SKIP
 >>> free = parameters_from_model(rig, overrides={"k": Override(), "d": Override()})  # doctest: +SKIP
 >>> fit = aero_bayes.fit(recording, rig, parameters=free)  # doctest: +SKIP
->>> settings = aero_bayes.LoopSettings(free=("k", "d"))
->>> files = [Path("Rig.mo")]
->>> loop = aero_bayes.close_loop([recording], model="Rig", sources=files, settings=settings)  # doctest: +SKIP
+>>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"))
+>>> loop = aero_bayes.close_loop([recording], model="Rig", settings=settings)  # doctest: +SKIP
 """
 
 from __future__ import annotations

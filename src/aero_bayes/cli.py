@@ -160,23 +160,12 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
               help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
-def design(
-    data: tuple[Path, ...],
-    aim: tuple[str, ...],
-    separate: tuple[str, str] | None,
-    loop: Path | None,
-    duration: float,
-    rate_hz: float | None,
-    amplifier: float | None,
-    travel: dict[str, float],
-    repeats: int,
-    **options: Any,
-) -> None:
+def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
     """Propose the next experiment: the input that would tell most about weak parameters, or tell two effects apart."""
     from aero_bayes.workflow.design import DesignOptions, run_design
 
-    wanted = DesignOptions(aim, separate or None, loop, duration, rate_hz, amplifier, travel, repeats)
-    run_design(data, _options(**options), wanted)
+    asked = {key: options.pop(key) for key in ("aim", "loop", "duration", "rate_hz", "amplifier", "travel")}
+    run_design(data, _options(**options), DesignOptions(separate=separate or None, repeats=repeats, **asked))
 
 
 @main.command("all")

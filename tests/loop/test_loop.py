@@ -36,7 +36,7 @@ def recordings(seed, sensors, delay, *effects, duration=30.0):
 
 def test_friction_is_found_written_and_judged(fmus, tmp_path):
     train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
-    found = close_loop([train], [test], settings=SETTINGS, workers=0, cache=fmus, out_dir=tmp_path)
+    found = close_loop([train], [test], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "extended"
     assert [e.id for e in found.effects] == ["pivot_coulomb_friction"]
     (parameter,) = found.effects[0].parameters
@@ -59,7 +59,7 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
     truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
     train, test = recordings(15, white(1.0), 0.0, truth)
     settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
-    found = close_loop([train], [test], settings=settings, workers=0, cache=fmus, out_dir=tmp_path)
+    found = close_loop([train], [test], settings=replace(settings, cache=fmus), workers=0, out_dir=tmp_path)
     assert [e.id for e in found.effects] == ["pivot_presliding_friction"]
     torque, angle, _ = found.effects[0].parameters
     assert torque.value == pytest.approx(9e-4, abs=5 * torque.sd + 2e-5)
@@ -72,7 +72,7 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
 def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
     train, test = recordings(17, white(1.0), 0.0, effect("pitch_delay", T_d=0.02), duration=20.0)
     settings = replace(SETTINGS, effects=("pitch_delay", "thrust_lag"))
-    found = close_loop([train], [test], settings=settings, workers=0, cache=fmus)
+    found = close_loop([train], [test], settings=replace(settings, cache=fmus), workers=0)
     assert [set(ids) for ids in found.equivalent] == [{"pitch_delay", "thrust_lag"}]
     (line,) = found.separate
     assert "pitch_delay" in line
@@ -81,7 +81,7 @@ def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
 
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
     train, _ = recordings(12, real(1.0), 0.006)
-    found = close_loop([train], settings=SETTINGS, workers=0, cache=fmus, out_dir=tmp_path)
+    found = close_loop([train], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "adequate"
     assert found.effects == ()
     assert set(found.before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
@@ -95,7 +95,7 @@ def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
         Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=5e-4),)),
         random_levels(rng, 1e-3, 8.0), white(1.0), rng, duration=8.0, rate_hz=50.0, name="quiet",
     )  # fmt: skip
-    found = close_loop([quiet], settings=SETTINGS, workers=0, cache=fmus)
+    found = close_loop([quiet], settings=replace(SETTINGS, cache=fmus), workers=0)
     assert found.outcome == "adequate"
     assert found.effects == ()
     assert "adequate for these recordings: no candidate gains" in found.sentence
@@ -107,14 +107,14 @@ def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
 
 def test_bad_requests_are_refused(fmus):
     with pytest.raises(InputError, match="at least one"):
-        close_loop([], cache=fmus)
+        close_loop([])
     train, _ = recordings(14, white(1.0), 0.0, duration=6.0)
     with pytest.raises(InputError, match="held_out is 0; expected"):
-        close_loop([train], settings=LoopSettings(held_out=0.0), cache=fmus)
+        close_loop([train], settings=LoopSettings(held_out=0.0, cache=fmus))
     with pytest.raises(InputError, match="unknown effect 'magic'"):
-        close_loop([train], settings=LoopSettings(effects=("magic",)), cache=fmus)
+        close_loop([train], settings=LoopSettings(effects=("magic",), cache=fmus))
     with pytest.raises(InputError, match="no effect is left to try"):
-        close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",)), cache=fmus)
+        close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",), cache=fmus))
 
 
 @pytest.mark.parametrize("taken_out", [True, False])

@@ -49,11 +49,14 @@ def test_a_lag_in_the_reading_of_a_state(tmp_path) -> None:
     (tmp_path / "Cart.mo").write_text(SOURCE, encoding="utf-8")
     train, test = recordings(np.random.default_rng(7))
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=1), free=("k", "d"), laws=("lag", "gain", "coulomb_friction")
+        attribute=AttributeSettings(max_effects=1),
+        free=("k", "d"),
+        laws=("lag", "gain", "coulomb_friction"),
+        sources=(tmp_path / "Cart.mo",),
+        cache=tmp_path / "fmus",
     )
     found = close_loop(
-        [train], [test], model="Cart", sources=[tmp_path / "Cart.mo"], settings=settings, workers=0,
-        cache=tmp_path / "fmus", out_dir=tmp_path / "out",
+        [train], [test], model="Cart", settings=settings, workers=0, out_dir=tmp_path / "out",
     )  # fmt: skip
     assert [e.id for e in found.effects] == ["lag@x"], found.sentence
     (lag,) = found.effects[0].parameters

@@ -33,10 +33,13 @@ def recording(name: str, rng: np.random.Generator, duration: float, growth: floa
 def found(tmp_path, growth: float) -> LoopResult:
     (tmp_path / "Culture.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(5)
-    settings = LoopSettings(attribute=AttributeSettings(max_effects=1), free=("growth",), laws=("gain", "offset"))
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=1), free=("growth",), laws=("gain", "offset"),
+        sources=(tmp_path / "Culture.mo",), cache=tmp_path / "fmus",
+    )  # fmt: skip
     return close_loop(
         [recording("train", rng, 3.0, GROWTH)], [recording("test", rng, 12.0, growth)], model="Culture",
-        sources=[tmp_path / "Culture.mo"], settings=settings, workers=0, cache=tmp_path / "fmus",
+        settings=settings, workers=0,
     )  # fmt: skip
 
 

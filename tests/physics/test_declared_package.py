@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes import close_loop, load_model, read_recording
+from aero_bayes import LoopSettings, close_loop, load_model, read_recording
 from aero_bayes.cli import main
 from aero_bayes.data import Layout, Recording, write_csv
 from aero_bayes.declared import MEMBER
@@ -120,7 +120,8 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
 def test_the_loop_finds_a_declared_effect(tmp_path: Path) -> None:
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
-    found = close_loop([train], [test], model="Sledge.Rig", sources=[SLEDGE], workers=0, out_dir=tmp_path)
+    settings = LoopSettings(sources=(SLEDGE,))
+    found = close_loop([train], [test], model="Sledge.Rig", settings=settings, workers=0, out_dir=tmp_path)
     assert [e.id for e in found.effects] == ["dry_runner"]
     (friction,) = found.effects[0].parameters
     assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.families import FAMILIES, Family
+from aero_bayes.design.information import Engine
 
 FloatArray = NDArray[np.float64]
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
@@ -30,7 +31,7 @@ class Found:
 class SearchSettings:
     """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on.
 
-    ``among`` are the families that are tried.
+    ``among`` are the families that are tried, ``engine`` is what simulates them.
     """
 
     start: int = 16
@@ -39,6 +40,8 @@ class SearchSettings:
     families: int = 2
     spread: float = 0.25
     among: tuple[Family, ...] = FAMILIES
+    seed: int = 1
+    engine: Engine = "native"
 
 
 def best_signals(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted, posterior_sd
+from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted, posterior_sd
 from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
@@ -131,9 +131,7 @@ def propose_experiment(
     rate_hz: float | None = None,
     limits: Limits | None = None,
     targets: Sequence[str] | None = None,
-    seed: int = 1,
     settings: SearchSettings | None = None,
-    engine: Engine = "native",
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
@@ -150,10 +148,9 @@ def propose_experiment(
     targets : sequence of str, optional
         Parameters to narrow; by default those that are not identified, or all if all are. Optional ones that the fit
         did not free, such as an inductance at a low rate, must be named to be aimed at.
-    seed : int
     settings : SearchSettings, optional
-        Effort of the search.
-    engine, workers, progress
+        Effort of the search, its seed, the engine.
+    workers, progress
         As for a fit.
 
     Raises
@@ -176,8 +173,8 @@ def propose_experiment(
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = sample_times(fit, duration, rate_hz)
-    rng = np.random.default_rng(seed)
-    with WorkerPool(workers) as pool, Forecaster(fit, time, limits, engine, workers, pool) as forecaster:
+    rng = np.random.default_rng(settings.seed)
+    with WorkerPool(workers) as pool, Forecaster(fit, time, limits, settings.engine, workers, pool) as forecaster:
         aimed = _targets(fit, forecaster, targets)
         known = forecaster.precision()
         before = posterior_sd(known)
@@ -196,7 +193,7 @@ def propose_experiment(
         after = posterior_sd(known + prediction[0].information)
         same = prediction[1]
         repeated = posterior_sd(known + same.information) if same is not None else np.full(before.shape, np.nan)
-        return _design(forecaster, found, values, travel, (before, after, repeated), aimed, seed)
+        return _design(forecaster, found, values, travel, (before, after, repeated), aimed, settings.seed)
 
 
 def default_limits(fit: Fitted) -> Limits:

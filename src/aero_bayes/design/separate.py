@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Engine, Fitted, Forecaster, Limits, Predicted
+from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted
 from aero_bayes.design.optimise import Progress, SearchSettings, best_signals
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, sample_times, within_travel
 from aero_bayes.design.signal import HeldSignal
@@ -68,9 +68,7 @@ def separating_experiment(
     duration: float = 30.0,
     rate_hz: float | None = None,
     limits: Limits | None = None,
-    seed: int = 1,
     settings: SearchSettings | None = None,
-    engine: Engine = "native",
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Separation:
@@ -80,7 +78,7 @@ def separating_experiment(
     ----------
     first, second : Fitted
         Fits of both models to the same recordings.
-    duration, rate_hz, limits, seed, settings, engine, workers, progress
+    duration, rate_hz, limits, settings, workers, progress
         As for :func:`aero_bayes.design.propose_experiment`.
 
     Raises
@@ -95,11 +93,11 @@ def separating_experiment(
         raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")
     limits, settings = limits or default_limits(first), settings or SearchSettings()
     time = sample_times(first, duration, rate_hz)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(settings.seed)
     with (
         WorkerPool(workers) as pool,
-        Forecaster(first, time, limits, engine, workers, pool) as a,
-        Forecaster(second, time, limits, engine, workers, pool) as b,
+        Forecaster(first, time, limits, settings.engine, workers, pool) as a,
+        Forecaster(second, time, limits, settings.engine, workers, pool) as b,
     ):
         known = (a.precision(), b.precision())
 
@@ -118,7 +116,7 @@ def separating_experiment(
         first_true, second_true = both([values / limits.amplifier])[0]
         return Separation(
             a.input, time, values, found[0].family.name, {f.family.name: -f.score for f in found},
-            first_true, second_true, {n: max(travel[n], other[n]) for n in travel}, limits, seed,
+            first_true, second_true, {n: max(travel[n], other[n]) for n in travel}, limits, settings.seed,
         )  # fmt: skip
 
 

@@ -69,6 +69,8 @@ class FitSettings(Settings):
         fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
         the noise would be without it.
     engine : {"native", "fmpy"}
+    fixed : mapping of str to float
+        Model parameters held at other values than the model's own.
 
     Examples
     --------
@@ -88,6 +90,7 @@ class FitSettings(Settings):
     noise: NoiseModel = field(default_factory=NoiseModel)
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     engine: Engine = "native"
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def ascent(self) -> AscentSettings:
@@ -102,7 +105,6 @@ def fit(
     model: Model,
     *,
     parameters: ParameterSet | None = None,
-    fixed: Mapping[str, float] | None = None,
     settings: FitSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -117,8 +119,6 @@ def fit(
     model : Model
     parameters : ParameterSet, optional
         What to search; by default what the model's package declares (:func:`.declared_overrides`).
-    fixed : mapping of str to float, optional
-        Model parameters to hold at other values than the model's own.
     settings : FitSettings, optional
     seed : int
     workers : int, optional
@@ -151,7 +151,7 @@ def fit(
             raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
         parameters = parameters_from_model(model, overrides=overrides)
     calibration = calibrate(
-        recordings, model, parameters, fixed=fixed, noise=settings.noise, settings=settings.calibration
+        recordings, model, parameters, fixed=settings.fixed, noise=settings.noise, settings=settings.calibration
     )
 
     def opened(problem: Problem) -> Simulator:

@@ -40,11 +40,9 @@ def close_loop(
     test: Sequence[Recording] = (),
     *,
     model: str = DEFAULT_MODEL,
-    sources: Sequence[Path] = (),
     settings: LoopSettings | None = None,
     workers: int | None = None,
     out_dir: Path | None = None,
-    cache: Path | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | Path | None = None,
 ) -> LoopResult:
@@ -56,15 +54,11 @@ def close_loop(
         Without ``test``, the end of each training recording is kept from the fit and predicted.
     model : str
         A Modelica class, or the path of an FMU (``.fmu``) with Model Exchange, around which laws are put.
-    sources : sequence of Path
-        Files and package folders that the class is loaded from.
     settings : LoopSettings, optional
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
     out_dir : Path, optional
         Where the extended model's Modelica file is written.
-    cache : Path, optional
-        Where FMUs are kept between runs; ``out_dir/fmu`` by default.
     progress : callable, optional
         Told what happens and how far it is (0 to 1).
     checkpoint : Checkpoint or Path, optional
@@ -79,9 +73,9 @@ def close_loop(
 
     Examples
     --------
-    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), laws=("coulomb_friction", "gain"))
-    >>> files = [Path("Rig.mo")]
-    >>> aero_bayes.close_loop([recording], [test], model="Rig", sources=files, settings=settings, workers=0)
+    >>> few = ("coulomb_friction", "gain")
+    >>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"), laws=few)
+    >>> aero_bayes.close_loop([recording], [test], model="Rig", settings=settings, workers=0)
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.0049 -> 0.000303>
     """
     if not train:
@@ -93,7 +87,7 @@ def close_loop(
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = out_dir or scratch
-        family = _family(model, sources, cache or folder / "fmu", settings)
+        family = _family(model, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), Checkpoint.at(checkpoint))
@@ -107,16 +101,16 @@ def close_loop(
         return result
 
 
-def _family(model: str, sources: Sequence[Path], folder: Path, settings: LoopSettings) -> Family:
+def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
     """The model and its relatives: with the effects that its package declares, else with laws at the ports found."""
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     family: ModelFamily | RigFamily
-    given = tuple(sources), folder, settings.libraries, narrowed
+    given = settings.sources, folder, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
         family = FmuFamily(fmu.stem, *given, fmu=fmu)
-    elif model.partition(".")[2] in declaration_of(model, sources).systems:
-        family = ModelFamily(model, folder, narrowed=narrowed, sources=tuple(sources))
+    elif model.partition(".")[2] in declaration_of(model, settings.sources).systems:
+        family = ModelFamily(model, folder, narrowed=narrowed, sources=settings.sources)
     else:
         family = RigFamily(model, *given)
     family.check()

@@ -50,6 +50,10 @@ class LoopSettings(Settings):
         Ids, ports or laws that are not considered.
     ports, laws : tuple of str, optional
         The only ones that are; all by default.
+    sources : tuple of Path
+        Files and package folders that the model is loaded from.
+    cache : Path, optional
+        Where FMUs are kept between runs; ``fmu`` in the run's own folder by default.
     libraries : tuple of Path
         Folders that hold packages which the model uses.
     ripple : bool
@@ -97,6 +101,8 @@ class LoopSettings(Settings):
     laws: tuple[str, ...] | None = None
     ripple: bool = True
     held_out: float = 0.3
+    sources: tuple[Path, ...] = ()
+    cache: Path | None = None
     libraries: tuple[Path, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)

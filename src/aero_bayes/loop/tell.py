@@ -186,8 +186,8 @@ def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
         pair = f"{first} from {other}"
         try:
             apart = separating_experiment(
-                _Rival.of(held[first]), _Rival.of(held[other]), settings=EFFORT, seed=bench.settings.seed,
-                workers=bench.pool.size,
+                _Rival.of(held[first]), _Rival.of(held[other]), workers=bench.pool.size,
+                settings=replace(EFFORT, seed=bench.settings.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
             continue

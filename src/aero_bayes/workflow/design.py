@@ -27,6 +27,7 @@ from aero_bayes.design import (
     propose_experiment,
     separating_experiment,
 )
+from aero_bayes.design.optimise import SearchSettings
 from aero_bayes.design.propose import default_limits
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import InputError
@@ -116,7 +117,7 @@ def _narrow(
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     design = propose_experiment(
         base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
-        progress=progress, **common,
+        settings=_effort(job), workers=job.options.workers, progress=progress,
     )  # fmt: skip
     check = check_gain(design, base, repeats=wanted.repeats, progress=progress, **common)
     found = design.to_dict()
@@ -127,6 +128,10 @@ def _narrow(
     return {"design": found, "verdict": _narrow_verdict(design, check)}, _plan(design, {"expected": base}, job), design
 
 
+def _effort(job: Job) -> SearchSettings:
+    return SearchSettings(seed=job.options.seed, engine=job.engine)
+
+
 def _separate(
     job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
 ) -> tuple[Json, Series, HeldSignal]:
@@ -135,8 +140,9 @@ def _separate(
     second = _with_effect(job, base, rivals.second, rivals.common, progress)
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     apart = separating_experiment(
-        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, progress=progress, **common
-    )
+        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
+        workers=job.options.workers, progress=progress,
+    )  # fmt: skip
     check = check_separation(apart, first, second, repeats=wanted.repeats, progress=progress, **common)
     unit = next((v.unit for v in base.calibration.model.inputs if v.name == apart.input), "")
     found = apart.to_dict() | {
@@ -183,7 +189,6 @@ def _with_effect(job: Job, base: Fit, name: str, common: Sequence[str], progress
                 job.recordings,
                 model,
                 parameters=job.parameters.with_start(np.array(values)).extended(started),
-                fixed=job.fixed,
                 settings=replace(fit_settings(job), method="local"),
                 seed=job.options.seed,
                 workers=job.options.workers,

@@ -26,6 +26,7 @@ def fit_settings(job: Job) -> FitSettings:
         starts=section.local.starts,
         ripple=section.ripple,
         engine=job.engine,
+        fixed=job.fixed,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
             delay_limit=section.max_input_delay,
