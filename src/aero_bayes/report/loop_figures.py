@@ -24,6 +24,8 @@ _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Odds below which the number says no more.
 LEAST_ODDS = 1e-3
+#: Room that a gain takes with its odds.
+TEXT_WITH_ODDS = 104.0
 
 
 def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
@@ -65,9 +67,10 @@ def _rounds_drawing(
     canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
     column = (width - label - 10) / len(steps)
     most = max(10.0, *(c.delta_evidence or 0.0 for step in steps for c in step.candidates))
+    beside = TEXT_WITH_ODDS if column > 2.0 * TEXT_WITH_ODDS else 48.0
 
     def across(gain: float) -> float:
-        return (column - 48) * math.log1p(max(gain, 0.0)) / math.log1p(most)
+        return (column - beside) * math.log1p(max(gain, 0.0)) / math.log1p(most)
 
     for index, id_ in enumerate(ids):
         y = _TOP + row * index
@@ -88,11 +91,15 @@ def _rounds_drawing(
         for index, id_ in enumerate(ids):
             if id_ in by_id:
                 y = _TOP + row * index + (0 if wide else _ROW - 3)
-                _bar(canvas, by_id[id_], step, left, y, across(by_id[id_].delta_evidence or 0.0))
+                _bar(canvas, by_id[id_], step, (left, left + column), y, across(by_id[id_].delta_evidence or 0.0))
     return canvas.svg()
 
 
-def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, y: float, length: float) -> None:
+def _bar(
+    canvas: Canvas, found: CandidateResult, step: StepResult, ends: tuple[float, float], y: float, length: float
+) -> None:
+    """A candidate's gain in a column that ends where it does; its odds where they have room."""
+    left, right = ends
     chosen = found.id == step.chosen
     colour, opacity = (WARM, 1.0) if chosen else (ACCENT, 0.45)
     alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM});stroke-width:1.6"
@@ -100,9 +107,9 @@ def _bar(canvas: Canvas, found: CandidateResult, step: StepResult, left: float, 
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
         odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= LEAST_ODDS else ""
-        canvas.text(
-            left + length + 4, y + 13, f"{gain_text(found.delta_evidence)}{odds}", INK if chosen else MUTED, 10.5
-        )
+        fits = left + length + TEXT_WITH_ODDS <= right
+        text = f"{gain_text(found.delta_evidence)}{odds if fits else ''}"
+        canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
 
 
 def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:
