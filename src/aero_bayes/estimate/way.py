@@ -66,7 +66,7 @@ class Way:
         """Where a step leads to."""
         bent, there = self._bent, point + step
         there[bent] = point[bent] + np.log1p(step[bent])
-        return there
+        return np.clip(there, self.low, self.high)
 
     def turns(self, point: FloatArray, refused: FloatArray, newton: FloatArray) -> bool:
         """Whether, a step having been refused, there is another way to make it."""
