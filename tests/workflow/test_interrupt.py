@@ -17,8 +17,10 @@ from aero_bayes.workflow.progress import ProgressBar
 CART = Path(__file__).parents[2] / "examples" / "cart"
 ENDLESS = "[posterior]\ness = 1e9\nmax_steps = 1000000\n[fit]\nmethod = 'local'\n[fit.local]\nstarts = 1\n"
 
-#: The program that writes no checkpoint of its searches before long.
-PATIENT = "import aero_bayes.checkpoint as c; c.EVERY = 1e9; from aero_bayes.cli import main; main()"
+#: The program as a terminal starts it (a shell script's background job would not hear of Ctrl-C), which writes no
+#: checkpoint of its searches before long.
+PATIENT = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+PATIENT += "import aero_bayes.checkpoint as c; c.EVERY = 1e9; from aero_bayes.cli import main; main()"
 
 
 def interrupted(folder: Path) -> tuple[int, list[str]]:
