@@ -244,3 +244,27 @@ def test_what_only_led_the_fit_out_of_a_wrong_valley_is_no_effect():
     found = search.select(base, ("damping",), lambda held: True, lambda what, share: None)
     assert not found.effects
     assert found.base.values["b"] == pytest.approx(3.7, abs=0.01)
+
+
+def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
+    def breaks(time, p):
+        """A line and a wave, which breaks as soon as it is seen."""
+        wave = p[2] * np.sin(time) if np.real(p[2]) < 0.5 else np.nan * time
+        return (p[0] + p[1] * time / 30.0 + wave)[:, None]
+
+    rng = np.random.default_rng(11)
+    noise = OutputNoise(0.02, 0.0, 1.0)
+    measured = 1.0 + 2.0 * TIME / 30.0 + 0.1 * np.sin(TIME) + noise.sd_white * rng.normal(size=TIME.size)
+    stand = formula_stand(breaks, measured, Candidate("wave", "in", ((1.0,), (2.0,)), (2,)))
+
+    class Stands:
+        def of(self, ids):
+            return stand
+
+    base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
+    settings = AttributeSettings(require=("wave",), max_effects=1)
+    found = Search(Stands(), [("wave",)], {}, settings, ClimbSettings()).select(
+        base, ("wave",), lambda held: True, lambda what, share: None
+    )
+    assert found.effects == ("wave",)
+    assert found.held.values["c"] == pytest.approx(0.1, abs=0.02)

@@ -394,7 +394,10 @@ class Search:
         any_start = replace(self.settings, promise=-math.inf)
         for id_ in self.settings.require:
             here = self.moved(base, [id_])
-            found = score(prospect(here, here.stand.candidates[id_], any_start, self.fit), self.fit)
+            likely = prospect(here, here.stand.candidates[id_], any_start, self.fit)
+            # From where it is off, too: where no line promises anything nobody looked whether it can be simulated.
+            off = Start(0.0, here.optimum.coordinates)
+            found = score(replace(likely, starts=(*likely.starts, off)), self.fit)
             if found.held is None:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
             scores, nothing, untried = with_odds([found])
