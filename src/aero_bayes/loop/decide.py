@@ -26,6 +26,8 @@ CARRIES_OVER = 0.1
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
 PARTLY = 0.25
+#: Share of what fewer effects leave of the unseen that more may leave to be named though chance could have it so.
+MUCH = 2.0 / 3.0
 #: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
 FOLLOWS = 1.0 / 3.0
 #: How many standard deviations of its own uncertainty a prediction may be off on data that was not fitted.
@@ -93,11 +95,12 @@ def _is_open(named: Conclusion) -> bool:
 
 
 def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named, or fewer effects that predict the unseen not surely worse."""
+    """What is named, or fewer effects that predict the unseen neither surely nor much worse."""
     count = len(named.effects)
     fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
     for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
-        if not surely_worse(after, named.after, bench.recordings) and (kept := _with(bench, found, held)) is not None:
+        worse = surely_worse(after, named.after, bench.recordings) or _plainly_better(after, named.after, MUCH)
+        if not worse and (kept := _with(bench, found, held)) is not None:
             return kept
     return named
 
@@ -175,8 +178,8 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
     named, first = _added(bench, part), listed(selection.effects)
     if named is None:
         return None
-    carry = "carry" if len(selection.effects) > 1 else "carries"
-    return replace(named, sentence=f"{named.sentence} {first}, found first, {carry} over no better.")
+    do = "do" if len(selection.effects) > 1 else "does"
+    return replace(named, sentence=f"{named.sentence} {first}, found first, {do} not surely carry over better.")
 
 
 def _unseen(prediction: Prediction) -> float:
