@@ -90,6 +90,10 @@ def uncertainty_of(
     theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
     moved = np.repeat(row[np.newaxis], 2 * len(fit.free), axis=0)
     moved[:, shared] = _a_deviation_off(calibration.parameters, fit)[:, theirs]
+    if len(starts):
+        # What the fitted recordings cannot tell, a start may make up for.
+        again = [_settled(whole, one, fit, len(recordings.train), open_simulator)[0] for one in moved]
+        moved = np.array(again)
     with open_simulator(whole.problem()) as simulator:
         found = simulator.simulate(np.concatenate((row[np.newaxis], moved, starts)))
     spread: dict[tuple[str, str], float] = {}
