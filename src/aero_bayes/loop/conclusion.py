@@ -42,7 +42,7 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     base, selection, moment = found.base, found.selection, found.rival.moment
     after = found.before
     if moment is not None:
-        after = bench.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
+        after = bench.unseen.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
     adequate = moment is None and not selection.effects and not _structured(base.reports)
     return Conclusion(
         "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,

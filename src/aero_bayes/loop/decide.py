@@ -144,7 +144,7 @@ def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held
     found = []
     for held in fits:
         with suppress(CannotFinishError):
-            after = bench.predict(held.stand.study.calibration, held.optimum)
+            after = bench.unseen.predict(held.stand.study.calibration, held.optimum)
             found.append((_unseen(after), held, after))
     return found
 
@@ -225,7 +225,7 @@ def _astray(bench: Workbench, found: Found, extended: Conclusion) -> str:
     far = _far(bench, found, extended)
     if not far:
         return ""
-    unsure = bench.uncertainty_of(extended.calibration, extended.refit)
+    unsure = bench.unseen.uncertainty_of(extended.calibration, extended.refit)
     after = extended.after.test
     return _named({key: ratio for key, ratio in far.items() if after[key].rms > SENSITIVE * unsure[key]})
 

@@ -48,5 +48,5 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)
     bench.tally.lap("beyond the catalogue")
-    before = bench.predict(base.plain, base.fit)
+    before = bench.unseen.predict(base.plain, base.fit)
     return Found(base, selection, left, rival, before)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,123 +28,147 @@ FloatArray = NDArray[np.float64]
 SETTLING = 0.05
 
 
-def predict(
-    calibration: Calibration,
-    fit: Optimum,
-    recordings: Recordings,
-    settings: CalibrationSettings,
-    family: Family,
-    open_simulator: Callable[[Problem], Simulator],
-    extra: Mapping[int, InputSignal] | None = None,
-) -> Prediction:
-    """Run a fitted model, or a fitted relative of it in its ``family``, over whole recordings.
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """Whole recordings, and the family of the models that are run over them.
 
     A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
     readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`SETTLING` share. ``extra`` is an input beside the recorded ones, by the index of
-    a training recording.
+    are estimated from its first :data:`SETTLING` share.
     """
-    whole, row, _ = _laid_out(calibration, fit, recordings, settings, family, open_simulator, extra)
-    everything = [*recordings.train, *recordings.test]
-    with open_simulator(whole.problem()) as simulator:
-        found = simulator.simulate(row[np.newaxis])
-    if np.any(found.outcomes[0] != 0):
-        raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
-    errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
-    fitted: dict[tuple[str, str], FloatArray] = {}
-    for e, recording in enumerate(everything):
-        interval = float(np.median(np.diff(recording.time)))
-        unseen = recording.time >= recordings.held_from.get(recording.name, math.inf)
-        for column, output in enumerate(recordings.outputs):
-            if output not in recording.outputs:
-                continue
-            predicted = found.outputs[e][0, :, column]
-            key = (recording.name, output)
-            fitted[key] = predicted
-            residual = recording.outputs[output] - predicted
-            seen = np.isfinite(residual)
-            if e >= len(recordings.train):
-                errors[1][key] = rms_error(residual[seen], interval)
-                continue
-            errors[0][key] = rms_error(residual[seen & ~unseen], interval)
-            if unseen.any():
-                errors[1][key] = rms_error(residual[seen & unseen], interval)
-    return Prediction(errors[0], errors[1], fitted)
 
+    recordings: Recordings
+    settings: CalibrationSettings
+    family: Family
+    open_simulator: Callable[[Problem], Simulator]
 
-def uncertainty_of(
-    calibration: Calibration,
-    fit: Optimum,
-    recordings: Recordings,
-    settings: CalibrationSettings,
-    family: Family,
-    open_simulator: Callable[[Problem], Simulator],
-) -> dict[tuple[str, str], float]:
-    """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
+    @property
+    def _everything(self) -> tuple[Recording, ...]:
+        return *self.recordings.train, *self.recordings.test
 
-    It is what the uncertainty of the parameters and of its own start makes of it, one standard deviation along each
-    axis of their covariances and back: a motion that is sensitive to them is predicted badly also by a model that lacks
-    nothing.
-    """
-    whole, row, starts = _laid_out(calibration, fit, recordings, settings, family, open_simulator)
-    shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
-    theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
-    moved = np.repeat(row[np.newaxis], 2 * len(fit.free), axis=0)
-    moved[:, shared] = _a_deviation_off(calibration.parameters, fit)[:, theirs]
-    if len(starts):
+    @property
+    def _fitted(self) -> int:
+        """Number of recordings that were fitted."""
+        return len(self.recordings.train)
+
+    def predict(
+        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
+    ) -> Prediction:
+        """Run a fitted model, or a fitted relative of it.
+
+        ``extra`` is an input beside the recorded ones, by the index of a training recording.
+
+        Raises
+        ------
+        CannotFinishError
+            If it cannot be simulated.
+        """
+        whole, row, starts = self._laid_out(calibration, fit, extra)
+        rows, _ = self._settled(whole, row[np.newaxis], starts, fit)
+        with self.open_simulator(whole.problem()) as simulator:
+            found = simulator.simulate(rows)
+        if np.any(found.outcomes[0] != 0):
+            raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
+        errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
+        fitted: dict[tuple[str, str], FloatArray] = {}
+        for e, recording in enumerate(self._everything):
+            interval = float(np.median(np.diff(recording.time)))
+            unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
+            for column, output in enumerate(self.recordings.outputs):
+                if output not in recording.outputs:
+                    continue
+                predicted = found.outputs[e][0, :, column]
+                key = (recording.name, output)
+                fitted[key] = predicted
+                residual = recording.outputs[output] - predicted
+                seen = np.isfinite(residual)
+                if e >= self._fitted:
+                    errors[1][key] = rms_error(residual[seen], interval)
+                    continue
+                errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+                if unseen.any():
+                    errors[1][key] = rms_error(residual[seen & unseen], interval)
+        return Prediction(errors[0], errors[1], fitted)
+
+    def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
+        """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
+
+        It is what the uncertainty of the parameters and of its own start makes of it, one standard deviation along each
+        axis of their covariances and back: a motion that is sensitive to them is predicted badly also by a model that
+        lacks nothing.
+        """
+        whole, row, starts = self._laid_out(calibration, fit)
+        rows, ends = self._settled(whole, row[np.newaxis], starts, fit)
+        shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
+        theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
+        moved = np.repeat(rows, 2 * len(fit.free), axis=0)
+        moved[:, shared] = _a_deviation_off(calibration.parameters, fit)[:, theirs]
         # What the fitted recordings cannot tell, a start may make up for.
-        again = [_settled(whole, one, fit, len(recordings.train), open_simulator)[0] for one in moved]
-        moved = np.array(again)
-    with open_simulator(whole.problem()) as simulator:
-        found = simulator.simulate(np.concatenate((row[np.newaxis], moved, starts)))
-    spread: dict[tuple[str, str], float] = {}
-    for e, recording in enumerate((*recordings.train, *recordings.test)):
-        start = recordings.held_from.get(recording.name, math.inf) if e < len(recordings.train) else -math.inf
-        unseen = recording.time >= start
-        fine = found.outcomes[1:, e] == 0
-        for column, output in enumerate(recordings.outputs):
-            if unseen.any() and output in recording.outputs:
-                change = found.outputs[e][1:, unseen, column][fine] - found.outputs[e][0, unseen, column]
-                spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
-    return spread
+        moved, _ = self._settled(whole, moved, starts, fit)
+        others = [_a_deviation_off(whole.parameters, end) for end in ends]
+        with self.open_simulator(whole.problem()) as simulator:
+            found = simulator.simulate(np.concatenate((rows, moved, *others)))
+        spread: dict[tuple[str, str], float] = {}
+        for e, recording in enumerate(self._everything):
+            start = self.recordings.held_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
+            unseen = recording.time >= start
+            fine = found.outcomes[1:, e] == 0
+            for column, output in enumerate(self.recordings.outputs):
+                if unseen.any() and output in recording.outputs:
+                    change = found.outputs[e][1:, unseen, column][fine] - found.outputs[e][0, unseen, column]
+                    spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
+        return spread
 
+    def _laid_out(
+        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
+    ) -> tuple[Calibration, FloatArray, list[int]]:
+        """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
+        named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._everything))
+        plain = self.family.plain()
+        known = {v.name for v in plain.parameters}
+        shared = [p for p in calibration.parameters if p.recording is None]
+        new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
+        kept = ParameterSet(tuple(p for p in shared if p not in new))
+        own = replace(
+            self.settings, outputs=self.recordings.outputs, most_readings=None, standing=True,
+            interpolation=calibration.interpolation,
+        )  # fmt: skip
+        # Which states start at a reading is known of the model itself: a relative may read them through a law.
+        fixed = {name: value for name, value in calibration.fixed.items() if name in known}
+        known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
+        known_as = replace(known_as, parameters=known_as.parameters.extended(new))
+        whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
+        if extra:
+            experiments = list(whole.experiments)
+            for e, signal in extra.items():
+                experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
+            whole = replace(whole, experiments=tuple(experiments))
+        row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
+        # A law at an output hides where its state started.
+        hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
+        if not (self.settings.start == "estimated" or hidden):
+            return whole, row, []
+        return whole, row, [
+            j for j, p in enumerate(whole.parameters)
+            if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= self._fitted
+        ]  # fmt: skip
 
-def _laid_out(
-    calibration: Calibration,
-    fit: Optimum,
-    recordings: Recordings,
-    settings: CalibrationSettings,
-    family: Family,
-    open_simulator: Callable[[Problem], Simulator],
-    extra: Mapping[int, InputSignal] | None = None,
-) -> tuple[Calibration, FloatArray, FloatArray]:
-    """A fitted model over whole recordings, SI values (p,) there, and (n, p) with starts a standard deviation off."""
-    everything = [*recordings.train, *recordings.test]
-    named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(everything))
-    plain = family.plain()
-    known = {v.name for v in plain.parameters}
-    shared = [p for p in calibration.parameters if p.recording is None]
-    new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
-    kept = ParameterSet(tuple(p for p in shared if p not in new))
-    own = replace(
-        settings, outputs=recordings.outputs, most_readings=None, standing=True, interpolation=calibration.interpolation
-    )
-    # Which states start at a reading is known of the model itself: a relative may read them through a law.
-    fixed = {name: value for name, value in calibration.fixed.items() if name in known}
-    known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
-    known_as = replace(known_as, parameters=known_as.parameters.extended(new))
-    whole = replace(family.on(known_as, calibration.model), fixed=calibration.fixed)
-    if extra:
-        experiments = list(whole.experiments)
-        for e, signal in extra.items():
-            experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
-        whole = replace(whole, experiments=tuple(experiments))
-    row = _values(_renamed(calibration, known_as, whole), fit, known_as, everything, len(recordings.train))
-    # A law at an output hides where its state started.
-    hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
-    if not recordings.test or not (settings.start == "estimated" or hidden):
-        return whole, row, row[np.newaxis][:0]
-    return whole, *_settled(whole, row, fit, len(recordings.train), open_simulator)
+    def _settled(
+        self, whole: Calibration, rows: FloatArray, starts: Sequence[int], fit: Optimum
+    ) -> tuple[FloatArray, list[Optimum]]:
+        """Values (n, p) with starts estimated from the beginnings of the recordings, and the optima there."""
+        if not starts:
+            return rows, []
+        settled, ends = rows.copy(), []
+        beginning = whole.beginning(SETTLING)
+        with self.open_simulator(beginning.problem()) as simulator:
+            objective = Objective(beginning, simulator)
+            for k, at in enumerate(whole.parameters.to_search(rows)):
+                with suppress(CannotFinishError):
+                    held = ClimbSettings(hold_noise=True)
+                    ends.append(climb(objective, at, starts, noise=fit.noise, settings=held))
+                    settled[k] = whole.parameters.from_search(ends[-1].coordinates)
+        return settled, ends
 
 
 def _renamed(calibration: Calibration, known_as: Calibration, whole: Calibration) -> Calibration:
@@ -173,27 +198,6 @@ def _values(
             value = (first or 0.0) + float(follow.get(p.target, start))
         row.append(float(np.clip(value, p.lower, p.upper)))
     return np.array(row)
-
-
-def _settled(
-    whole: Calibration, row: FloatArray, fit: Optimum, fitted: int, open_simulator: Callable[[Problem], Simulator]
-) -> tuple[FloatArray, FloatArray]:
-    """Values with starts of what was not fitted estimated from its beginning, and the same a deviation off (n, p)."""
-    columns = [
-        j for j, p in enumerate(whole.parameters)
-        if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= fitted
-    ]  # fmt: skip
-    if not columns:
-        return row, row[np.newaxis][:0]
-    beginning = whole.beginning(SETTLING)
-    with open_simulator(beginning.problem()) as simulator:
-        objective = Objective(beginning, simulator)
-        at = whole.parameters.to_search(row)
-        try:
-            found = climb(objective, at, columns, noise=fit.noise, settings=ClimbSettings(hold_noise=True))
-        except CannotFinishError:
-            return row, row[np.newaxis][:0]
-    return whole.parameters.from_search(found.coordinates), _a_deviation_off(whole.parameters, found)
 
 
 def _a_deviation_off(parameters: ParameterSet, fit: Optimum) -> FloatArray:

@@ -9,16 +9,14 @@ from pathlib import Path
 
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.estimate.calibration import Calibration, calibrate
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.unseen import predict, uncertainty_of
+from aero_bayes.loop.unseen import Unseen
 from aero_bayes.physics.kin import Family
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
-from aero_bayes.simulation.interface import InputSignal, Problem, Simulator
+from aero_bayes.simulation.interface import Problem, Simulator
 
 Progress = Callable[[str, float], None]
 
@@ -89,12 +87,7 @@ class Workbench:
         """A calibration on a simulator that is open; what its searches find is kept."""
         return Objective(calibration, simulator, checkpoint=self.checkpoint)
 
-    def predict(
-        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
-    ) -> Prediction:
-        """Run a fitted model over all recordings, whole; ``extra`` as in :func:`~.unseen.predict`."""
-        return predict(calibration, fit, self.recordings, self.settings.calibration, self.family, self.open, extra)
-
-    def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
-        """What the parameters' uncertainty does to that prediction, see :func:`~.unseen.uncertainty_of`."""
-        return uncertainty_of(calibration, fit, self.recordings, self.settings.calibration, self.family, self.open)
+    @property
+    def unseen(self) -> Unseen:
+        """The recordings whole, to run fitted models over."""
+        return Unseen(self.recordings, self.settings.calibration, self.family, self.open)
