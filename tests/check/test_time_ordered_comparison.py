@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes import bench
-from aero_bayes.check.blocks import block_edges, block_log_likelihood, sample_log_density
+from aero_bayes.check.blocks import block_edges, block_log_likelihood
 from aero_bayes.check.comparison import compare, leave_future_out, leave_one_out, pool, waic
 from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
 from aero_bayes.errors import InputError
@@ -89,19 +89,6 @@ def test_the_better_model_predicts_better():
     assert difference.se == pytest.approx(0.0, abs=1e-6)
     with pytest.raises(InputError, match="cannot be compared"):
         compare(good, leave_one_out(posterior_densities(rows(*range(BLOCKS)))[:, :-1]))
-
-
-def test_sample_densities_are_those_of_a_dense_covariance():
-    rng = np.random.default_rng(5)
-    time = np.cumsum(rng.uniform(0.01, 0.3, 60))
-    residual = rng.standard_normal((3, 60))
-    noise = np.array([[0.5, 0.8, 0.4], [0.9, 0.0, 0.0], [0.2, 1.5, 2.0]])
-    found = sample_log_density(time, residual, noise)
-    for r, f, (white, slow, tau) in zip(residual, found, noise, strict=True):
-        lag = np.abs(time[:, None] - time[None, :])
-        covariance = white**2 * np.eye(60) + (slow**2 * np.exp(-lag / tau) if slow else 0.0)
-        for n in (1, 7, 60):
-            assert f[:n].sum() == pytest.approx(multivariate_normal(np.zeros(n), covariance[:n, :n]).logpdf(r[:n]))
 
 
 @pytest.fixture(scope="module")

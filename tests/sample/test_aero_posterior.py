@@ -15,8 +15,6 @@ from aero_bayes.data import Recording, read_recording
 from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
 from aero_bayes.export import export_fmu
 from aero_bayes.sample import Posterior, SampleSettings, sample
-from aero_bayes.sample.predictive import sequential_log_density
-from aero_bayes.sensors.noise import OutputNoise, log_density
 from aero_bayes.simulation import Model
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
@@ -66,7 +64,8 @@ def test_the_truth_lies_where_the_laplace_approximation_says(found: Fit) -> None
 def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior, tmp_path: Path) -> None:
     assert posterior.converged
     assert posterior.r_hat_max <= 1.01
-    assert posterior.steps >= 50 * posterior.tau
+    assert posterior.steps >= 20 * posterior.tau
+    assert posterior.ess_bulk_min >= 1000.0
     for name in FREE:
         one, two = posterior.fit.parameters[name], posterior.parameters[name]
         assert two.sd == pytest.approx(one.sd, rel=0.25), name
@@ -107,19 +106,6 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
     found = fit(alone, models["HalfQuad"], settings=SETTINGS, workers=1)
     assert found.parameters["R_a"].status is not Status.IDENTIFIED
     assert found.parameters["K_sp"].status is Status.IDENTIFIED
-
-
-def test_one_step_densities_add_up_to_the_joint_one() -> None:
-    rng = np.random.default_rng(41)
-    time = np.cumsum(rng.uniform(0.01, 0.1, 50))
-    residual = rng.normal(size=(2, 50, 2))
-    residual[:, 7] = np.nan
-    noise = np.array([[[0.5, 1.0, 0.3], [1.2, 0.0, 0.0]], [[0.1, 0.7, 2.0], [0.8, 0.2, 0.05]]])
-    steps = sequential_log_density(time, residual, noise)
-    for k in range(2):
-        for m in range(2):
-            joint = log_density(time, residual[k, :, m], OutputNoise(*noise[k, m]))
-            assert steps[k, :, m].sum() == pytest.approx(joint, rel=1e-9)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")

@@ -97,7 +97,7 @@ def test_two_near_modes_have_their_weights() -> None:
     assert off(chain, chain.points[..., 0] > 0.0, 0.3) < 5.0
 
 
-def test_never_converged_below_fifty_autocorrelation_times() -> None:
+def test_walkers_that_meet_need_fifty_autocorrelation_times() -> None:
     settings = SampleSettings(walkers=8, burn_in=(10,), extra_rounds=0, settle=0, max_steps=60, lengths=1.0, ess=1.0)
     chain = run(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 3, moves=stretch_only)
     assert not chain.converged

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
+from aero_bayes.sensors.innovations import reading_log_density
 from aero_bayes.sensors.noise import OutputNoise, Sampling, innovations, log_density, renew_noise, whiten
 
 NOISES = [
@@ -60,9 +61,8 @@ def test_inner_products_and_determinant_are_those_of_the_dense_covariance(noise,
     rows = np.stack([seen, seen * 2.0 + 1.0, np.sin(3.0 * time[sampling.index]), np.ones(seen.size)])
     white, log_det = whiten(rows, sampling, noise)
     factor = np.linalg.cholesky(covariance(time[sampling.index], noise))
-    # A settled filter is held from a relative change of 1e-6 on.
-    np.testing.assert_allclose(white @ white.T, rows @ cho_solve((factor, True), rows.T), rtol=1e-5, atol=1e-4)
-    assert log_det == pytest.approx(2.0 * np.sum(np.log(np.diag(factor))), rel=1e-6, abs=1e-4)
+    np.testing.assert_allclose(white @ white.T, rows @ cho_solve((factor, True), rows.T), rtol=1e-9, atol=1e-8)
+    assert log_det == pytest.approx(2.0 * np.sum(np.log(np.diag(factor))), rel=1e-10, abs=1e-8)
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=str)
@@ -72,9 +72,9 @@ def test_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
     seen = np.isfinite(values)
     dense = covariance(time[seen], noise)
     expected = multivariate_normal(np.zeros(int(seen.sum())), dense).logpdf(values[seen])
-    assert log_density(time, values, noise) == pytest.approx(expected, rel=1e-5, abs=1e-3)
+    assert log_density(time, values, noise) == pytest.approx(expected, rel=1e-9, abs=1e-7)
     one_step = np.linalg.solve(np.linalg.cholesky(dense), values[seen])
-    np.testing.assert_allclose(innovations(time, values, noise)[seen], one_step, atol=2e-4)
+    np.testing.assert_allclose(innovations(time, values, noise)[seen], one_step, atol=1e-8)
     assert np.isnan(innovations(time, values, noise)[~seen]).all()
 
 
@@ -121,3 +121,20 @@ def test_noise_may_last_no_longer_than_it_is_allowed():
     sampling = Sampling.of(time, residual)
     assert renew_noise([residual], [sampling]).tau <= 0.02 * 30.0 * (1 + 1e-9)
     assert renew_noise([residual], [sampling], longest=10.0).tau > 1.0
+
+
+def test_densities_of_single_readings_are_those_of_the_dense_covariance():
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.uniform(0.01, 0.3, 60))
+    residual = rng.standard_normal((3, 60))
+    noise = np.array([[0.5, 0.8, 0.4], [0.9, 0.0, 0.0], [0.2, 1.5, 2.0]])
+    unread = [7, 30, 31]
+    residual[:, unread] = np.nan
+    found = reading_log_density(time, residual, noise)
+    assert np.all(found[:, unread] == 0.0)
+    seen = np.isfinite(residual[0])
+    for r, f, numbers in zip(residual, found, noise, strict=True):
+        dense = covariance(time[seen], OutputNoise(*numbers))
+        for n in (1, 7, 57):
+            expected = multivariate_normal(np.zeros(n), dense[:n, :n]).logpdf(r[seen][:n])
+            assert f[seen][:n].sum() == pytest.approx(expected, rel=1e-9)

@@ -6,17 +6,16 @@ Kalman filter; a stretch's factor is the density of its readings given all earli
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.target import JointTarget
+from aero_bayes.sensors.innovations import reading_log_density
 from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
-_LOG_2PI = math.log(2.0 * math.pi)
 
 #: Numbers of trajectory held at once.
 _MOST_NUMBERS = 4_000_000
@@ -63,38 +62,9 @@ def _batch(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) 
             seen = np.isfinite(measured[:, k])
             if seen.any():
                 residual = measured[seen, k] - result.outputs[e][:, seen, k]
-                density = sample_log_density(experiment.time[seen], residual, noise[:, k])
+                density = reading_log_density(experiment.time[seen], residual, noise[:, k])
                 np.add.at(total.T, block[seen], density.T)
         failed = result.outcomes[:, e] != Outcome.OK
         total[failed | ~np.all(np.isfinite(total), axis=1)] = -np.inf
         found.append(total)
     return found
-
-
-def sample_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Log-density of each sample given the earlier ones, for many residuals at once.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Increasing times in s.
-    residual : ndarray, shape (s, n)
-        Without gaps.
-    noise : ndarray, shape (s, 3)
-        Standard deviation of white noise, that of an Ornstein-Uhlenbeck process, and its correlation time in s.
-    """
-    s2, q2, tau = noise[:, 0] ** 2, noise[:, 1] ** 2, noise[:, 2]
-    if not np.any(q2 > 0.0):
-        return np.asarray(-0.5 * (residual**2 / s2[:, None] + np.log(s2)[:, None] + _LOG_2PI))
-    rate = np.where(tau > 0.0, 1.0 / np.where(tau > 0.0, tau, 1.0), np.inf)
-    mean, variance = np.zeros(len(noise)), q2.copy()
-    out = np.empty((time.size, len(noise)))
-    for n, step in enumerate(np.diff(time, prepend=-np.inf).tolist()):
-        rho = np.exp(-step * rate)
-        mean, variance = rho * mean, rho * rho * variance + q2 * (1.0 - rho * rho)
-        total = variance + s2
-        error = residual[:, n] - mean
-        out[n] = -0.5 * (error**2 / total + np.log(total) + _LOG_2PI)
-        gain = variance / total
-        mean, variance = mean + gain * error, variance * (1.0 - gain)
-    return out.T

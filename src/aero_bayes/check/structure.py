@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.sensors.noise import OutputNoise, innovate
+from aero_bayes.sensors.noise import OutputNoise, whiten
 from aero_bayes.sensors.ripple import is_rotor
 
 FloatArray = NDArray[np.float64]
@@ -133,7 +133,7 @@ def smooth_structure(
     knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
     knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
     basis = np.stack([np.interp(over, knots, row) for row in np.eye(knots.size)])
-    rows = innovate(basis, series.sampling, noise)
+    rows, _ = whiten(basis, series.sampling, noise)
     return _chi_square(name, rows, innovations, slopes)
 
 
@@ -143,7 +143,7 @@ def slow_structure(
     """Test of the ``waves`` slowest cosines over the recording."""
     n = innovations.size
     phase = np.pi * (np.arange(n) + 0.5) / n
-    rows = innovate(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
+    rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
     return _chi_square("slow", rows, innovations, slopes)
 
 
@@ -186,7 +186,7 @@ def inspect(
     for k, own in enumerate(series):
         residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
         assert slopes is not None
-        rows = innovate(np.vstack([residual[None], slopes[k]]), own.sampling, noise)
+        rows, _ = whiten(np.vstack([residual[None], slopes[k]]), own.sampling, noise)
         innovations, white = rows[0], rows[1:]
         states = _states(calibration, series, fit, own, units)
         turning = any(s.experiment == own.experiment and is_rotor(s.measured, units.get(s.output, "")) for s in series)

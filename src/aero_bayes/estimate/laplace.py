@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.target import NoiseLayout, Spread
-from aero_bayes.sensors.noise import OutputNoise, doubled, log_density
+from aero_bayes.sensors.noise import OutputNoise, log_density
 
 FloatArray = NDArray[np.float64]
 
@@ -65,10 +65,10 @@ def spread_of(series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray) 
     bread, meat = np.zeros((count, count)), np.zeros((count, count))
     position = 0
     for s in series:
-        width = s.sampling.size * (2 if doubled(s.sampling, optimum.noise[s.output]) else 1)
-        slopes = optimum.whitened.slopes[:, position : position + width] * prior_sd[:, None]
-        residual = optimum.whitened.residual[position : position + width]
-        position += width
+        here = slice(position, position + s.sampling.size)
+        slopes = optimum.whitened.slopes[:, here] * prior_sd[:, None]
+        residual = optimum.whitened.residual[here]
+        position = here.stop
         own = slopes @ slopes.T
         bread += own
         meat += slopes @ _correlated(slopes, residual).T if optimum.noise[s.output].held else own

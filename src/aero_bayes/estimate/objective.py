@@ -6,7 +6,6 @@ between its steps needs the residuals; a sampler, which asks for thousands of va
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,11 +15,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, Checkpoint, digest
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.sensors.innovations import LOG_2PI
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
 from aero_bayes.simulation.interface import GaussNewton, Outcome, Simulator, Trajectories
 
 FloatArray = NDArray[np.float64]
-_LOG_2PI = math.log(2.0 * math.pi)
 #: What an output weighs that a stage leaves out: its range times this much noise.
 IGNORED = 1e6
 #: What is beyond it, in any unit, is no prediction, and has no square.
@@ -62,7 +61,7 @@ class Whitened:
 
     @property
     def log_likelihood(self) -> float:
-        return -0.5 * (float(self.residual @ self.residual) + self.log_determinant + self.readings * _LOG_2PI)
+        return -0.5 * (float(self.residual @ self.residual) + self.log_determinant + self.readings * LOG_2PI)
 
 
 class Objective:

@@ -13,7 +13,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.predict.simulate import as_recording, run
-from aero_bayes.sample.predictive import Predictive, edges, sequential_log_density, summarise
+from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
 from aero_bayes.show import table_html
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
@@ -154,7 +154,7 @@ def predict(
     outputs = found.outputs[0][good]
     unread = np.full(recording.rows, np.nan)
     measured = np.column_stack([recording.outputs.get(o, unread) for o in fit.outputs])
-    density = sequential_log_density(recording.time, measured - outputs, noise).sum(axis=2)
+    density = recording_log_density(recording.time, measured - outputs, noise)
     density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
     rng = np.random.default_rng(seed)
     part = summarise(recording.time, outputs.astype(np.float32), noise, density, rng, _STORED, _BLOCKS)

@@ -44,7 +44,7 @@ class SampleSettings(Settings):
         Limits of the kept chain in steps and of the whole in s.
     r_hat, lengths, ess : float
         What counts as enough: rank-normalised R-hat across ensembles, length in autocorrelation times (never below
-        50), and effective samples in bulk and tails of every parameter.
+        50 where walkers move by each other), and effective samples in bulk and tails of every parameter.
     dof : float
         Degrees of freedom of the heavy-tailed proposal.
     draws : int
@@ -68,7 +68,7 @@ class SampleSettings(Settings):
     max_steps: int = 8000
     time_limit: float = 900.0
     r_hat: float = 1.01
-    lengths: float = 50.0
+    lengths: float = 20.0
     ess: float = 1000.0
     dof: float = 5.0
     draws: int = 1000

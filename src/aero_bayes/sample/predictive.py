@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.target import JointTarget
+from aero_bayes.sensors.innovations import reading_log_density
 from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -47,43 +48,11 @@ class Predictive:
     log_likelihood: FloatArray
 
 
-def sequential_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Log-density of every reading given the earlier ones, white plus Ornstein-Uhlenbeck noise (Kalman filter).
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    residual : ndarray, shape (k, n, m)
-        NaN where there is no reading.
-    noise : ndarray, shape (k, m, 3)
-
-    Returns
-    -------
-    ndarray, shape (k, n, m)
-        Zero where there is no reading.
-    """
-    s2, q2 = noise[:, :, 0] ** 2, noise[:, :, 1] ** 2
-    rate = np.where(noise[:, :, 2] > 0.0, 1.0 / np.where(noise[:, :, 2] > 0.0, noise[:, :, 2], 1.0), 0.0)
-    out = np.zeros(residual.shape)
-    mean, variance = np.zeros(s2.shape), q2.copy()
-    step = np.diff(time, prepend=time[0])
-    seen = np.isfinite(residual[0])
-    even = bool(step.size > 2 and np.ptp(step[1:]) < 1e-9 * step[-1])
-    rho = np.exp(-step[-1] * rate)
-    for k in range(time.size):
-        if not even:
-            rho = np.exp(-step[k] * rate)
-        if k:
-            mean = rho * mean
-            variance = rho * rho * (variance - q2) + q2
-        if not seen[k].any():
-            continue
-        total = variance + s2
-        error = np.where(seen[k], residual[:, k] - mean, 0.0)
-        out[:, k] = np.where(seen[k], -0.5 * (error * error / total + np.log(2.0 * np.pi * total)), 0.0)
-        gain = np.where(seen[k], variance / total, 0.0)
-        mean = mean + gain * error
-        variance = variance * (1.0 - gain)
+def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
+    """Log-density of all readings at a time given the earlier ones, (k, n), of residuals (k, n, m), noise (k, m, 3)."""
+    out = np.zeros(residual.shape[:2])
+    for j in range(residual.shape[2]):
+        out += reading_log_density(time, residual[:, :, j], noise[:, j])
     return out
 
 
@@ -113,7 +82,7 @@ def predict(
         for e, experiment in enumerate(experiments):
             measured = np.asarray(experiment.measured)
             collected[e].append(outputs[e].astype(np.float32))
-            density = sequential_log_density(experiment.time, measured - outputs[e], noise[rows]).sum(axis=2)
+            density = recording_log_density(experiment.time, measured - outputs[e], noise[rows])
             bounds = edges(experiment.time.size, blocks)
             densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
     sd = np.concatenate(kept_noise)

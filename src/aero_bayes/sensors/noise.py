@@ -13,22 +13,18 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpttrf, dpttrs
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
+from aero_bayes.sensors.innovations import LOG_2PI, whiten_rows
 from aero_bayes.sensors.whittle import BinnedPower, likeliest
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
-_LOG_2PI = math.log(2.0 * math.pi)
 
 #: Longest correlation time of noise, as a share of the longest recording: what lasts longer is the model's fault.
 LONGEST = 0.02
-#: Steps that differ by more than this share are uneven; a filter that has settled to this share stays as it is.
-_EVEN, _SETTLED = 1e-3, 1e-6
-#: Even stretches shorter than this many samples, on average, are weighed by a banded factor instead of a filter.
-_SHORT = 300
+#: Steps that differ by more than this share are uneven.
+_EVEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -86,14 +82,14 @@ class NoiseModel:
 class Sampling:
     """When one output of one recording was read.
 
-    ``index`` are the samples that hold a reading, ``time`` (n,) their times, ``starts`` the positions in it where an
-    even stretch begins, ``interval`` the median step in s.
+    ``index`` are the samples that hold a reading, ``time`` (n,) their times, ``interval`` the median step in s, and
+    ``even`` says whether all steps are that.
     """
 
     index: NDArray[np.int_]
     time: FloatArray
     interval: float
-    starts: NDArray[np.int_]
+    even: bool
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray) -> Sampling:
@@ -101,11 +97,11 @@ class Sampling:
         index = np.flatnonzero(np.isfinite(values))
         seen = time[index]
         if seen.size < 2:
-            return cls(index, seen, 1.0, np.zeros(min(1, seen.size), dtype=int))
+            return cls(index, seen, 1.0, True)
         steps = np.diff(seen)
         interval = float(np.median(steps))
-        uneven = np.abs(steps - interval) > max(_EVEN * interval, 1e-9 * abs(float(seen[-1])))
-        return cls(index, seen, interval, np.concatenate(([0], np.flatnonzero(uneven) + 1)))
+        slack = max(_EVEN * interval, 1e-9 * abs(float(seen[-1])))
+        return cls(index, seen, interval, bool(np.all(np.abs(steps - interval) <= slack)))
 
     @property
     def size(self) -> int:
@@ -115,11 +111,6 @@ class Sampling:
     def duration(self) -> float:
         """Time in s from the first to the last reading."""
         return float(self.time[-1] - self.time[0]) if self.size else 0.0
-
-
-def doubled(sampling: Sampling, noise: OutputNoise) -> bool:
-    """Whether :func:`whiten` gives two values a reading: correlated noise on times that are uneven throughout."""
-    return noise.kind == "ou" and sampling.starts.size * _SHORT > sampling.size
 
 
 def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
@@ -134,85 +125,18 @@ def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[Fl
 
     Returns
     -------
-    ndarray, shape (k, N)
-        Inner products of these rows are those of the given ones under the inverse covariance. On even stretches they
-        are innovations (N = n) over their standard deviation; on uneven times N = 2 n.
+    ndarray, shape (k, n)
+        Innovations over their standard deviation: inner products of these rows are those of the given ones under the
+        inverse covariance.
     float
         log det C.
     """
-    n = rows.shape[1]
-    if n == 0:
-        return rows, 0.0
     if noise.kind == "white":
-        return rows / noise.sd_white, 2.0 * n * math.log(noise.sd_white)
-    if doubled(sampling, noise):
-        return _whiten_uneven(rows, sampling.time, noise)
-    return _filter(rows, sampling, noise)
-
-
-def _filter(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
-    """The scalar Kalman filter: on an even grid it settles and is then linear with constant coefficients.
-
-    Gaps start a new stretch of the same filter.
-    """
-    n = rows.shape[1]
-    r, p0 = noise.sd_white**2, noise.sd_ou**2
-    phi = math.exp(-sampling.interval / noise.tau)
-    q = -p0 * math.expm1(-2.0 * sampling.interval / noise.tau)
-    half = 0.5 * (r * (1.0 - phi * phi) - q)
-    settled = -half + math.sqrt(half * half + q * r)
-    out = np.empty_like(rows)
-    log_det = 0.0
-    state, p = np.zeros(rows.shape[0]), p0
-    # What is known at the last reading, from where a gap is crossed in one step: `state` and `p` are the prediction.
-    known, left = state, p0
-    stops = np.append(sampling.starts[1:], n)
-    for start, stop in zip(sampling.starts, stops, strict=True):
-        if start > 0:
-            lead = float(sampling.time[start] - sampling.time[start - 1]) / noise.tau
-            state, p = math.exp(-lead) * known, math.exp(-2.0 * lead) * left - p0 * math.expm1(-2.0 * lead)
-        t = int(start)
-        while t < stop and abs(p - settled) > _SETTLED * (settled + r):
-            s = p + r
-            innovation = rows[:, t] - state
-            out[:, t] = innovation / math.sqrt(s)
-            log_det += math.log(s)
-            known, left = state + p / s * innovation, p * r / s
-            state, p = phi * known, phi * phi * left + q
-            t += 1
-        if t < stop:
-            s = settled + r
-            gain = settled / s
-            stretch = rows[:, t:stop]
-            expected, _ = lfilter(
-                [0.0, phi * gain], [1.0, -phi * (1.0 - gain)], stretch, axis=1, zi=state[:, np.newaxis]
-            )
-            out[:, t:stop] = (stretch - expected) / math.sqrt(s)
-            log_det += (stop - t) * math.log(s)
-            known, left = expected[:, -1] + gain * (stretch[:, -1] - expected[:, -1]), settled * r / s
-    return out, log_det
-
-
-def _whiten_uneven(rows: FloatArray, time: FloatArray, noise: OutputNoise) -> tuple[FloatArray, float]:
-    """The same products for any times, by the process's tridiagonal precision Q = B'B.
-
-    With x the process smoothed out of a row y, y' C^-1 y = |y - x|^2 / s^2 + |B x|^2 (Rybicki and Press, 1995, Phys.
-    Rev. Lett. 74, 1060), which are the squares of the two halves returned.
-    """
-    s2, q2, step = noise.sd_white**2, noise.sd_ou**2, np.diff(time) / noise.tau
-    rho, gain = np.exp(-step), -np.expm1(-2.0 * step)
-    diagonal = np.ones(time.size)
-    diagonal[1:] = 1.0 / gain
-    diagonal[:-1] += rho**2 / gain
-    scale = s2 / q2
-    pivots, lower, info = dpttrf(1.0 + scale * diagonal, -scale * rho / gain)
-    if info != 0:
-        raise ArithmeticError("noise covariance is not positive definite")
-    smooth = np.ascontiguousarray(dpttrs(pivots, lower, np.asfortranarray(rows.T))[0].T)
-    changes = smooth.copy()
-    changes[:, 1:] = (smooth[:, 1:] - rho * smooth[:, :-1]) / np.sqrt(gain)
-    white = np.concatenate(((rows - smooth) / noise.sd_white, changes / noise.sd_ou), axis=1)
-    return white, float(np.sum(np.log(pivots)) + time.size * math.log(q2) + np.sum(np.log(gain)))
+        return rows / noise.sd_white, 2.0 * rows.shape[1] * math.log(noise.sd_white)
+    white, weight = whiten_rows(
+        rows, sampling.time, np.array(noise.as_row()), sampling.interval if sampling.even else 0.0
+    )
+    return white, -2.0 * float(np.sum(np.log(weight)))
 
 
 def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> float:
@@ -223,7 +147,7 @@ def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> f
 
 def _log_density(residual: FloatArray, sampling: Sampling, noise: OutputNoise) -> float:
     white, log_det = whiten(residual[np.newaxis], sampling, noise)
-    return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * _LOG_2PI)
+    return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * LOG_2PI)
 
 
 def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> FloatArray:
@@ -233,13 +157,8 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
     """
     sampling = Sampling.of(time, residual)
     out = np.full(residual.shape, np.nan)
-    out[sampling.index] = innovate(residual[np.newaxis, sampling.index], sampling, noise)[0]
+    out[sampling.index] = whiten(residual[np.newaxis, sampling.index], sampling, noise)[0][0]
     return out
-
-
-def innovate(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> FloatArray:
-    """Innovations of rows (k, n) over their standard deviation, in order of time, same shape."""
-    return rows / noise.sd_white if noise.kind == "white" else _filter(rows, sampling, noise)[0]
 
 
 def renew_noise(
@@ -263,9 +182,7 @@ def renew_noise(
     start : OutputNoise, optional
         Where to begin; tried beside a few standard places.
     """
-    powers = [
-        BinnedPower.of(r, s.time, s.interval, s.starts.size == 1) for r, s in zip(residuals, samplings, strict=True)
-    ]
+    powers = [BinnedPower.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
     limit = longest if longest is not None else LONGEST * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
     return OutputNoise(*likeliest(powers, floor=floor, longest=limit, near=near))

@@ -85,3 +85,26 @@ int64_t filter_gains(Filter *f, const double *time, const double *measured, int6
     *log_det += sum;
     return used;
 }
+
+/* Rows (k, n) in place to innovations over their standard deviation, whose inverse goes to weight (noises, n). Either
+ * one noise holds for all rows or each row has its own; `mean` is k zeros. Times count where spacing is zero. */
+__attribute__((visibility("default"))) void ab_whiten(const double *time, double spacing, int64_t n,
+                                                      const double *noise, int64_t noises, double *rows, int64_t k,
+                                                      double *mean, double *weight)
+{
+    enum { PART = 512 };
+    double gain[PART], decay[PART], log_det = 0.0;
+    const int64_t share = noises == 1 ? k : 1;
+    kernels_choose();
+    for (int64_t i = 0; i < noises; i++) {
+        Filter f;
+        filter_begin(&f, noise + 3 * i, spacing);
+        for (int64_t first = 0; first < n; first += PART) {
+            const int64_t count = n - first < PART ? n - first : PART;
+            double *w = weight + i * n + first;
+            filter_gains(&f, time + first, NULL, count, spacing, gain, decay, w, &log_det);
+            for (int64_t r = i * share; r < (i + 1) * share; r++)
+                mean[r] = kernels->colour(rows + r * n + first, count, gain, decay, w, mean[r]);
+        }
+    }
+}
