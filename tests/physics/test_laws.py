@@ -22,21 +22,30 @@ from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
 from aero_bayes.physics.use import use_of
 
 LISTED = {
-    "input": "gain offset dead_zone saturation rate_limit square_law lag delay",
-    "output": "gain offset lag delay",
+    "input": "gain offset dead_zone saturation rate_limit square_law lag delay curve",
+    "output": "gain offset lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
-    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash",
-    "storage": "linear_loss root_loss square_loss offset radiation",
+    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash curve position_curve",
+    "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",
-    "electrical": "series_resistance contact_drop heating",
+    "electrical": "series_resistance contact_drop heating curve",
 }
 SIZES = {"f_n": 3.0, "v_n": 0.5, "x_n": 0.2, "u_n": 4.0, "q_n": 7.0, "h_n": 10.0, "i_n": 2.0, "t_n": 0.5}
 
 
 def clip(x: float, limit: float) -> float:
     return max(-limit, min(limit, x))
+
+
+def bumps(z: float, heights: dict[str, float]) -> float:
+    """A curve by its definition: normal bumps at even steps from -1 to 1, as wide as they are apart."""
+    places = np.linspace(-1.0, 1.0, len(heights))
+    width = places[1] - places[0]
+    return float(
+        np.array([heights[f"c_{k + 1}"] for k in range(places.size)]) @ np.exp(-(((z - places) / width) ** 2) / 2)
+    )
 
 
 #: What each law says where nothing is rounded, with its own parameters by name.
@@ -67,6 +76,12 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("exchange", "exchange"): lambda h_1, h_2, k: k * (h_1 - h_2),
     ("electrical", "series_resistance"): lambda i, R_s: R_s * i,
     ("electrical", "contact_drop"): lambda i, V_c: V_c * np.sign(i),
+    ("input", "curve"): lambda u, **c: u + SIZES["u_n"] * bumps(u / SIZES["u_n"], c),
+    ("output", "curve"): lambda u, **c: u + SIZES["u_n"] * bumps(u / SIZES["u_n"], c),
+    ("motion", "curve"): lambda v, **c: bumps(v / SIZES["v_n"], c),
+    ("motion", "position_curve"): lambda x, **c: bumps(x / SIZES["x_n"], c),
+    ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
+    ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
 #: A limit beyond what occurs cannot be felt.
 UNFELT_AT_ZERO = {"saturation"}
@@ -144,7 +159,9 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
         model = explicit(compose_law(flat, use, models))
         b = model.system.builder
         base, wide = Numbers(explicit(flat)), Numbers(model)
-        switch = b.symbol(use.names[law.switch.name])
+        # the last bump of a curve is where the points are
+        felt = law.parameters[-1] if law.learned else law.switch
+        switch = b.symbol(use.names[felt.name])
         point = {n: float(v) for n, v in zip(wide.names(), rng.uniform(1.1, 1.9, len(wide.names())), strict=True)}
         # states of the law are where they are on their own: equal
         point |= dict.fromkeys((n for n in point if n.startswith(use.instance + ".")), 0.4)
@@ -153,7 +170,7 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
         assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-13), law.id
         every = [*model.rates, *(model.solved.get(n, b.symbol(n)) for n in wide.outputs)]
         # at the default itself a law with states may sleep
-        nominal = law.switch.value("nominal", use.all_sizes)
+        nominal = felt.value("nominal", use.all_sizes)
         beside, step = 1e-6 * nominal, 5e-7 * nominal
         at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}, switch: beside}
         slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))

@@ -56,7 +56,9 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert {"coulomb_friction", "cubic_stiffness", "end_stop"} <= set(cart["v"].laws)
     motor = {p.id: p for p in ports_of(rig("Motor"), laws)}
     assert "cubic_stiffness" not in motor["w"].laws  # no angle there
-    assert set(motor["i"].laws) == {"series_resistance", "contact_drop", "heating"}
+    assert set(motor["i"].laws) == {"series_resistance", "contact_drop", "heating", "curve"}
+    assert "position_curve" in cart["v"].laws
+    assert "position_curve" not in motor["w"].laws
     tanks = {p.id: p for p in ports_of(rig("TankPair"), laws)}
     assert "radiation" not in tanks["h1"].laws
     assert {"overflow", "exchange", "root_loss"} <= set(tanks["h1"].laws)

@@ -14,6 +14,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
 from aero_bayes.loop.judge import Prediction, surely_worse
+from aero_bayes.loop.learn import learn
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
@@ -55,9 +56,12 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             learned = add_curve(bench, found, best)
             if not _astray(bench, found, learned):
                 return learned
-        other = _other(bench, found) or _partial(bench, found)
-        if other is not None:
+        if (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
+    if (curve := _learned(bench, found, refused)) is not None:
+        return curve
+    if refused and (part := _partial(bench, found)) is not None:
+        return _what_carries_over(bench, found, part)
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(bench, found, plain)):
         unseen = (
@@ -114,6 +118,20 @@ def _other(bench: Workbench, found: Found) -> Conclusion | None:
         if _plainly_better(found.before, named.after):
             return named
     return None
+
+
+def _learned(bench: Workbench, found: Found, refused: str) -> Conclusion | None:
+    """A curve that explains what no listed law does, and carries over."""
+    if not refused and not any(report.verdict == "structured" for report in found.left):
+        return None
+    selection = learn(bench, found)
+    if selection is None:
+        return None
+    found = replace(found, selection=selection, left=found.base.report(selection.held))
+    if _incomplete(found, bench.settings.left_over):
+        return None
+    named = _added(bench, found)
+    return None if named is None or _astray(bench, found, named) else _what_carries_over(bench, found, named)
 
 
 def _partial(bench: Workbench, found: Found) -> Conclusion | None:

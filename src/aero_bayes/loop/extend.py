@@ -47,7 +47,7 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
     structured = [r for r in reports if r.verdict == "structured"]
     required = bench.settings.attribute.require
-    given, lacking = ([e.id for e in effects if (e.id in required) is asked] for asked in (True, False))
+    given, lacking = ([_in_words(e) for e in effects if (e.id in required) is asked] for asked in (True, False))
     said = [f"was given {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
     sentence = f"The model {' and '.join(said)}: " + gain_text(found.before, after, bench.units)
@@ -93,6 +93,12 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     return Conclusion("extended", sentence, written, (effect,), calibration, fit, reports, after)
 
 
+def _in_words(effect: FoundEffect) -> str:
+    if effect.kind == "catalogue":
+        return effect.id
+    return f"something at {effect.port} that no listed law describes, learned as a curve over {effect.over}"
+
+
 def _final_fit(
     bench: Workbench,
     found: Found,
@@ -122,11 +128,13 @@ def _found_effect(
     chosen = [(r, s) for r, s in scored if r.chosen is not None and r.chosen.candidate.id == id_] or scored
     found, gain = (chosen[0][0], chosen[0][1].gain) if chosen else (None, math.nan)
     same = {id_, *(found.equivalent if found is not None else ())}
+    over = bench.family.learned().get(id_, "")
     return FoundEffect(
-        id_, selection.held.stand.candidates[id_].port, "catalogue",
+        id_, selection.held.stand.candidates[id_].port, "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), gain,
         found.threshold if found is not None else math.nan, bench.family.summary(id_),
         dict(written.widths[id_]),
+        over=over,
         odds=sum(s.odds for s in found.scores if s.candidate.id in same) if found is not None else None,
     )  # fmt: skip
 

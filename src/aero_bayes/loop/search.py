@@ -11,6 +11,7 @@ from aero_bayes.loop.base_fit import BaseFit, fit_from_there
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
 from aero_bayes.loop.rival import Rival, find_rival
+from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
 
 
@@ -28,17 +29,22 @@ class Found:
     before: Prediction
 
 
+def leaves_structure(base: BaseFit, held: Held) -> bool:
+    """Whether a fit leaves what sensors do not explain."""
+    return any(report.verdict == "structured" for report in base.report(held))
+
+
 def search(bench: Workbench, base: BaseFit) -> Found:
     """Try every candidate, then look beyond them."""
     bench.progress("trying every effect", 0.2)
-    finer = bench.family.finer()
-    ids = [id_ for id_ in base.ids if id_ not in finer]
+    finer, curves = bench.family.finer(), bench.family.learned()
+    ids = [id_ for id_ in base.ids if id_ not in finer and id_ not in curves]
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:
             raise InputError(f"[loop] require: no recorded output can show {id_}")
     effort = Search(base.stands, bench.family.groups(), finer, bench.settings.attribute, base.settings)
     selection = effort.select(
-        base.held, ids, lambda held: any(r.verdict == "structured" for r in base.report(held)),
+        base.held, ids, lambda held: leaves_structure(base, held),
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),
     )  # fmt: skip
     selection = refine(effort, selection, finer, len(ids))

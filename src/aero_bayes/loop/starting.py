@@ -61,6 +61,8 @@ def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) 
     neither bears the promise out the other parameters readjust by a few ``steps`` of a climb, with the law held.
     """
     columns = candidate.columns
+    if not candidate.starts:
+        return around.tangent(candidate)
     tried = around.first_look(candidate)
     lines = [around.line(row, residual) for row, residual in tried]
     if len(columns) == 1 and len(candidate.starts) >= GRID:
@@ -243,6 +245,33 @@ class Around:
             bare = replace(line, back=np.zeros_like(line.back), own=np.zeros_like(line.own))
             points += self._simulated([self._end(candidate, bare, 1.0 / line.alone)])
         return points
+
+    def tangent(self, candidate: Candidate) -> list[Start]:
+        """One step along all columns of a linear candidate together, and half of it."""
+        base, parameters, columns, free = (
+            self.base,
+            self.study.parameters,
+            list(candidate.columns),
+            list(self.base.free),
+        )
+        found = self.study.evaluate(base.coordinates, [*free, *columns])
+        if found is None or found.slopes is None:
+            return []
+        new = self.study.whiten(found.residual, found.slopes, base.noise).slopes[len(free) :]
+        own, (first, second) = base.whitened.slopes, parameters.prior_derivatives(base.coordinates)
+        across = new - (new @ own.T) @ self._step @ own
+        curvature = across @ across.T + np.diag(np.maximum(-second[columns], 1e-9))
+        slope = across @ self._left + first[columns]
+        step = np.linalg.solve(curvature, slope)
+        back = self._step @ (own @ (step @ new))
+        low, high = parameters.box
+        points = []
+        for reach in (1.0, 0.5):
+            point = base.coordinates.copy()
+            point[columns] = np.clip(point[columns] + reach * step, low[columns], high[columns])
+            point[free] = np.clip(point[free] + self._own - reach * back, low[free], high[free])
+            points.append(Start(0.5 * float(slope @ step), point))
+        return sorted(self._simulated(points), key=lambda s: -s.gain)
 
     def held(self, candidate: Candidate, lines: Sequence[_Line], steps: ClimbSettings) -> list[Start]:
         """The likeliest tried values that act, all else readjusted by a climb."""

@@ -125,6 +125,10 @@ class ModelFamily:
     def finer(self) -> Mapping[str, str]:
         return {e.id: e.refines for e in map(self.declared.effect, self._offered) if e.refines}
 
+    def learned(self) -> Mapping[str, str]:
+        """None: a declared package has its own curves."""
+        return {}
+
     def offer(self, ids: Collection[str]) -> Offer:
         """The one model that carries every effect switched off."""
         every = self._offered.values()

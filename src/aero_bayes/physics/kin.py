@@ -24,7 +24,7 @@ SPREAD = 3.0
 class Candidate:
     """An effect that the model may lack: values (SI units) to start its parameters from, and their columns on a stand.
 
-    The first is its magnitude.
+    The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
     """
 
     id: str
@@ -92,6 +92,10 @@ class Family(Protocol):
 
     def finer(self) -> Mapping[str, str]:
         """For each candidate that refines another, that one."""
+        ...
+
+    def learned(self) -> Mapping[str, str]:
+        """Candidates that learn a curve where no effect is known, and over which variable each."""
         ...
 
     def offer(self, ids: Collection[str]) -> Offer:

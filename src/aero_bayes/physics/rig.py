@@ -149,18 +149,24 @@ class RigFamily:
         return names_taken(self.flat, self.sources)
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Laws without states together; those with states, which slow a simulation down, by port."""
-        still = tuple(id_ for id_, use in self._uses.items() if not use.law.moves)
+        """Laws without states together; those with states, which slow a simulation down, by port; curves last."""
+        curves = tuple(self.learned())
+        still = tuple(id_ for id_, use in self._uses.items() if not use.law.moves and id_ not in curves)
         by_port: dict[str, list[str]] = {}
         for id_, use in self._uses.items():
-            if id_ not in still:
+            if use.law.moves:
                 by_port.setdefault(use.port.id, []).append(id_)
-        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values())) if g)
+        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values()), curves) if g)
 
     def finer(self) -> Mapping[str, str]:
         """Laws that refine one at the same port."""
         found = {id_: f"{use.law.refines}@{use.port.id}" for id_, use in self._uses.items() if use.law.refines}
         return {id_: coarse for id_, coarse in found.items() if coarse in self._uses}
+
+    def learned(self) -> Mapping[str, str]:
+        """Curves that stand for no law, and over which signal each is learned."""
+        return {id_: use.port.signals.get(use.law.learned, use.port.id) for id_, use in self._uses.items()
+                if use.law.learned}  # fmt: skip
 
     def offer(self, ids: Collection[str]) -> Offer:
         """The model with some laws, switched off."""
@@ -258,6 +264,8 @@ def _parameters(use: Use) -> list[Parameter]:
 
 def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
     """Values worth starting from: magnitudes, of both signs where they mean something, and shapes."""
+    if use.law.learned:
+        return ()
     choices: list[Collection[float]] = []
     parameters = list(use.parameters())
     for k, p in enumerate(parameters):
