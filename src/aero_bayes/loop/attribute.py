@@ -60,6 +60,11 @@ class Round:
     nothing: float = 0.0
     untried: float = 0.0
 
+    @property
+    def held(self) -> Held | None:
+        """The fit with what was chosen."""
+        return self.chosen.held if self.chosen is not None else None
+
 
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -349,9 +354,9 @@ class Search:
             unexplained = structured(current)
             found = self.round(current, ids, wide=unexplained, pairs=room and unexplained)
             self.rounds.append(found)
-            if found.chosen is None or found.chosen.held is None:
+            if found.held is None:
                 break
-            current = found.chosen.held
+            current = found.held
             if len(current.effects) == 1 and (better := self._from_there(base, current)) is not None:
                 base = current = better
                 self.rounds.clear()

@@ -47,7 +47,8 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
     structured = [r for r in reports if r.verdict == "structured"]
     required = bench.settings.attribute.require
-    given, lacking = ([_in_words(e) for e in effects if (e.id in required) is asked] for asked in (True, False))
+    told = sorted(effects, key=lambda e: e.kind)  # what has a name first
+    given, lacking = ([_in_words(e) for e in told if (e.id in required) is asked] for asked in (True, False))
     said = [f"was given {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
     sentence = f"The model {' and '.join(said)}: " + gain_text(found.before, after, bench.units)

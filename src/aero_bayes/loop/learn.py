@@ -20,13 +20,18 @@ def learn(bench: Workbench, found: Found) -> Selection | None:
         return None
     bench.progress("learning a curve", 0.7)
     search = Search(base.stands, family.groups(), finer, bench.settings.attribute, base.settings)
-    first = search.round(base.held, curves)
-    if first.chosen is None or first.chosen.held is None:
-        return None
     listed = [id_ for id_ in base.ids if id_ not in finer and id_ not in learned]
-    selection = search.select(
-        first.chosen.held, listed, lambda held: leaves_structure(base, held), lambda what, _: bench.progress(what, 0.72)
-    )
+    rounds = [search.round(base.held, curves)]
+    current = rounds[0].held
+    if current is None:
+        return None
+    while len(current.effects) < search.settings.max_effects and leaves_structure(base, current):
+        bench.progress(f"what pays beside {current.effects[0]}", 0.72)
+        rounds.append(search.round(current, listed))
+        if rounds[-1].held is None:
+            break
+        current = rounds[-1].held
     bench.tally.lap("beyond the catalogue")
-    rounds = (*found.selection.rounds, first, *selection.rounds)
-    return replace(selection, base=base.held, rounds=tuple(replace(r, number=k + 1) for k, r in enumerate(rounds)))
+    every = tuple(replace(r, number=k + 1) for k, r in enumerate((*found.selection.rounds, *rounds)))
+    same = tuple(r.equivalent for r in rounds if len(r.equivalent) > 1)
+    return replace(found.selection, held=current, base=base.held, rounds=every, equivalent=same)
