@@ -10,6 +10,8 @@ from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import AttributeSettings, LoopResult, LoopSettings, close_loop
+from aero_bayes.report.loop_figures import curve_plate
+from aero_bayes.schema import EffectResult
 
 SOURCE = """model Slide "A mass on a spring and a damper"
   input Real F(unit = "N");
@@ -64,9 +66,18 @@ def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
     # The heights make the ripple where the mass has been: but for a line, which the spring may take.
     heights = np.array([p.value for p in found.effects[0].parameters])
     x_n = float(re.findall(r"x_n = ([0-9.e-]+)", found.modelica)[0])
-    x = np.linspace(-0.8, 0.8, 81) * x_n
-    learned = np.exp(-8.0 * (x[:, None] / x_n - np.linspace(-1.0, 1.0, heights.size)) ** 2) @ heights
+    curve = found.effects[0].curve
+    assert curve is not None
+    assert (curve.x_unit, curve.unit) == ("m", "N")
+    bumps = np.exp(-8.0 * (curve.x[:, None] / x_n - np.linspace(-1.0, 1.0, heights.size)) ** 2)
+    np.testing.assert_allclose(curve.value, bumps @ heights, atol=1e-9)
+    seen = np.abs(curve.x) < 0.8 * x_n
+    x, learned = curve.x[seen], curve.value[seen]
+    assert np.all((curve.sd[seen] > 0.0) & (curve.sd[seen] < 0.1))
     both = np.stack([learned, 0.8 * np.sin(4.0 * x + 0.5)])
+    drawn = curve_plate(EffectResult.model_validate(found.effects[0].to_dict("")))
+    assert drawn is not None
+    assert "over x" in drawn.alt
     bent = both - np.stack([np.polyval(np.polyfit(x, y, 1), x) for y in both])
     assert np.corrcoef(bent)[0, 1] > 0.98
 

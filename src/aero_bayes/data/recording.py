@@ -84,7 +84,12 @@ class Recording:
     @property
     def rate_hz(self) -> float:
         """Sample rate in Hz, from the median sample interval (0 for a single sample)."""
-        return float(1.0 / np.median(np.diff(self.time))) if self.rows > 1 else 0.0
+        return 1.0 / self.interval if self.rows > 1 else 0.0
+
+    @property
+    def interval(self) -> float:
+        """Median time between samples in s (0 for a single sample)."""
+        return float(np.median(np.diff(self.time))) if self.rows > 1 else 0.0
 
     @property
     def duration(self) -> float:

@@ -207,7 +207,7 @@ def default_limits(fit: Fitted) -> Limits:
 def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
-        rate_hz = 1.0 / float(np.median(np.diff(fit.calibration.experiments[0].time)))
+        rate_hz = 1.0 / fit.calibration.intervals[0]
     if not (rate_hz > 0.0 and duration * rate_hz >= 10.0):
         raise InputError(f"an experiment of {duration:g} s at {rate_hz:g} Hz has fewer than ten samples")
     return np.arange(round(duration * rate_hz) + 1) / rate_hz

@@ -150,7 +150,7 @@ class Calibration:
         spread = np.nanmax(stacked, axis=0) - np.nanmin(stacked, axis=0)
         return np.where(spread > 0.0, spread, 1.0)
 
-    @property
+    @cached_property
     def intervals(self) -> tuple[float, ...]:
         """Sample interval of each experiment in s."""
         return tuple(float(np.median(np.diff(e.time))) for e in self.experiments)

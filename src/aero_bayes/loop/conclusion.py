@@ -19,10 +19,12 @@ from aero_bayes.show import listed
 class Conclusion:
     """One way to end the loop.
 
-    ``written`` is the extended model, None where nothing is added. ``refit`` is the last fit, of ``calibration``;
-    ``reports`` is what it leaves and ``after`` what it predicts.
+    ``found`` is the evidence that it rests on, with the selection that it names. ``written`` is the extended model,
+    None where nothing is added. ``refit`` is the last fit, of ``calibration``; ``reports`` is what it leaves and
+    ``after`` what it predicts.
     """
 
+    found: Found
     outcome: LoopOutcome
     sentence: str
     written: Extension | None
@@ -45,7 +47,7 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
         after = bench.unseen.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
     adequate = moment is None and not selection.effects and not _structured(base.reports)
     return Conclusion(
-        "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
+        found, "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
         base.reports, after,
     )  # fmt: skip
 
@@ -76,12 +78,12 @@ def _sentence(found: Found, refused: str) -> str:
             f"The residual is structured; {best} {explain} part of it, but what is left in {left} says that the "
             "missing physics is something else."
         )
-    last = selection.rounds[-1] if selection.rounds else None
+    first = selection.rounds[0] if selection.rounds else None
     structured = _structured(found.base.reports)
     if structured:
         worst = max(structured, key=lambda r: r.ratio)
         return (
             f"The residual of {worst.output} is structured ({worst.ratio:.2g} times the noise floor), but no "
-            f"effect of the catalogue explains it: {last.why if last else 'none was tried'}."
+            f"effect of the catalogue explains it: {first.why if first else 'none was tried'}."
         )
-    return f"The model is adequate for these recordings: {last.why if last else 'the residual is noise'}."
+    return f"The model is adequate for these recordings: {first.why if first else 'the residual is noise'}."

@@ -11,6 +11,7 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
 from aero_bayes.loop.judge import Prediction, surely_worse
@@ -58,8 +59,11 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
                 return learned
         if (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
-    if (curve := _learned(bench, found, refused)) is not None:
-        return curve
+    tried = learn(bench, found) if refused or any(r.verdict == "structured" for r in found.left) else None
+    if tried is not None:
+        if (curve := _learned(bench, found, tried)) is not None:
+            return curve
+        found = replace(found, selection=replace(selection, rounds=tried.rounds))
     if refused and (part := _partial(bench, found)) is not None:
         return _what_carries_over(bench, found, part)
     plain = nothing_added(bench, found, refused)
@@ -69,7 +73,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             "does not show what is missing, or does not fix the parameters well enough."
         )
         return replace(plain, outcome="unexplained", sentence=unseen)
-    if plain.outcome == "adequate" and (off := _named(_far(bench, found, plain))):
+    if plain.outcome == "adequate" and (off := _in_words(_far(bench, found, plain))):
         sensitive = f"Data that was not fitted is sensitive to the parameters: {off}, as their uncertainty lets expect."
         return replace(plain, sentence=f"{plain.sentence} {sensitive}")
     return plain
@@ -120,12 +124,9 @@ def _other(bench: Workbench, found: Found) -> Conclusion | None:
     return None
 
 
-def _learned(bench: Workbench, found: Found, refused: str) -> Conclusion | None:
+def _learned(bench: Workbench, found: Found, selection: Selection) -> Conclusion | None:
     """A curve that explains what no listed law does, and carries over."""
-    if not refused and not any(report.verdict == "structured" for report in found.left):
-        return None
-    selection = learn(bench, found)
-    if selection is None:
+    if not selection.effects:
         return None
     found = replace(found, selection=selection, left=found.base.report(selection.held))
     if _incomplete(found, bench.settings.left_over):
@@ -142,7 +143,7 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     predicted = _predicted(bench, [found.selection.held, *_fits(found)][: MOST + 1])
     bar = _unseen(found.before) + math.log(PLAINLY)
     for _, held, _ in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
-        named = _added(bench, replace(found, selection=replace(found.selection, held=held, equivalent=())))
+        named = _added(bench, replace(found, selection=_only(found.selection, held)))
         if named is None or not _follows(bench, named):
             continue
         if _plainly_better(found.before, named.after, PARTLY):
@@ -190,7 +191,7 @@ def _fits(found: Found) -> list[Held]:
 def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
     """Other effects named in place of those selected, where they explain what was fitted."""
     selection = found.selection
-    part = replace(found, selection=replace(selection, held=held, equivalent=()), left=found.base.report(held))
+    part = replace(found, selection=_only(selection, held), left=found.base.report(held))
     if _incomplete(part, bench.settings.left_over):
         return None
     named, first = _added(bench, part), listed(selection.effects)
@@ -198,6 +199,12 @@ def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
         return None
     do = "do" if len(selection.effects) > 1 else "does"
     return replace(named, sentence=f"{named.sentence} {first}, found first, {do} not surely carry over better.")
+
+
+def _only(selection: Selection, held: Held) -> Selection:
+    """Another fit selected, with what the data cannot tell from its effects."""
+    same = tuple(ids for ids in selection.equivalent if set(ids) & set(held.effects))
+    return replace(selection, held=held, equivalent=same)
 
 
 def _unseen(prediction: Prediction) -> float:
@@ -245,7 +252,7 @@ def _astray(bench: Workbench, found: Found, extended: Conclusion) -> str:
         return ""
     unsure = bench.unseen.uncertainty_of(extended.calibration, extended.refit)
     after = extended.after.test
-    return _named({key: ratio for key, ratio in far.items() if after[key].rms > SENSITIVE * unsure[key]})
+    return _in_words({key: ratio for key, ratio in far.items() if after[key].rms > SENSITIVE * unsure[key]})
 
 
 def _far(bench: Workbench, found: Found, extended: Conclusion) -> dict[tuple[str, str], float]:
@@ -261,7 +268,7 @@ def _far(bench: Workbench, found: Found, extended: Conclusion) -> dict[tuple[str
     return far
 
 
-def _named(far: Mapping[tuple[str, str], float]) -> str:
+def _in_words(far: Mapping[tuple[str, str], float]) -> str:
     """Outputs with the worst of their ratios."""
     worst: dict[str, float] = {}
     for (_, output), ratio in far.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +17,13 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.export import FreeForm
 from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion
-from aero_bayes.loop.result import FoundEffect
+from aero_bayes.loop.result import FoundEffect, LearnedCurve
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.tell import fitted_parameters, gain_text
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import CurveFit
 from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.kin import Extension, rounded
+from aero_bayes.physics.kin import Basis, Extension, rounded
 from aero_bayes.show import listed
 
 
@@ -55,7 +55,7 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     if structured:
         sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
     bench.tally.lap("judgement")
-    return Conclusion("extended", sentence, written, effects, calibration, fit, reports, after)
+    return Conclusion(found, "extended", sentence, written, effects, calibration, fit, reports, after)
 
 
 def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
@@ -91,7 +91,7 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
         f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after, bench.units)}"
     )
     bench.tally.lap("judgement")
-    return Conclusion("extended", sentence, written, (effect,), calibration, fit, reports, after)
+    return Conclusion(found, "extended", sentence, written, (effect,), calibration, fit, reports, after)
 
 
 def _in_words(effect: FoundEffect) -> str:
@@ -130,6 +130,7 @@ def _found_effect(
     found, gain = (chosen[0][0], chosen[0][1].gain) if chosen else (None, math.nan)
     same = {id_, *(found.equivalent if found is not None else ())}
     over = bench.family.learned().get(id_, "")
+    columns = [parameters.index(new) for _, new in written.names[id_]]
     return FoundEffect(
         id_, selection.held.stand.candidates[id_].port, "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), gain,
@@ -137,7 +138,20 @@ def _found_effect(
         dict(written.widths[id_]),
         over=over,
         odds=sum(s.odds for s in found.scores if s.candidate.id in same) if found is not None else None,
+        curve=_learned(bench.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip
+
+
+def _learned(basis: Basis, columns: Sequence[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
+    """A curve at the fit, and how sure it is."""
+    values = parameters.from_search(fit.coordinates)
+    heights, scale = values[list(columns)], parameters.jacobian(values)[list(columns)]
+    rows = [fit.free.index(j) for j in columns]
+    covariance = fit.covariance[np.ix_(rows, rows)] * np.outer(scale, scale)
+    variance = np.einsum("kn,kl,ln->n", basis.rows, covariance, basis.rows)
+    return LearnedCurve(
+        basis.x, basis.plain + heights @ basis.rows, np.sqrt(np.maximum(variance, 0.0)), basis.x_unit, basis.unit
+    )
 
 
 def _width_influence(

@@ -112,7 +112,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             change = change[np.isfinite(change) & (r.time >= start)]
             if change.size < 10:
                 continue
-            sd = _sd_of_mean(change, float(np.median(np.diff(r.time))))
+            sd = _sd_of_mean(change, r.interval)
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
     return any(extra > SURE * math.sqrt(variance[output]) for output, extra in more.items())

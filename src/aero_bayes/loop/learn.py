@@ -10,7 +10,7 @@ from aero_bayes.loop.workbench import Workbench
 
 
 def learn(bench: Workbench, found: Found) -> Selection | None:
-    """The best curve beside the model as it stands, with what earns a place beside it; None where no curve pays.
+    """The best curve beside the model as it stands, with what earns a place beside it; None where there are none.
 
     A curve bends to anything, and pays for each of its heights: it is asked for only where listed laws failed.
     """
@@ -22,10 +22,8 @@ def learn(bench: Workbench, found: Found) -> Selection | None:
     search = Search(base.stands, family.groups(), finer, bench.settings.attribute, base.settings)
     listed = [id_ for id_ in base.ids if id_ not in finer and id_ not in learned]
     rounds = [search.round(base.held, curves)]
-    current = rounds[0].held
-    if current is None:
-        return None
-    while len(current.effects) < search.settings.max_effects and leaves_structure(base, current):
+    current = rounds[0].held or base.held
+    while current.effects and len(current.effects) < search.settings.max_effects and leaves_structure(base, current):
         bench.progress(f"what pays beside {current.effects[0]}", 0.72)
         rounds.append(search.round(current, listed))
         if rounds[-1].held is None:
@@ -34,4 +32,5 @@ def learn(bench: Workbench, found: Found) -> Selection | None:
     bench.tally.lap("beyond the catalogue")
     every = tuple(replace(r, number=k + 1) for k, r in enumerate((*found.selection.rounds, *rounds)))
     same = tuple(r.equivalent for r in rounds if len(r.equivalent) > 1)
-    return replace(found.selection, held=current, base=base.held, rounds=every, equivalent=same)
+    skipped = tuple(dict.fromkeys((*found.selection.skipped, *search.skipped)))
+    return Selection(current, base.held, every, same, skipped)

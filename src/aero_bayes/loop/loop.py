@@ -96,7 +96,7 @@ def close_loop(
         conclusion = decide(bench, found)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
         base.stands.forget()
-        result = result_of(bench, found, conclusion)
+        result = result_of(bench, conclusion)
         progress("done", 1.0)
         return result
 

@@ -50,6 +50,21 @@ class NewParameter:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class LearnedCurve:
+    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
+
+    x: FloatArray
+    value: FloatArray
+    sd: FloatArray
+    x_unit: str
+    unit: str
+
+    def to_dict(self) -> dict[str, object]:
+        numbers = {name: getattr(self, name).tolist() for name in ("x", "value", "sd")}
+        return {**numbers, "x_unit": self.x_unit, "unit": self.unit}
+
+
 @dataclass(frozen=True)
 class FoundEffect:
     """An effect that earned its place.
@@ -57,7 +72,7 @@ class FoundEffect:
     ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
     ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
     they are doubled. ``odds`` are those of the effect or one that the data do not tell from it, in the round that found
-    it.
+    it. ``curve`` is what was learned, where it is no law.
     """
 
     id: str
@@ -71,6 +86,7 @@ class FoundEffect:
     width_influence: float | None = None
     over: str = ""
     odds: float | None = None
+    curve: LearnedCurve | None = None
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         found: dict[str, object] = {
@@ -87,6 +103,8 @@ class FoundEffect:
         }
         if self.over:
             found["over"] = self.over
+        if self.curve is not None:
+            found["curve"] = self.curve.to_dict()
         return found
 
 

@@ -35,8 +35,9 @@ EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.
 GROWN = 1.05
 
 
-def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopResult:
+def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
     """All that the loop found, as plain values."""
+    found = conclusion.found
     base, selection, probing = found.base, found.selection, found.rival.probing
     written, effects = conclusion.written, conclusion.effects
     signals = probing.signals if probing is not None else {}
@@ -71,7 +72,7 @@ def result_of(bench: Workbench, found: Found, conclusion: Conclusion) -> LoopRes
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
         separate=_separating_experiments(bench, found) if named else (),
-        story=(*_choices(bench.settings), *_story(bench.family.title, found, conclusion, ports, tied)),
+        story=(*_choices(bench.settings), *_story(bench.family.title, conclusion, ports, tied)),
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
@@ -128,9 +129,8 @@ def _choices(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _story(
-    title: str, found: Found, conclusion: Conclusion, ports: Sequence[str], tied: Sequence[str]
-) -> tuple[str, ...]:
+def _story(title: str, conclusion: Conclusion, ports: Sequence[str], tied: Sequence[str]) -> tuple[str, ...]:
+    found = conclusion.found
     worst = max(found.base.reports, key=lambda r: r.ratio)
     lines = [
         f"Fitted as it stands, {title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"

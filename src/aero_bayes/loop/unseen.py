@@ -72,7 +72,7 @@ class Unseen:
         errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._everything):
-            interval = float(np.median(np.diff(recording.time)))
+            interval = recording.interval
             unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:

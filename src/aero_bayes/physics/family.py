@@ -32,7 +32,7 @@ from aero_bayes.export import (
 )
 from aero_bayes.export.library import rig_packages
 from aero_bayes.physics.catalogue import candidates_of, effect_parameter
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, moved, rounded
+from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, moved, rounded
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.simulation import Model
 
@@ -128,6 +128,10 @@ class ModelFamily:
     def learned(self) -> Mapping[str, str]:
         """None: a declared package has its own curves."""
         return {}
+
+    def basis(self, id_: str) -> Basis:
+        """There is none."""
+        raise KeyError(id_)
 
     def offer(self, ids: Collection[str]) -> Offer:
         """The one model that carries every effect switched off."""

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
@@ -14,6 +17,7 @@ from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 
+FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 
 #: An effect's magnitude is expected within so many of its typical scales (one standard deviation).
@@ -60,6 +64,21 @@ class Extension:
     widths: Mapping[str, Mapping[str, float]]
 
 
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """What a learned curve is made of.
+
+    ``x`` (n,) is the signal in ``x_unit``; ``plain`` (n,) what the port gives where all heights are zero and ``rows``
+    (k, n) what each height adds for one of it, in ``unit``.
+    """
+
+    x: FloatArray
+    x_unit: str
+    plain: FloatArray
+    rows: FloatArray
+    unit: str
+
+
 class Family(Protocol):
     """A model and its relatives."""
 
@@ -96,6 +115,10 @@ class Family(Protocol):
 
     def learned(self) -> Mapping[str, str]:
         """Candidates that learn a curve where no effect is known, and over which variable each."""
+        ...
+
+    def basis(self, id_: str) -> Basis:
+        """Of a candidate that learns a curve."""
         ...
 
     def offer(self, ids: Collection[str]) -> Offer:

@@ -23,8 +23,9 @@ from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.kin import Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
+from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
 from aero_bayes.physics.laws import Law, general_laws, laws_of
+from aero_bayes.physics.learned import basis_of
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates
@@ -167,6 +168,10 @@ class RigFamily:
         """Curves that stand for no law, and over which signal each is learned."""
         return {id_: use.port.signals.get(use.law.learned, use.port.id) for id_, use in self._uses.items()
                 if use.law.learned}  # fmt: skip
+
+    def basis(self, id_: str) -> Basis:
+        """Of a curve that is learned."""
+        return basis_of(self._uses[id_], self.law_models)
 
     def offer(self, ids: Collection[str]) -> Offer:
         """The model with some laws, switched off."""

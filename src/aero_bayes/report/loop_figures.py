@@ -15,7 +15,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
-from aero_bayes.schema import CandidateResult, LoopPart, StepResult
+from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
 
 PORT = 430.0
 #: States that a port's signal is drawn against: those that explain it best.
@@ -168,6 +168,32 @@ def _ports_that_matter(run: RunDirectory, ports: Mapping[str, FloatArray]) -> li
     scores = {port: score for port, score in loop.port_scores.items() if score is not None and port in ports}
     best = {max(scores, key=lambda port: scores[port])} if scores else set()
     return [port for port in ports if port in (added or best or set(ports))]
+
+
+def curve_plate(effect: EffectResult) -> Plate | None:
+    """A learned curve and its 90 % band over its signal."""
+    found = effect.curve
+    if found is None:
+        return None
+    x, value, sd = (np.array(numbers) for numbers in (found.x, found.value, found.sd))
+    across, x_unit = scaled_unit(largest(x), found.x_unit)
+    up, unit = scaled_unit(largest(value), found.unit)
+    low, high = (value + side * 1.645 * sd for side in (-1.0, 1.0))
+    layers = (
+        Band(x * across, low * up, high * up, ACCENT, 0.18, label="90 % band"),
+        Line(x * across, value * up, ACCENT, 2.0, label="learned"),
+    )
+    over = plain_name(effect.over)
+    title, label = (
+        f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: what acts", unit), (over, x_unit))
+    )
+    alt = f"What was learned at {effect.port} over {over}: curve and 90 % band."
+    # A wide band is where no data went: it would make the curve flat.
+    room = 0.3 * float(np.ptp(value)) or 1.0
+    limits = (float(value.min() - room) * up, float(value.max() + room) * up)
+    return plate(
+        [Panel(title, layers, 220, y_limits=limits)], alt, label, "The band is wide where no data went.", width=PORT
+    )
 
 
 def explained(across: FloatArray, values: FloatArray, bins: int = 24) -> float:

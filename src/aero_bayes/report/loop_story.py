@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from aero_bayes.report.loop_figures import gain_text
+from aero_bayes.report.figure import Plate
+from aero_bayes.report.loop_figures import curve_plate, gain_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity, ratio_glyph
 from aero_bayes.report.text import NOTHING, pretty_unit, role_words, signed, significant, symbol, tidy
@@ -23,6 +24,7 @@ class Effect:
     where: str
     evidence: str
     parameters: Markup | None
+    figure: Plate | None
 
 
 def effects(loop: LoopPart, stated: Collection[str]) -> list[Effect]:
@@ -47,7 +49,7 @@ def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
     columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "")
     where = f"port {entry.port}" + (f", over {entry.over}" if entry.over else "")
     table = html_table(columns, rows, f"Parameters of {entry.id}") if rows else None
-    return Effect(entry.id, entry.summary or kind, where, evidence, table)
+    return Effect(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
 
 
 def error_table(run: RunDirectory, loop: LoopPart) -> Markup | None:

@@ -16,6 +16,16 @@ class Evidence(Part):
     needed: Number = None
 
 
+class CurveResult(Part):
+    """A learned curve: what the port gives over a signal, and its standard deviation."""
+
+    x: list[float]
+    value: list[float]
+    sd: list[float]
+    x_unit: str = ""
+    unit: str = ""
+
+
 class EffectResult(Part):
     """An effect that was added; ``id`` is ``law@port`` or an id of a library."""
 
@@ -30,6 +40,7 @@ class EffectResult(Part):
     widths: dict[str, Number] = {}
     width_influence_sd: Number = None
     over: str = ""
+    curve: CurveResult | None = None
 
 
 class CandidateResult(Part):
