@@ -26,7 +26,7 @@ LISTED = {
     "output": "gain offset lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
-    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash curve position_curve",
+    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",
@@ -80,11 +80,12 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("output", "curve"): lambda u, **c: u + SIZES["u_n"] * bumps(u / SIZES["u_n"], c),
     ("motion", "curve"): lambda v, **c: bumps(v / SIZES["v_n"], c),
     ("motion", "position_curve"): lambda x, **c: bumps(x / SIZES["x_n"], c),
+    ("motion", "fine_position_curve"): lambda x, **c: bumps(x / SIZES["x_n"], c),
     ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
     ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
-#: A limit beyond what occurs cannot be felt.
-UNFELT_AT_ZERO = {"saturation"}
+#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it.
+UNFELT_AT_ZERO = {"saturation", "fine_position_curve"}
 
 
 def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:

@@ -28,6 +28,8 @@ CARRIES_OVER = 0.1
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
 PARTLY = 0.25
+#: Share of the unseen error that what is named may leave in some output, where it leaves structure too.
+VISIBLY = 0.9
 #: Share of what fewer effects leave of the unseen that more may leave to be named though chance could have it so.
 MUCH = 2.0 / 3.0
 #: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
@@ -46,26 +48,32 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
         return add_effects(bench, found)
     if rival.curve is not None:
         return add_curve(bench, found, rival.curve)
-    refused = ""
+    refused, hardly = "", None
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
         named = _added(bench, found)
         refused = "it cannot be simulated there" if named is None else _astray(bench, found, named)
         if named is not None and not refused:
-            return _what_carries_over(bench, found, named)
-        best = rival.best_curve
-        if best is not None and best.refit.log_evidence > selection.base.log_evidence + selection.rounds[0].threshold:
-            learned = add_curve(bench, found, best)
-            if not _astray(bench, found, learned):
-                return learned
-        if (other := _other(bench, found)) is not None:
+            hardly = _what_carries_over(bench, found, named)
+            if hardly.effects:
+                return hardly
+        elif (learned := _rival_curve(bench, found)) is not None:
+            return learned
+        elif (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
     tried = learn(bench, found) if refused or any(r.verdict == "structured" for r in found.left) else None
     if tried is not None:
         if (curve := _learned(bench, found, tried)) is not None:
             return curve
         found = replace(found, selection=replace(selection, rounds=tried.rounds))
+    if hardly is not None:
+        return replace(hardly, found=found)
     if refused and (part := _partial(bench, found)) is not None:
         return _what_carries_over(bench, found, part)
+    return _as_it_stands(bench, found, refused)
+
+
+def _as_it_stands(bench: Workbench, found: Found, refused: str) -> Conclusion:
+    """Nothing is added; a model that fits is adequate only if it is not astray."""
     plain = nothing_added(bench, found, refused)
     if plain.outcome == "adequate" and (off := _astray(bench, found, plain)):
         unseen = (
@@ -79,6 +87,15 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     return plain
 
 
+def _rival_curve(bench: Workbench, found: Found) -> Conclusion | None:
+    """The curve of a package that declares some, where it explains more than nothing and carries over."""
+    best, selection = found.rival.best_curve, found.selection
+    if best is None or best.refit.log_evidence <= selection.base.log_evidence + selection.rounds[0].threshold:
+        return None
+    learned = add_curve(bench, found, best)
+    return None if _astray(bench, found, learned) else learned
+
+
 def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
     """What is named; where some structure is left, no more of it than surely predicts the unseen better, if anything.
 
@@ -86,12 +103,13 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
     """
     if _is_open(named):
         named = _no_more_than_needed(bench, found, named)
-    if not _is_open(named) or surely_worse(found.before, named.after, bench.recordings):
+    sure = surely_worse(found.before, named.after, bench.recordings)
+    if not _is_open(named) or (sure and _plainly_better(found.before, named.after, VISIBLY)):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
         f"The residual is structured; {listed([effect.id for effect in named.effects])} {explain} part of it where it "
-        "was fitted, but data that was not is predicted as well without. The missing physics is something else, or the "
+        "was fitted, but data that was not is predicted hardly better. The missing physics is something else, or the "
         "parameters are not the best ones."
     )
     return replace(nothing_added(bench, found, ""), outcome="unexplained", sentence=sentence)
@@ -132,7 +150,10 @@ def _learned(bench: Workbench, found: Found, selection: Selection) -> Conclusion
     if _incomplete(found, bench.settings.left_over):
         return None
     named = _added(bench, found)
-    return None if named is None or _astray(bench, found, named) else _what_carries_over(bench, found, named)
+    if named is None or _astray(bench, found, named):
+        return None
+    told = _what_carries_over(bench, found, named)
+    return told if told.effects else None
 
 
 def _partial(bench: Workbench, found: Found) -> Conclusion | None:

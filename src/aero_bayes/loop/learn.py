@@ -12,17 +12,23 @@ from aero_bayes.loop.workbench import Workbench
 def learn(bench: Workbench, found: Found) -> Selection | None:
     """The best curve beside the model as it stands, with what earns a place beside it; None where there are none.
 
-    A curve bends to anything, and pays for each of its heights: it is asked for only where listed laws failed.
+    A curve bends to anything, and pays for each of its heights: it is asked for only where listed laws failed, and one
+    of more heights only where fewer leave structure.
     """
-    base, family, learned, finer = found.base, bench.family, bench.family.learned(), bench.family.finer()
-    curves = [id_ for id_ in base.ids if id_ in learned]
+    base, family = found.base, bench.family
+    learned, finer = family.learned(), family.finer()
+    curves = [id_ for id_ in base.ids if id_ in learned and id_ not in finer]
     if not curves or not leaves_structure(base, base.held):
         return None
     bench.progress("learning a curve", 0.7)
-    search = Search(base.stands, family.groups(), finer, bench.settings.attribute, base.settings)
+    search = Search(base.stands, family.groups(), {}, bench.settings.attribute, base.settings)
     listed = [id_ for id_ in base.ids if id_ not in finer and id_ not in learned]
     rounds = [search.round(base.held, curves)]
     current = rounds[0].held or base.held
+    fine = [id_ for id_ in base.ids if id_ in learned and finer.get(id_) in (current.effects or curves)]
+    if fine and leaves_structure(base, current):
+        rounds.append(search.round(base.held, fine))
+        current = max(current, rounds[-1].held or current, key=lambda held: held.log_evidence)
     while current.effects and len(current.effects) < search.settings.max_effects and leaves_structure(base, current):
         bench.progress(f"what pays beside {current.effects[0]}", 0.72)
         rounds.append(search.round(current, listed))

@@ -37,7 +37,8 @@ def leaves_structure(base: BaseFit, held: Held) -> bool:
 def search(bench: Workbench, base: BaseFit) -> Found:
     """Try every candidate, then look beyond them."""
     bench.progress("trying every effect", 0.2)
-    finer, curves = bench.family.finer(), bench.family.learned()
+    curves = bench.family.learned()
+    finer = {id_: coarse for id_, coarse in bench.family.finer().items() if id_ not in curves}
     ids = [id_ for id_ in base.ids if id_ not in finer and id_ not in curves]
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:

@@ -151,13 +151,14 @@ class RigFamily:
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Laws without states together; those with states, which slow a simulation down, by port; curves last."""
-        curves = tuple(self.learned())
+        curves, finer = self.learned(), self.finer()
         still = tuple(id_ for id_, use in self._uses.items() if not use.law.moves and id_ not in curves)
         by_port: dict[str, list[str]] = {}
         for id_, use in self._uses.items():
             if use.law.moves:
                 by_port.setdefault(use.port.id, []).append(id_)
-        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values()), curves) if g)
+        tiers = (tuple(c for c in curves if (c in finer) is fine) for fine in (False, True))
+        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values()), *tiers) if g)
 
     def finer(self) -> Mapping[str, str]:
         """Laws that refine one at the same port."""
