@@ -248,12 +248,8 @@ class Around:
 
     def tangent(self, candidate: Candidate) -> list[Start]:
         """One step along all columns of a linear candidate together, and half of it."""
-        base, parameters, columns, free = (
-            self.base,
-            self.study.parameters,
-            list(candidate.columns),
-            list(self.base.free),
-        )
+        base, parameters = self.base, self.study.parameters
+        columns, free = list(candidate.columns), list(base.free)
         found = self.study.evaluate(base.coordinates, [*free, *columns])
         if found is None or found.slopes is None:
             return []
