@@ -272,8 +272,13 @@ def _astray(bench: Workbench, found: Found, extended: Conclusion) -> str:
     if not far:
         return ""
     unsure = bench.unseen.uncertainty_of(extended.calibration, extended.refit)
-    after = extended.after.test
-    return _in_words({key: ratio for key, ratio in far.items() if after[key].rms > SENSITIVE * unsure[key]})
+    before, after = found.before.test, extended.after.test
+    # What is sensitive excuses nothing that made it worse.
+    excused = {
+        key for key in far
+        if after[key].rms <= min(SENSITIVE * unsure[key], before[key].rms + after[key].sd)
+    }  # fmt: skip
+    return _in_words({key: ratio for key, ratio in far.items() if key not in excused})
 
 
 def _far(bench: Workbench, found: Found, extended: Conclusion) -> dict[tuple[str, str], float]:
