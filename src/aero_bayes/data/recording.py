@@ -46,8 +46,8 @@ class Recording:
     --------
     >>> recording
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
-    >>> recording.rows, recording.duration, round(recording.rate_hz)
-    (2001, 40.0, 50)
+    >>> recording.rows, recording.duration, round(recording.rate_hz), round(recording.interval, 6)
+    (2001, 40.0, 50, 0.02)
     >>> recording.measured(("position",)).shape
     (2001, 1)
     >>> early, late = recording.split(0.7)
