@@ -9,7 +9,7 @@ functions from which the fitted parameters' own directions are projected out.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -90,6 +90,11 @@ class ResidualReport:
             "worst_time": list(self.worst_time),
             "worst_share": self.worst_share,
         }
+
+
+def those_structured(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
+    """The reports of residuals that sensors do not explain."""
+    return [report for report in reports if report.verdict == "structured"]
 
 
 def reports_table(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:

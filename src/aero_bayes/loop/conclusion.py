@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.loop.judge import Prediction
@@ -45,15 +45,11 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     after = found.before
     if moment is not None:
         after = bench.unseen.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
-    adequate = moment is None and not selection.effects and not _structured(base.reports)
+    adequate = moment is None and not selection.effects and not those_structured(base.reports)
     return Conclusion(
         found, "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
         base.reports, after,
     )  # fmt: skip
-
-
-def _structured(reports: tuple[ResidualReport, ...]) -> list[ResidualReport]:
-    return [r for r in reports if r.verdict == "structured"]
 
 
 def _sentence(found: Found, refused: str) -> str:
@@ -73,13 +69,13 @@ def _sentence(found: Found, refused: str) -> str:
             f"not: {refused}. The missing physics is something else."
         )
     if selection.effects:
-        left = ", ".join(sorted({r.output for r in _structured(found.left)}))
+        left = ", ".join(sorted({r.output for r in those_structured(found.left)}))
         return (
             f"The residual is structured; {best} {explain} part of it, but what is left in {left} says that the "
             "missing physics is something else."
         )
     first = selection.rounds[0] if selection.rounds else None
-    structured = _structured(found.base.reports)
+    structured = those_structured(found.base.reports)
     if structured:
         worst = max(structured, key=lambda r: r.ratio)
         return (

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
@@ -60,7 +60,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             return learned
         elif (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
-    tried = learn(bench, found) if refused or any(r.verdict == "structured" for r in found.left) else None
+    tried = learn(bench, found) if refused or those_structured(found.left) else None
     if tried is not None:
         if (curve := _learned(bench, found, tried)) is not None:
             return curve
@@ -117,7 +117,7 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
 
 def _is_open(named: Conclusion) -> bool:
     """Whether structure is left, and unseen data can say more."""
-    return bool(named.after.test) and any(r.verdict == "structured" for r in named.reports)
+    return bool(named.after.test) and bool(those_structured(named.reports))
 
 
 def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
@@ -249,7 +249,7 @@ def _incomplete(found: Found, left_over: float) -> bool:
     That is so if structure is left, and either most of what exceeded the noise floor is still there, or the structure
     would gain a good part of what the effects have gained.
     """
-    structured = [report for report in found.left if report.verdict == "structured"]
+    structured = those_structured(found.left)
     if not structured:
         return False
     gained = found.selection.held.log_evidence - found.selection.base.log_evidence

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.check.structure import inspect
+from aero_bayes.check.structure import inspect, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
@@ -45,7 +45,7 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     study.simulator.close()
     effects = tuple(_found_effect(bench, c, selection, written, calibration.parameters, fit) for c in selection.effects)
     effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
-    structured = [r for r in reports if r.verdict == "structured"]
+    structured = those_structured(reports)
     required = bench.settings.attribute.require
     told = sorted(effects, key=lambda e: e.kind)  # what has a name first
     given, lacking = ([_in_words(e) for e in told if (e.id in required) is asked] for asked in (True, False))
@@ -142,10 +142,10 @@ def _found_effect(
     )  # fmt: skip
 
 
-def _learned(basis: Basis, columns: Sequence[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
+def _learned(basis: Basis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
     """A curve at the fit, and how sure it is."""
     values = parameters.from_search(fit.coordinates)
-    heights, scale = values[list(columns)], parameters.jacobian(values)[list(columns)]
+    heights, scale = values[columns], parameters.jacobian(values)[columns]
     rows = [fit.free.index(j) for j in columns]
     covariance = fit.covariance[np.ix_(rows, rows)] * np.outer(scale, scale)
     variance = np.einsum("kn,kl,ln->n", basis.rows, covariance, basis.rows)

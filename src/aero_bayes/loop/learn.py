@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aero_bayes.loop.attribute import Search, Selection
-from aero_bayes.loop.search import Found, leaves_structure
+from aero_bayes.loop.search import Found, leaves_structure, listed_alone
 from aero_bayes.loop.workbench import Workbench
 
 
@@ -22,7 +22,7 @@ def learn(bench: Workbench, found: Found) -> Selection | None:
         return None
     bench.progress("learning a curve", 0.7)
     search = Search(base.stands, family.groups(), {}, bench.settings.attribute, base.settings)
-    listed = [id_ for id_ in base.ids if id_ not in finer and id_ not in learned]
+    listed = listed_alone(bench, base)
     rounds = [search.round(base.held, curves)]
     current = rounds[0].held or base.held
     fine = [id_ for id_ in base.ids if id_ in learned and finer.get(id_) in (current.effects or curves)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.base_fit import BaseFit
@@ -44,7 +44,7 @@ def find_rival(bench: Workbench, base: BaseFit, selection: Selection, left: Sequ
 
     ``left`` is what the selected effects leave.
     """
-    structured = any(report.verdict == "structured" for report in left)
+    structured = bool(those_structured(left))
     if not structured and not (selection.effects and bench.settings.locate):
         return Rival()
     family = bench.family

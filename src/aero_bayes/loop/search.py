@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.errors import InputError
 from aero_bayes.loop.attribute import Search, Selection
 from aero_bayes.loop.base_fit import BaseFit, fit_from_there
@@ -31,15 +31,20 @@ class Found:
 
 def leaves_structure(base: BaseFit, held: Held) -> bool:
     """Whether a fit leaves what sensors do not explain."""
-    return any(report.verdict == "structured" for report in base.report(held))
+    return bool(those_structured(base.report(held)))
+
+
+def listed_alone(bench: Workbench, base: BaseFit) -> list[str]:
+    """Candidates that are tried on their own: no finer law of another, no learned curve."""
+    others = {*bench.family.finer(), *bench.family.learned()}
+    return [id_ for id_ in base.ids if id_ not in others]
 
 
 def search(bench: Workbench, base: BaseFit) -> Found:
     """Try every candidate, then look beyond them."""
     bench.progress("trying every effect", 0.2)
-    curves = bench.family.learned()
+    ids, curves = listed_alone(bench, base), bench.family.learned()
     finer = {id_: coarse for id_, coarse in bench.family.finer().items() if id_ not in curves}
-    ids = [id_ for id_ in base.ids if id_ not in finer and id_ not in curves]
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:
             raise InputError(f"[loop] require: no recorded output can show {id_}")

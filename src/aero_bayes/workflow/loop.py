@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.structure import reports_table
+from aero_bayes.check.structure import reports_table, those_structured
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.identifiability import Status, status_of
@@ -196,7 +196,7 @@ def _judged(item: Parameter, value: float, sd: float) -> Json:
 
 def _level(loop: LoopResult) -> str:
     """Good only if nothing is left: an effect that was found may be half of what is missing."""
-    left = any(report.verdict == "structured" for report in loop.residual_after)
+    left = bool(those_structured(loop.residual_after))
     return "warning" if left or loop.outcome == "unexplained" else "good"
 
 
