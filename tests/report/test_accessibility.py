@@ -91,10 +91,13 @@ def test_the_tab_key_reaches_everything(browser: Browser, page: Path) -> None:
     wanted = browser.evaluate(f"window.reached = new Set(); {TABBABLE}.length")
     assert wanted > 5
     browser.evaluate("document.addEventListener('focusin', e => reached.add(e.target))")
-    for _ in range(2 * wanted + 20):  # what comes into view may still be made to be used
-        for kind in ("keyDown", "keyUp"):
-            browser.tab("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
     missed = f"{TABBABLE}.filter(e => !reached.has(e)).map(e => e.outerHTML.slice(0, 90))"
+    for _ in range(20):  # laps: what is unpacked, or comes into view, is made to be used when the machine gets to it
+        for _ in range(2 * wanted + 20):
+            for kind in ("keyDown", "keyUp"):
+                browser.tab("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
+        if not browser.evaluate(missed):
+            break
     assert browser.evaluate(missed) == []
 
 
