@@ -52,6 +52,14 @@ MODELS: dict[str, list[Scalar]] = {
         parameter("c", 8, 0.0),
         parameter("g", 9, 0.0),
     ],
+    "Swing": [
+        *state("x", 0, 1.0),
+        *state("v", 2, 0.0),
+        parameter("k", 4, 1.0),
+        parameter("d", 5, 0.3),
+        parameter("width", 6, 0.02),
+        *(Scalar(name, 7 + i, "output") for i, name in enumerate(("linear", "smooth", "kink", "bump"))),
+    ],
     "VanDerPol": [*state("x0", 0, 2.0), *state("x1", 2, 0.0), parameter("mu", 4, 1.0)],
     "BouncingBall": [*state("h", 0, 1.0), *state("v", 2, 0.0), parameter("g", 4, -9.81), parameter("e", 5, 0.7)],
     "Stair": [

@@ -248,3 +248,34 @@ def test_refused_derivatives_are_noticed_whatever_is_asked_first(test_fmu, here)
             exact = np.stack([np.exp(-time), -2.0 * time * np.exp(-time)], axis=1)[:, active]
             assert found.sensitivities is not None
             np.testing.assert_allclose(found.sensitivities[0][0, :, 0], exact, atol=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-8])
+def test_outputs_between_the_points_of_a_long_step(test_fmu, here, tolerance):
+    # x = cos(w t), v = -w sin(w t), w^2 = k; a step spans hundreds of samples, the outputs are no states
+    time = np.linspace(0.0, 12.0, 40_001)
+    outputs = ("linear", "smooth", "kink", "bump")
+    targets = (ParameterTarget("k"), ParameterTarget("d"), ParameterTarget("width"))
+    k, d, width = 1.7, 0.31, 0.03
+    settings = SolverSettings(tolerance, tolerance)
+    out, slopes = run(here, test_fmu("Swing"), Experiment(time, outputs), targets, (k, d, width), settings)
+    w = np.sqrt(k)
+    x, v = np.cos(w * time), -w * np.sin(w * time)
+    dx, dv = -time * np.sin(w * time) / (2.0 * w), -np.sin(w * time) / (2.0 * w) - 0.5 * time * np.cos(w * time)
+    away, above = (x - d) / width, x > d
+    bump = 1.0 / (1.0 + away**2)
+    exact = np.stack([3.0 * x + v + d, np.exp(x * v), np.where(above, x - d, 0.0), bump], axis=1)
+    np.testing.assert_allclose(out[:, :3], exact[:, :3], atol=300.0 * tolerance)
+    # the bump turns an error of x into one of itself that is 1 / width times as large
+    np.testing.assert_allclose(out[:, 3], bump, atol=1000.0 * tolerance)
+    fall = -2.0 * away * bump**2 / width
+    none = np.zeros_like(time)
+    by_k = [3.0 * dx + dv, exact[:, 1] * (dx * v + x * dv), np.where(above, dx, 0.0), fall * dx]
+    by_d = [none + 1.0, none, np.where(above, -1.0, 0.0), -fall]
+    by_width = [none, none, none, -fall * away]
+    expected = np.stack([np.stack(column, axis=1) for column in (by_k, by_d, by_width)], axis=2)
+    # within a sample of the kink its slope may be that of either side
+    sure = np.abs(x - d) > max(100.0 * tolerance, 5e-4)
+    scale = np.abs(expected).max(axis=0)
+    scale[scale == 0.0] = 1.0
+    assert (np.abs(slopes - expected) / scale)[sure].max() < 3e4 * tolerance

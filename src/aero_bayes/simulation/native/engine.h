@@ -7,6 +7,7 @@
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
  *   events.c       event iteration, indicators and their roots
+ *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   run.c          one simulation from initialisation to the last sample
@@ -200,6 +201,8 @@ typedef struct Run {
     int64_t sample;
     Sink sink;
     double *other, *fraction;
+    int64_t piece; /* samples that are tried at once with a polynomial */
+    double *piece_y, *piece_s;
     fmi_reference *other_reference;
     int *other_integer;
     /* recorded steps, for internal numerical differentiation */
@@ -263,6 +266,10 @@ void sensitivity_enter(Run *, double t);
 int event_iterate(Run *);
 int indicators(Run *, double t, const double *x, double *z);
 double find_event(Run *, double h);
+
+/* outputs.c */
+enum { PIECE_POINTS = 11 };
+int ask_samples(Run *, const double *time, int64_t count);
 
 /* sink.c */
 void sink_begin(Run *, int mode, const double *noise);

@@ -71,6 +71,7 @@ static void lay_out(Run *r, Pool *p)
         r->a_now.start = PART(int, n + 1), r->a_now.col = PART(int, n * n), r->a_now.val = REALS(n * n);
     }
     r->other = REALS(m), r->fraction = REALS(BLOCK);
+    r->piece_y = REALS(PIECE_POINTS * m), r->piece_s = REALS(PIECE_POINTS * m * ld);
     r->other_reference = PART(fmi_reference, m);
     Sink *k = &r->sink;
     k->y = REALS(m * BLOCK);

@@ -1,4 +1,4 @@
-/* Where samples go. Outputs that are states are read from the continuous extension; others are asked of the FMU.
+/* Where samples go. Outputs that are states are read from the continuous extension; others see outputs.c.
  * Blocks of samples end in a trajectory, a likelihood or Gauss-Newton products. */
 #include "engine.h"
 
@@ -11,6 +11,7 @@ void sink_begin(Run *r, int mode, const double *noise)
     k->cost = k->log_det = 0.0;
     k->used = 0;
     r->sample = 0;
+    r->piece = BLOCK;
     if (mode == MODE_TRAJECTORY) return;
     for (int64_t i = 0; i < e->m; i++) filter_begin(&k->filter[i], noise + 3 * i, e->spacing);
     memset(k->filter_mean, 0, sizeof(double) * (size_t)(e->m * r->ld));
@@ -83,72 +84,6 @@ void sink_flush(Run *r)
     k->filled = 0;
 }
 
-static int ask_outputs(Run *r, double t, const double *x)
-{
-    Fmu *f = r->fmu;
-    const Experiment *e = r->e;
-    int status = set_point(r, t, x), reals = 0;
-    if (worse(status)) return status;
-    for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
-    if (reals && worse(status = f->get_real(f->instance, r->other_reference, (size_t)reals, r->other))) return status;
-    for (int64_t o = 0, next = 0; o < e->m; o++) {
-        if (e->output_state[o] >= 0) continue;
-        double *y = &r->sink.y[o * BLOCK + r->sink.filled];
-        if (e->output_kind[o] == 0) {
-            *y = r->other[next++];
-            continue;
-        }
-        int whole = 0;
-        const fmi_get_integer get = e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
-        if (!get || worse(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
-        *y = whole;
-    }
-    return FMI_OK;
-}
-
-/* dy/dp of the outputs that are no states, where the FMU stands: y_x S + y_p + y_u u_p, one call a column. */
-static int ask_sensitivities(Run *r, double t, const double *s)
-{
-    const Experiment *e = r->e;
-    const int n = r->n;
-    int reals = 0;
-    for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
-    for (int k = 0; k < r->q; k++) {
-        const Target *target = &r->column_target[k];
-        int known = n;
-        for (int i = 0; i < n; i++) {
-            r->seed_reference[i] = r->problem->state_reference[i];
-            r->seed[i] = k < r->alive ? s[i * r->ld + k] : 0.0;
-        }
-        if (target->kind == TARGET_PARAMETER) {
-            r->seed_reference[known] = (fmi_reference)target->a;
-            r->seed[known++] = 1.0;
-        }
-        for (int i = 0; i < e->n_signals && k < r->alive; i++) {
-            double w = 0.0;
-            if (target->kind == TARGET_DELAY) w = -r->slope[i];
-            if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
-            if (w == 0.0) continue;
-            r->seed_reference[known] = r->u_reference[i];
-            r->seed[known++] = w;
-        }
-        int moves = 0;
-        for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
-        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)reals);
-        if (reals && moves) {
-            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)reals,
-                                                   r->seed_reference, (size_t)known, r->seed, r->other);
-            if (worse(status)) return status;
-        }
-        for (int64_t o = 0, next = 0; o < e->m; o++)
-            if (e->output_state[o] < 0)
-                r->sink.s[(o * BLOCK + r->sink.filled) * r->ld + k] = e->output_kind[o] == 0 ? r->other[next++] : 0.0;
-    }
-    return FMI_OK;
-}
-
 /* Samples before `limit` (or at it too), from the continuous extension over (r->t, r->t + h). */
 int emit_until(Run *r, double h, double limit, int inclusive)
 {
@@ -175,18 +110,10 @@ int emit_until(Run *r, double h, double limit, int inclusive)
                                     r->fraction, count, r->q, ld);
         }
         if (e->n_other) {
-            for (int64_t k = 0; k < count; k++) {
-                for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, r->fraction + k, 1, r->u + i);
-                int status = ask_outputs(r, time[k], r->u);
-                if (!worse(status) && r->q) {
-                    kernels->dense_rows(r->su, r->sdense, size, degree, r->fraction + k, 1, size, size);
-                    status = ask_sensitivities(r, time[k], r->su);
-                }
-                if (worse(status)) return status;
-                sink->filled++;
-            }
-        } else
-            sink->filled += count;
+            const int status = ask_samples(r, time, count);
+            if (worse(status)) return status;
+        }
+        sink->filled += count;
         r->sample += count;
         if (sink->filled == BLOCK) sink_flush(r);
     }

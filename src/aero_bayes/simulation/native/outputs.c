@@ -1,0 +1,185 @@
+/* Outputs that are no states: asked of the FMU at every sample, or, where a step spans many samples, at a few Chebyshev
+ * points of it with a polynomial between them. As many points again, between those, tell whether the polynomial is as
+ * good as the step itself; where it is not, the piece is halved. */
+#include "engine.h"
+
+enum { NODES = 6, POINTS = PIECE_POINTS, SHORT = 22 };
+
+/* cos(pi (1 - k / 10)): even ones carry the polynomial, odd ones check it. */
+static const double point[POINTS] = {
+    -1.0, -0.9510565162951535, -0.8090169943749475, -0.5877852522924731, -0.30901699437494745, 0.0,
+    0.30901699437494745, 0.5877852522924731, 0.8090169943749475, 0.9510565162951535, 1.0};
+
+/* Lagrange's polynomials of the even points. */
+static void lagrange(double x, double *w)
+{
+    double sum = 0.0;
+    for (int i = 0; i < NODES; i++) {
+        const double away = x - point[2 * i];
+        if (away == 0.0) {
+            memset(w, 0, sizeof *w * NODES);
+            w[i] = 1.0;
+            return;
+        }
+        w[i] = (i % 2 ? -1.0 : 1.0) * (i == 0 || i == NODES - 1 ? 0.5 : 1.0) / away;
+        sum += w[i];
+    }
+    for (int i = 0; i < NODES; i++) w[i] /= sum;
+}
+
+/* Values at (t, x): that of output o to y[o * stride]. */
+static int ask_values(Run *r, double t, const double *x, double *y, int64_t stride)
+{
+    Fmu *f = r->fmu;
+    const Experiment *e = r->e;
+    int status = set_point(r, t, x), reals = 0;
+    if (worse(status)) return status;
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
+    if (reals && worse(status = f->get_real(f->instance, r->other_reference, (size_t)reals, r->other))) return status;
+    for (int64_t o = 0, next = 0; o < e->m; o++) {
+        if (e->output_state[o] >= 0) continue;
+        if (e->output_kind[o] == 0) {
+            y[o * stride] = r->other[next++];
+            continue;
+        }
+        int whole = 0;
+        const fmi_get_integer get = e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
+        if (!get || worse(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
+        y[o * stride] = whole;
+    }
+    return FMI_OK;
+}
+
+/* dy/dp where the FMU stands: y_x S + y_p + y_u u_p, one call a column; the row of output o to to[o * stride]. */
+static int ask_sensitivities(Run *r, double t, const double *s, double *to, int64_t stride)
+{
+    const Experiment *e = r->e;
+    const int n = r->n;
+    int reals = 0;
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
+    for (int k = 0; k < r->q; k++) {
+        const Target *target = &r->column_target[k];
+        int known = n;
+        for (int i = 0; i < n; i++) {
+            r->seed_reference[i] = r->problem->state_reference[i];
+            r->seed[i] = k < r->alive ? s[i * r->ld + k] : 0.0;
+        }
+        if (target->kind == TARGET_PARAMETER) {
+            r->seed_reference[known] = (fmi_reference)target->a;
+            r->seed[known++] = 1.0;
+        }
+        for (int i = 0; i < e->n_signals && k < r->alive; i++) {
+            double w = 0.0;
+            if (target->kind == TARGET_DELAY) w = -r->slope[i];
+            if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
+            if (w == 0.0) continue;
+            r->seed_reference[known] = r->u_reference[i];
+            r->seed[known++] = w;
+        }
+        int moves = 0;
+        for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
+        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)reals);
+        if (reals && moves) {
+            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)reals,
+                                                   r->seed_reference, (size_t)known, r->seed, r->other);
+            if (worse(status)) return status;
+        }
+        for (int64_t o = 0, next = 0; o < e->m; o++)
+            if (e->output_state[o] < 0) to[o * stride + k] = e->output_kind[o] == 0 ? r->other[next++] : 0.0;
+    }
+    return FMI_OK;
+}
+
+/* Both at a fraction of the step. */
+static int ask(Run *r, double t, double fraction, double *y, int64_t y_stride, double *s, int64_t s_stride)
+{
+    const int n = r->n, degree = method->dense;
+    const int64_t size = (int64_t)n * r->ld;
+    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, &fraction, 1, r->u + i);
+    const int status = ask_values(r, t, r->u, y, y_stride);
+    if (worse(status) || !r->q) return status;
+    kernels->dense_rows(r->su, r->sdense, size, degree, &fraction, 1, size, size);
+    return ask_sensitivities(r, t, r->su, s, s_stride);
+}
+
+/* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size. */
+static int met(const double *v, int64_t columns, int64_t stride, double tolerance)
+{
+    for (int64_t j = 0; j < columns; j++) {
+        double size = 0.0;
+        for (int k = 0; k < POINTS; k++) size = larger(size, fabs(v[k * stride + j]));
+        for (int k = 1; k < POINTS; k += 2) {
+            double w[NODES], off = -v[k * stride + j];
+            lagrange(point[k], w);
+            for (int i = 0; i < NODES; i++) off += w[i] * v[2 * i * stride + j];
+            if (!(fabs(off) <= tolerance * size)) return 0;
+        }
+    }
+    return 1;
+}
+
+/* Samples `from` on, by a polynomial over all of them; 0 where it is not good enough. */
+static int interpolate(Run *r, const double *time, int64_t from, int64_t count, int *status)
+{
+    const Experiment *e = r->e;
+    Sink *sink = &r->sink;
+    const int64_t ld = r->ld, wide = e->m * ld;
+    const double first = r->fraction[from], middle = 0.5 * (first + r->fraction[from + count - 1]);
+    const double half = middle - first, t0 = time[from], t1 = time[from + count - 1];
+    for (int k = 0; k < POINTS; k++) {
+        const double t = 0.5 * (t0 + t1) + 0.5 * (t1 - t0) * point[k];
+        *status = ask(r, t, middle + half * point[k], r->piece_y + k * e->m, 1, r->piece_s + k * wide, ld);
+        if (worse(*status)) return 0;
+    }
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && (!met(r->piece_y + o, 1, e->m, r->rtol) ||
+                                       !met(r->piece_s + o * ld, r->q, wide, 100.0 * r->rtol)))
+            return 0;
+    for (int64_t i = 0; i < count; i++) {
+        double w[NODES], x = (r->fraction[from + i] - middle) / half;
+        lagrange(x, w);
+        const int64_t at = sink->filled + from + i;
+        for (int64_t o = 0; o < e->m; o++) {
+            if (e->output_state[o] >= 0) continue;
+            double y = 0.0, *s = sink->s + (o * BLOCK + at) * ld;
+            for (int k = 0; k < NODES; k++) y += w[k] * r->piece_y[2 * k * e->m + o];
+            sink->y[o * BLOCK + at] = y;
+            if (!r->q) continue;
+            memset(s, 0, sizeof *s * (size_t)ld);
+            kernels->combine(s, s, w, NODES, r->piece_s + o * ld, 2 * wide, ld);
+        }
+    }
+    return 1;
+}
+
+/* The next `count` samples of the sink's block, at r->fraction of the step. */
+int ask_samples(Run *r, const double *time, int64_t count)
+{
+    const Experiment *e = r->e;
+    Sink *sink = &r->sink;
+    int status = FMI_OK, smooth = r->n > 0;
+    for (int64_t o = 0; o < e->m; o++) smooth &= e->output_state[o] >= 0 || e->output_kind[o] == 0;
+    for (int64_t k = 0; k < count;) {
+        const int64_t piece = count - k < r->piece ? count - k : r->piece;
+        if (smooth && piece >= SHORT && r->fraction[k + piece - 1] > r->fraction[k]) {
+            if (interpolate(r, time, k, piece, &status)) {
+                k += piece;
+                if (r->piece < BLOCK) r->piece *= 2;
+                continue;
+            }
+            if (worse(status)) return status;
+            if (r->piece > SHORT) {
+                r->piece /= 2;
+                continue;
+            }
+        }
+        for (const int64_t end = k + piece; k < end; k++) {
+            const int64_t at = sink->filled + k;
+            status = ask(r, time[k], r->fraction[k], sink->y + at, BLOCK, sink->s + at * r->ld, BLOCK * r->ld);
+            if (worse(status)) return status;
+        }
+    }
+    return FMI_OK;
+}
