@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from aero_bayes.bench.rigs import LawTruth, Place, places, simulate
 from aero_bayes.bench.rigs.kinds import KINDS
 from aero_bayes.bench.rigs.linear import run_linear
-from aero_bayes.bench.rigs.signals import delayed, lagged, play, rate_limited
+from aero_bayes.bench.rigs.signals import delayed, faded, lagged, play, rate_limited
 from aero_bayes.bench.rigs.truth import law_kind
 from aero_bayes.errors import InputError
 
@@ -120,6 +120,10 @@ def test_actuators_and_sensors_by_closed_form() -> None:
     )
     # Play of half-width 1: it moves only when the command has taken it up.
     np.testing.assert_allclose(play(time, values, 1.0, 1.0).base, [0.0, 1.0, 0.0])
+    # Half of the input is lost once its square has been the size's for long.
+    held = np.full(100, 2.0)
+    lost = faded(np.arange(100.0), held, 10.0, 0.5, 2.0).base
+    np.testing.assert_allclose(lost, 2.0 - np.cumsum(np.append(0.0, np.exp(-np.arange(99) / 10.0))) * -np.expm1(-0.1))
     rows = times(CART, 801)
     command = steps(CART, 801)
     plain, _ = simulate(CART, CART.parameters, [], rows, command, (0.0, 0.0))
@@ -227,10 +231,10 @@ def test_friction_does_not_depend_on_the_step(law: str) -> None:
 def test_every_law_of_the_library_stands_somewhere_and_unknown_ones_are_refused() -> None:
     listed = {law for kind in KINDS.values() for law, _ in places(kind)}
     expected = (
-        "gain offset dead_zone saturation rate_limit square_law lag delay coulomb_friction friction_by_direction "
-        "stribeck_friction presliding_friction viscous_friction quadratic_drag linear_stiffness cubic_stiffness "
-        "end_stop backlash linear_loss root_loss square_loss overflow exchange radiation series_resistance "
-        "contact_drop heating"
+        "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis coulomb_friction "
+        "friction_by_direction stribeck_friction presliding_friction viscous_friction quadratic_drag linear_stiffness "
+        "cubic_stiffness end_stop backlash linear_loss root_loss square_loss overflow exchange radiation "
+        "series_resistance contact_drop heating"
     )
     assert listed == set(expected.split())
     for kind in KINDS.values():

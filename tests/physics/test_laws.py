@@ -22,7 +22,7 @@ from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
 from aero_bayes.physics.use import use_of
 
 LISTED = {
-    "input": "gain offset dead_zone saturation rate_limit square_law lag delay curve",
+    "input": "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis curve",
     "output": "gain offset lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
@@ -84,8 +84,8 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
     ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
-#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it.
-UNFELT_AT_ZERO = {"saturation", "fine_position_curve"}
+#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, nor a play that rests in its middle.
+UNFELT_AT_ZERO = {"saturation", "fine_position_curve", "hysteresis"}
 
 
 def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:
@@ -179,7 +179,7 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
         assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
         if law.id not in UNFELT_AT_ZERO:
             assert np.abs(slope).max() > 1e-3, law.id
-        if law.id in ("lag", "delay", "rate_limit"):
+        if law.id in ("lag", "delay", "rate_limit", "hysteresis"):
             # fast states of a law that is off would set the pace of every simulation
             own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(use.instance + ".")]
             off, on = (np.abs(evaluate(own, {**at, switch: s})).max() for s in (0.0, beside))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from numpy.random import Generator
+from numpy.typing import NDArray
 from physics_rigs import RIGS, Numbers, explicit, rig, somewhere
 
 from aero_bayes.errors import InputError
@@ -24,6 +25,15 @@ from aero_bayes.physics.ports import candidates
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    Model,
+    NativeSimulator,
+    Problem,
+    SolverSettings,
+    WorkerPool,
+)
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "i_n": 1.4, "t_n": 0.3}
 
@@ -69,8 +79,9 @@ def agree(
 
 
 ONE_OF_EACH = [
-    ("Cart", "dead_zone@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"), ("Cart", "presliding_friction@v"),
-    ("Cart", "end_stop@v"), ("Pendulum", "coulomb_friction@w"), ("Pendulum", "offset@angle"),
+    ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),
+    ("Cart", "presliding_friction@v"), ("Cart", "end_stop@v"),
+    ("Pendulum", "coulomb_friction@w"), ("Pendulum", "offset@angle"),
     ("TankPair", "overflow@h1"), ("TankPair", "exchange@h1"), ("TankPair", "root_loss@h2"), ("Rlc", "heating@i"),
     ("Rlc", "linear_loss@v_C"), ("Motor", "contact_drop@i"), ("Motor", "quadratic_drag@w"), ("Motor", "lag@speed"),
     ("Shaft.Motor", "saturation@V"), ("Shaft.Motor", "gain@speed"), ("Shaft.Motor", "series_resistance@inductor.p"),
@@ -409,11 +420,32 @@ def test_the_written_model_moves_like_the_composed_one(
     assert np.abs(one - two).max() < 1e-9 * np.ptp(one)
 
 
-@pytest.mark.parametrize("law", ["Lag(T_l = 0.3)", "Delay(T_d = 0.3)", "RateLimit(r = 4)"])
+@pytest.mark.parametrize("law", ["Lag(T_l = 0.3)", "Delay(T_d = 0.3)", "RateLimit(r = 4)", "Hysteresis(s_p = 0.5)"])
 def test_an_actuator_starts_where_its_input_does(law: str, tmp_path: Path) -> None:
     """Of an input that is 3 from the start, and stays, nothing is held back."""
+    time = np.linspace(0.0, 2.0, 41)
+    found = acted(law, InputSignal("u", np.array([0.0, 1.0]), np.array([3.0, 3.5])), time, tmp_path)
+    assert np.abs(found[time < 0.999] - 3.0).max() < 1e-6
+    assert found[-1] == pytest.approx(3.25 if law.startswith(("Rate", "Hyst")) else 3.5, abs=0.03)
+
+
+def test_a_play_is_pushed_by_its_ends(tmp_path: Path) -> None:
+    """Against the operator by its definition: max(u - w, min(u + w, what it was))."""
+    corners = np.array([(0.0, 0.0), (1.0, 2.0), (2.5, -1.0), (3.5, 1.0), (4.0, 0.6), (6.0, 3.0)])
+    time = np.linspace(0.0, 6.0, 6001)
+    inner, expected = 0.0, []
+    for u in np.interp(time, *corners.T):
+        inner = max(u - 0.5, min(u + 0.5, inner))
+        expected.append(0.3 * u + 0.7 * inner)
+    found = acted("Hysteresis(s_p = 0.7, u_p = 0.5)", InputSignal("u", *corners.T, "linear"), time, tmp_path)
+    # trackers of 2.5 ms, behind a slope of 2: 0.005, and rounded ends
+    np.testing.assert_allclose(found, expected, atol=0.007)
+
+
+def acted(law: str, signal: InputSignal, time: NDArray[np.float64], folder: Path) -> NDArray[np.float64]:
+    """What a law of an input makes of a signal."""
     name, changed = law.rstrip(")").split("(")
-    path = tmp_path / "Settled.mo"
+    path = folder / "Settled.mo"
     path.write_text(
         f"""model Settled
   input Real u;
@@ -427,15 +459,10 @@ end Settled;
         encoding="utf-8",
     )
     library = RIGS.parents[2] / "modelica" / "Laws"
-    fmu = export_fmu("Settled", tmp_path / "settled.fmu", compiler="embedded", sources=[library, path])
-    input_ = np.array([(0.0, 3.0), (1.0, 3.0), (1.0, 3.5), (2.0, 3.5)], dtype=[("time", float), ("u", float)])
-    found = simulate_fmu(
-        str(fmu), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-8, stop_time=2.0,
-        output_interval=0.05, input=input_, output=["y"],
-    )  # fmt: skip
-    before = found["time"] < 0.999
-    assert np.abs(found["y"][before] - 3.0).max() < 1e-6
-    assert found["y"][-1] == pytest.approx(3.25 if name == "RateLimit" else 3.5, abs=0.03)
+    fmu = export_fmu("Settled", folder / "settled.fmu", compiler="embedded", sources=[library, path])
+    problem = Problem(Model.load(fmu), (Experiment(time, ("y",), (signal,)),), ((),), {}, SolverSettings(1e-8, 1e-8))
+    with WorkerPool(0) as pool, NativeSimulator(problem, pool=pool) as simulator:
+        return simulator.simulate(np.zeros((1, 0))).outputs[0][0][:, 0]
 
 
 def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path: Path) -> None:

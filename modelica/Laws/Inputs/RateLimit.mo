@@ -1,7 +1,7 @@
 within Laws.Inputs;
 model RateLimit "Actuator that changes only so fast"
   extends Laws.Interfaces.InputLaw;
-  parameter Real r(min = 0, max = 100 * t_n / u_n, nominal = t_n / u_n) = 0 "Inverse of the largest rate of change";
+  parameter Real r(min = 0, max = 100 * t_n / (w_n * u_n), nominal = t_n / (w_n * u_n)) = 0 "Inverse of the largest rate of change";
   Real z_0(nominal = u_n) "Input as a fast tracker follows it";
   Real z(nominal = u_n) "Input as a tracker of limited rate follows it";
 protected
@@ -14,7 +14,7 @@ equation
   T * der(z_0) = u - z_0;
   der(z) = ((u - z) / T) / (1 + r * (sqrt((u - z) ^ 2 + u_smooth ^ 2) - u_smooth) / T);
   y = u - (z_0 - z);
-  annotation (Documentation(info = "<html>
+  annotation (__aero_bayes(threshold = "r"), Documentation(info = "<html>
 <p>The output follows the input at no more than <code>1 / r</code> a second, so that zero means no limit. It is the input less what a tracker of
 limited rate lags behind one without limit, which leaves nothing where the limit is not reached. Before the start the input was what it is
 there.</p>

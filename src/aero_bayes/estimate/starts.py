@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, floors_of
-from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, StartTarget
@@ -80,6 +80,25 @@ def start_parameters(
     return start, found
 
 
+def loosened(parameters: ParameterSet, experiments: Sequence[Experiment], model: Model) -> ParameterSet:
+    """Starts that a reading tells closely, let go by a tenth of what the output moves: its sensor may be off.
+
+    A first fit is led by its readings; what is held against it may say that they are wrong.
+    """
+    items = []
+    for p in parameters:
+        if isinstance(p.target, StartTarget) and p.recording is not None and isinstance(p.prior, Normal):
+            experiment = experiments[p.recording]
+            for column, name in enumerate(experiment.outputs):
+                state = state_of(model, name)
+                if state is not None and state.name == p.target.state and experiment.measured is not None:
+                    moved = float(np.ptp(experiment.measured[np.isfinite(experiment.measured[:, column]), column]))
+                    low, high, prior = _about(state, p.prior.mean, max(p.prior.sd, MOST * moved))
+                    p = replace(p, lower=low, upper=high, prior=prior)
+        items.append(p)
+    return ParameterSet(tuple(items))
+
+
 def state_of(model: Model, output: str) -> Variable | None:
     """The state that an output is an alias of, if it is one."""
     own = next((s for s in model.states if s.name == output), None)
@@ -90,15 +109,21 @@ def state_of(model: Model, output: str) -> Variable | None:
 
 
 def _start(name: str, state: Variable, expected: float, spread: float, index: int, suffix: str) -> Parameter:
+    low, high, prior = _about(state, expected, spread)
+    return Parameter(
+        f"{name}_start{suffix}", state.unit, expected, low, high, prior, "linear",
+        f"initial value of {name}", StartTarget(state.name), index,
+    )  # fmt: skip
+
+
+def _about(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:
+    """Bounds and prior of a state's start."""
     low, high = expected - REACH * spread, expected + REACH * spread
     if state.minimum is not None and state.minimum < expected:
         low = max(low, state.minimum)
     if state.maximum is not None and state.maximum > expected:
         high = min(high, state.maximum)
-    return Parameter(
-        f"{name}_start{suffix}", state.unit, expected, low, high, Normal(expected, spread, low, high), "linear",
-        f"initial value of {name}", StartTarget(state.name), index,
-    )  # fmt: skip
+    return low, high, Normal(expected, spread, low, high)
 
 
 def _spreads(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:

@@ -20,6 +20,7 @@ from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.starts import loosened
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.simulation import Model
@@ -87,7 +88,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     recordings, settings = bench.recordings, bench.settings
-    plain, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
+    plain, fit = _loosened(bench, *_fitted(bench, bench.calibrate(model, _shared(bench, model))))
     bench.tally.lap("base fit")
     quick = plain
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) > 2 * settings.search_samples:
@@ -104,6 +105,19 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
         study = bench.objective(plain, simulator)
         reports = inspect(plain, study.series, fit, floors)
     return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
+
+
+def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calibration, Optimum]:
+    """The fit as it is where a sensor may be off: what is missing may be just that."""
+    parameters = loosened(plain.parameters, plain.experiments, plain.model)
+    if parameters == plain.parameters:
+        return plain, fit
+    plain, values = replace(plain, parameters=parameters), plain.parameters.from_search(fit.coordinates)
+    with bench.open(plain.problem()) as simulator:
+        study = bench.objective(plain, simulator)
+        fit = Climber(study, bench.settings.ascent).again(parameters.to_search(values), fit.free, fit.noise)
+        bench.tally.count(study)
+    return plain, fit
 
 
 def fit_from_there(bench: Workbench, base: BaseFit, held: Held) -> BaseFit:

@@ -16,6 +16,7 @@ from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, ca
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.starts import loosened
 from aero_bayes.loop.judge import Error, Prediction, rms_error
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.physics.kin import Family
@@ -136,7 +137,8 @@ class Unseen:
         # Which states start at a reading is known of the model itself: a relative may read them through a law.
         fixed = {name: value for name, value in calibration.fixed.items() if name in known}
         known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
-        known_as = replace(known_as, parameters=known_as.parameters.extended(new))
+        starts = loosened(known_as.parameters, known_as.experiments, plain)
+        known_as = replace(known_as, parameters=starts.extended(new))
         whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
         if extra:
             experiments = list(whole.experiments)

@@ -18,7 +18,7 @@ from aero_bayes.physics.edit import unified_diff
 from aero_bayes.physics.kin import OpenSimulator, moved
 from aero_bayes.physics.ports import Candidate, Port, candidates
 from aero_bayes.physics.rig import RigFamily, Sizes
-from aero_bayes.physics.sizes import signal_size, signals_of, typical_time
+from aero_bayes.physics.sizes import pace, signal_size, signals_of, typical_time
 from aero_bayes.physics.use import Use
 from aero_bayes.physics.wrapper import modelica_text, write_ssp
 from aero_bayes.physics.write import Written
@@ -93,9 +93,11 @@ class FmuFamily(RigFamily):
         found = signals_of(calibration, sorted(names), fit, open_simulator)
         seen = {name: signal_size(parts) or 1.0 for name, parts in found.items()}
         given: dict[str, float] = {}
+        recorded = {
+            v.name: [s for e in calibration.experiments for s in e.inputs if s.name == v.name] for v in inner.inputs
+        }
         for v in inner.inputs:
-            recorded = [s.values for e in calibration.experiments for s in e.inputs if s.name == v.name]
-            given[v.name] = signal_size(recorded) or v.nominal or 1.0
+            given[v.name] = signal_size([s.values for s in recorded[v.name]]) or v.nominal or 1.0
         time = typical_time(calibration, fit)
         sizes: dict[str, Mapping[str, float]] = {}
         for port in self.ports:
@@ -106,7 +108,8 @@ class FmuFamily(RigFamily):
                 sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": position, "t_n": time}
             else:
                 size = given[port.id] if port.kind == "input" else seen[port.id.removeprefix("output_")]
-                sizes[port.id] = {"u_n": size, "t_n": time}
+                own = {"u_n": size, "t_n": time}
+                sizes[port.id] = own | {"w_n": pace(recorded[port.id], time)} if port.kind == "input" else own
         return sizes
 
     def _with(self, uses: Sequence[Use]) -> Model:

@@ -80,7 +80,8 @@ class Law:
     ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given signals
     that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for`` a unit of
     a signal where it makes no sense. ``learned`` is the signal over which it learns a curve, where it is no law of
-    its own: linear in its parameters, and tried last.
+    its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value decides from where on
+    it acts at all, where that is not plain from its being the only one.
     """
 
     id: str
@@ -94,6 +95,7 @@ class Law:
     not_for: str
     refines: str
     learned: str
+    threshold: str
     shape: Shape
     text: str
     cls: ClassText = field(repr=False, compare=False)
@@ -231,7 +233,8 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
     return Law(
         snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
         frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
-        _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"), shape, text, cls, base, base_text,
+        _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"),
+        _noted(cls.annotation, "threshold"), shape, text, cls, base, base_text,
     )  # fmt: skip
 
 

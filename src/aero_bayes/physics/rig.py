@@ -279,7 +279,7 @@ def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
         scale = limits["nominal"]
         if k == 0:
-            alone = len(parameters) == 1 and low >= 0.0 and not use.law.moves
+            alone = use.law.threshold or (len(parameters) == 1 and low >= 0.0 and not use.law.moves)
             sizes = [m * scale for m in (SIZES_ALONE if alone else SIZES)]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
         elif low > 0.0 and high < NARROW * low:

@@ -21,7 +21,7 @@ from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.structure import reference
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import InputSignal, Outcome
 
 FloatArray = NDArray[np.float64]
 
@@ -119,6 +119,21 @@ def signal_size(parts: Sequence[FloatArray]) -> float:
     return float(np.quantile(np.abs(np.concatenate(parts)), MOST)) if parts else 0.0
 
 
+def pace(inputs: Sequence[InputSignal], time: float) -> float:
+    """How far an input moves within ``time`` (s), in its own size: half of all its movement is faster."""
+    size = signal_size([s.values for s in inputs])
+    moved = [_far(s, time) for s in inputs]
+    steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)
+    if size <= 0.0 or not steps.any():
+        return 1.0
+    return float(steps[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]) / size
+
+
+def _far(signal: InputSignal, time: float) -> FloatArray:
+    """How far a signal moves from each of its times to ``time`` later."""
+    return np.abs(np.interp(signal.time + time, signal.time, signal.values) - signal.values)
+
+
 def _sizes(
     port: Port,
     found: Mapping[str, list[FloatArray]],
@@ -130,10 +145,13 @@ def _sizes(
     own = {signal: signal_size(found[name]) for signal, name in seen.items()}
     act = max((signal_size(found[name]) for name in acting), default=0.0)
     if port.kind in ("input", "output", "reading"):
-        inputs = [s.values for e in calibration.experiments for s in e.inputs if s.name == port.id]
-        sizes = {"u_n": signal_size(inputs) if port.kind == "input" else own.get("u", 0.0)}
+        inputs = [s for e in calibration.experiments for s in e.inputs if s.name == port.id]
+        sizes = {"u_n": own.get("u", 0.0)}
+        if port.kind == "input":
+            sizes = {"u_n": signal_size([s.values for s in inputs]), "w_n": pace(inputs, time)}
     elif port.kind == "motion":
-        sizes = {"f_n": act, "v_n": own.get("v", 0.0), "x_n": own.get("x", 0.0)}
+        speed = own.get("v", 0.0)
+        sizes = {"f_n": act, "v_n": speed, "x_n": own.get("x", speed * time)}
     elif port.kind == "electrical":
         sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:

@@ -65,8 +65,10 @@ class Use:
     def unit(self, p: LawParameter) -> str:
         """Unit of a parameter, from those of the port."""
         signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
+        if signals.get("v") and not signals.get("x"):
+            signals["x"] = f"s.{signals['v']}"
         of_size = {size: signals.get(signal, "") for size, signal in self.law.shape.sizes.items()}
-        return p.unit({**of_size, "t_n": "s"})
+        return p.unit({**of_size, "t_n": "s", "w_n": "1"})
 
 
 def use_of(

@@ -16,7 +16,7 @@ from numpy.random import Generator
 
 from aero_bayes.bench.rigs.assembly import Assembly
 from aero_bayes.bench.rigs.plant import DryFriction, Overflow, Regions, Values
-from aero_bayes.bench.rigs.signals import delayed, lagged, rate_limited, static
+from aero_bayes.bench.rigs.signals import delayed, lagged, play, rate_limited, static
 
 Parameters = Mapping[str, float]
 
@@ -103,6 +103,10 @@ def _dead_zone(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 def _saturation(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     a.actuators[name] = static(lambda u: np.clip(u, -p["u_max"], p["u_max"]))
+
+
+def _hysteresis(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+    a.actuators[name] = partial(play, half_width=p["w"], share=p["share"])
 
 
 def _rate_limit(a: Assembly, name: str, p: Parameters, slack: float) -> None:
@@ -311,6 +315,16 @@ LAWS: dict[tuple[str, str], LawKind] = {
         ("input", LawKind("square_law", "input", lambda g, z, s: {"a": z, "u_n": s.largest}, _square_law, 1.5)),
         ("input", LawKind("lag", "input", lambda g, z, s: {"T": z * s.time}, _lag_in, 20.0)),
         ("input", LawKind("delay", "input", lambda g, z, s: {"T": z * s.time}, _delay_in, 10.0)),
+        (
+            "input",
+            LawKind(
+                "hysteresis",
+                "input",
+                lambda g, z, s: {"share": z, "w": s.spread * float(g.uniform(0.2, 0.8))},
+                _hysteresis,
+                1.0,
+            ),
+        ),
         ("output", LawKind("gain", "output", lambda g, z, s: {"g": z * _signed(g)}, _gain_out, 0.6)),
         ("output", LawKind("offset", "output", lambda g, z, s: {"b": z * s.spread * _signed(g)}, _offset_out, 5.0)),
         ("output", LawKind("lag", "output", lambda g, z, s: {"T": z * s.time}, _lag_out, 3.0)),

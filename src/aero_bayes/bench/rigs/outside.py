@@ -10,15 +10,16 @@ import numpy as np
 from aero_bayes.bench.rigs.assembly import Assembly, FloatArray
 from aero_bayes.bench.rigs.laws import LawKind, Parameters
 from aero_bayes.bench.rigs.plant import Values
-from aero_bayes.bench.rigs.signals import hold, play, static
+from aero_bayes.bench.rigs.signals import faded, hold, static
 
 
 def _drifting_gain(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     a.actuators[name] = lambda time, u: hold(time, u * (1.0 + p["a"] * np.sin(2.0 * pi * time / p["T"] + p["phase"])))
 
 
-def _hysteresis(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.actuators[name] = partial(play, half_width=p["w"], share=p["share"])
+def _fade(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+    """An actuator that loses force as it grows hot from what it did before."""
+    a.actuators[name] = partial(faded, constant=p["T"], loss=p["loss"], size=p["u_n"])
 
 
 def _wave(a: Assembly, name: str, p: Parameters, slack: float) -> None:
@@ -85,11 +86,11 @@ OUTSIDE: dict[tuple[str, str], LawKind] = {
         (
             "input",
             LawKind(
-                "hysteresis",
+                "fade",
                 "input",
-                lambda g, z, s: {"share": z, "w": s.spread * g.uniform(0.4, 0.9)},
-                _hysteresis,
-                1.0,
+                lambda g, z, s: {"loss": z, "T": s.duration * g.uniform(0.05, 0.2), "u_n": s.largest},
+                _fade,
+                0.9,
             ),
         ),
         (

@@ -122,3 +122,13 @@ def play(time: FloatArray, values: FloatArray, half_width: float, share: float) 
         inner = min(max(inner, value - half_width), value + half_width)
         out.append((1.0 - share) * value + share * inner)
     return hold(time, np.array(out))
+
+
+def faded(time: FloatArray, values: FloatArray, constant: float, loss: float, size: float) -> Signal:
+    """A command that loses ``loss`` of itself where its square, averaged over ``constant`` s, is that of ``size``."""
+    out, heat = [], 0.0
+    steps = np.exp(-np.diff(time, append=2.0 * time[-1] - time[-2]) / constant).tolist()
+    for value, kept in zip((values / size).tolist(), steps, strict=True):
+        out.append(size * value * max(1.0 - loss * heat, 0.0))
+        heat = kept * heat + (1.0 - kept) * value * value
+    return hold(time, np.array(out))
