@@ -44,9 +44,12 @@ class Held:
         return Around(self.stand.study, self.optimum)
 
     def shows_shape(self, id_: str) -> bool:
-        """Whether no shape of a law is on its bound, as far from any finer law as it may be."""
-        shapes = list(self.stand.candidates[id_].columns[1:])
-        return not np.any(self.stand.study.parameters.on_bound(self.optimum.coordinates)[shapes])
+        """Whether no shape of a law is on its bound, where it is another law; beyond the first, any may vanish."""
+        first, *others = self.stand.candidates[id_].columns[1:] or (None,)
+        parameters, at = self.stand.study.parameters, self.optimum.coordinates
+        bound, low = parameters.on_bound(at), parameters.box[0]
+        middle = 0.5 * (low + parameters.box[1])
+        return first is None or not (bound[first] or np.any((bound & (at > middle))[others]))
 
 
 @dataclass(frozen=True, eq=False)
