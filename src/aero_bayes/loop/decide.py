@@ -28,7 +28,8 @@ CARRIES_OVER = 0.1
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
 PARTLY = 0.25
-#: Share of the unseen error that what is named may leave in some output, where it leaves structure too.
+#: Share of the unseen error that what is named may leave in some output, where it leaves structure too, and that is
+#: more than so much above the noise.
 VISIBLY = 0.9
 #: Share of what fewer effects leave of the unseen that more may leave to be named though chance could have it so.
 MUCH = 2.0 / 3.0
@@ -47,7 +48,9 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     if bench.settings.attribute.require:
         return add_effects(bench, found)
     if rival.curve is not None:
-        return add_curve(bench, found, rival.curve)
+        told = add_curve(bench, found, rival.curve)
+        if not _is_open(told) or _plainly_better(found.before, told.after, VISIBLY):
+            return told
     refused, hardly = "", None
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
         named = _added(bench, found)
@@ -104,7 +107,8 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
     if _is_open(named):
         named = _no_more_than_needed(bench, found, named)
     sure = surely_worse(found.before, named.after, bench.recordings)
-    if not _is_open(named) or (sure and _plainly_better(found.before, named.after, VISIBLY)):
+    plain = all(report.ratio < 1.0 / VISIBLY for report in those_structured(named.reports))
+    if not _is_open(named) or (sure and (plain or _plainly_better(found.before, named.after, VISIBLY))):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
