@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
 
 SOURCE = """model Cart "A mass on a spring, both its position and its speed are read"
@@ -64,3 +65,50 @@ def test_a_lag_in_the_reading_of_a_state(tmp_path) -> None:
     # The extended model starts the position, which it no longer reads, at the first reading all the same.
     assert found.after.test["test", "v"].rms < 2.0 * NOISE[1]
     assert found.after.test["test", "x"].rms < 0.2 * found.before.test["test", "x"].rms
+
+
+TANK = """model Tank "A tank that runs out through a hole, its level is read"
+  input Real q(unit = "m3/s");
+  output Real h(unit = "m", start = 2, min = 0, fixed = true);
+  parameter Real A(unit = "m2", min = 0) = 1;
+  parameter Real c(min = 0) = 0.4;
+equation
+  A*der(h) = q - c*sqrt(h);
+end Tank;
+"""
+
+
+def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
+    """By 250 times, from the first reading on; the level itself starts where no reading says."""
+    (tmp_path / "Tank.mo").write_text(TANK, encoding="utf-8")
+    rng = np.random.default_rng(11)
+    step, noise, off, area, hole = 0.5, 2e-3, 0.5, 1.3, 0.45
+    made = []
+    for name, first in (("train", 1.6), ("test", 2.4)):
+        inflow = np.repeat(rng.uniform(0.35, 0.8, 40), 20)
+        level = [first]
+        for q in inflow[:-1]:  # classical Runge-Kutta, in ten parts
+            h = level[-1]
+            for _ in range(10):
+                slopes = [(q - hole * np.sqrt(h)) / area]
+                for part in (0.5, 0.5, 1.0):
+                    slopes.append((q - hole * np.sqrt(h + part * 0.1 * step * slopes[-1])) / area)
+                h += 0.1 * step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+            level.append(h)
+        read = np.array(level) + off + rng.normal(0.0, noise, inflow.size)
+        made.append(Recording(name, step * np.arange(inflow.size), {"q": inflow}, {"h": read}))
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=1),
+        calibration=CalibrationSettings(start="estimated"),
+        free=("A", "c"),
+        laws=("offset", "gain"),
+        sources=(tmp_path / "Tank.mo",),
+        cache=tmp_path / "fmus",
+    )
+    found = close_loop(made[:1], made[1:], model="Tank", settings=settings, workers=0, out_dir=tmp_path / "out")
+    (effect,) = found.effects
+    assert effect.kind == "catalogue"
+    assert effect.id == "offset@output_h", found.sentence
+    (offset,) = effect.parameters
+    assert offset.value == pytest.approx(off, abs=5.0 * offset.sd)
+    assert found.after.test["test", "h"].rms < 1.3 * noise
