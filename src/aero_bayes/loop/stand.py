@@ -44,12 +44,10 @@ class Held:
         return Around(self.stand.study, self.optimum)
 
     def shows_shape(self, id_: str) -> bool:
-        """Whether no shape of a law is on its bound, where it is another law; beyond the first, any may vanish."""
-        first, *others = self.stand.candidates[id_].columns[1:] or (None,)
-        parameters, at = self.stand.study.parameters, self.optimum.coordinates
-        bound, low = parameters.on_bound(at), parameters.box[0]
-        middle = 0.5 * (low + parameters.box[1])
-        return first is None or not (bound[first] or np.any((bound & (at > middle))[others]))
+        """Whether no shape of a law is on its bound, where it may be another law; some may vanish."""
+        candidate = self.stand.candidates[id_]
+        shapes = [j for k, j in enumerate(candidate.columns) if k and k not in candidate.vanishing]
+        return not np.any(self.stand.study.parameters.on_bound(self.optimum.coordinates)[shapes])
 
 
 @dataclass(frozen=True, eq=False)

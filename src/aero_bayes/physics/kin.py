@@ -28,13 +28,15 @@ SPREAD = 3.0
 class Candidate:
     """An effect that the model may lack: values (SI units) to start its parameters from, and their columns on a stand.
 
-    The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
+    The first is its magnitude. One without starts is linear in its parameters, off where all are zero. ``vanishing``
+    are the places of parameters that may end on a bound without making it another law.
     """
 
     id: str
     port: str
     starts: tuple[tuple[float, ...], ...]
     columns: tuple[int, ...] = ()
+    vanishing: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

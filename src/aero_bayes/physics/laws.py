@@ -81,7 +81,8 @@ class Law:
     that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for`` a unit of
     a signal where it makes no sense. ``learned`` is the signal over which it learns a curve, where it is no law of
     its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value decides from where on
-    it acts at all, where that is not plain from its being the only one.
+    it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape that may end on a bound
+    without making it another law.
     """
 
     id: str
@@ -96,6 +97,7 @@ class Law:
     refines: str
     learned: str
     threshold: str
+    vanishing: str
     shape: Shape
     text: str
     cls: ClassText = field(repr=False, compare=False)
@@ -234,7 +236,7 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
         snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
         frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
         _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"),
-        _noted(cls.annotation, "threshold"), shape, text, cls, base, base_text,
+        _noted(cls.annotation, "threshold"), _noted(cls.annotation, "vanishing"), shape, text, cls, base, base_text,
     )  # fmt: skip
 
 

@@ -178,7 +178,7 @@ class RigFamily:
         """The model with some laws, switched off."""
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids)
         model = self._with(uses)
-        own = [(Candidate(u.id, u.port.id, _starts(u)), _parameters(u)) for u in uses]
+        own = [(Candidate(u.id, u.port.id, _starts(u), vanishing=_vanishing(u)), _parameters(u)) for u in uses]
         return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     def _with(self, uses: Sequence[Use]) -> Model:
@@ -266,6 +266,10 @@ def _parameters(use: Use) -> list[Parameter]:
         about = f"{p.description} at {use.port.id}"
         found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
     return found
+
+
+def _vanishing(use: Use) -> tuple[int, ...]:
+    return tuple(k for k, p in enumerate(use.parameters()) if p.name == use.law.vanishing)
 
 
 def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
