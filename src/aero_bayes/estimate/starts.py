@@ -69,7 +69,7 @@ def start_parameters(
         start[state.name] = reading
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
-            moved = float(np.nanmax(values) - np.nanmin(values))
+            moved = _range(values)
             (floor,) = floors_of([recording], [name]).values()
             spread = max(min(max(FLOORS * floor, LEAST * moved), MOST * moved), 1e-9)
             found.append(_start(name, state, reading, spread, index, suffix))
@@ -85,18 +85,27 @@ def loosened(parameters: ParameterSet, experiments: Sequence[Experiment], model:
 
     A first fit is led by its readings; what is held against it may say that they are wrong.
     """
-    items = []
-    for p in parameters:
-        if isinstance(p.target, StartTarget) and p.recording is not None and isinstance(p.prior, Normal):
-            experiment = experiments[p.recording]
-            for column, name in enumerate(experiment.outputs):
-                state = state_of(model, name)
-                if state is not None and state.name == p.target.state and experiment.measured is not None:
-                    moved = float(np.ptp(experiment.measured[np.isfinite(experiment.measured[:, column]), column]))
-                    low, high, prior = _about(state, p.prior.mean, max(p.prior.sd, MOST * moved))
-                    p = replace(p, lower=low, upper=high, prior=prior)
-        items.append(p)
-    return ParameterSet(tuple(items))
+    return ParameterSet(
+        tuple(p if p.recording is None else _let_go(p, experiments[p.recording], model) for p in parameters)
+    )
+
+
+def _let_go(p: Parameter, experiment: Experiment, model: Model) -> Parameter:
+    """The start of a state that is an output, let go; any other parameter as it is."""
+    if not isinstance(p.target, StartTarget) or not isinstance(p.prior, Normal) or experiment.measured is None:
+        return p
+    for column, name in enumerate(experiment.outputs):
+        state = state_of(model, name)
+        if state is not None and state.name == p.target.state:
+            spread = max(p.prior.sd, MOST * _range(experiment.measured[:, column]))
+            low, high, prior = _about(state, p.prior.mean, spread)
+            return replace(p, lower=low, upper=high, prior=prior)
+    return p
+
+
+def _range(values: FloatArray) -> float:
+    """How far readings move, gaps left out."""
+    return float(np.nanmax(values) - np.nanmin(values))
 
 
 def state_of(model: Model, output: str) -> Variable | None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.data import floors_of
@@ -101,10 +102,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     held = stands.of(bench.family.groups()[0]).fit(values, (), fit.noise, climbing)
     bench.tally.lap("models")
     floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
-    with bench.open(plain.problem()) as simulator:
-        study = bench.objective(plain, simulator)
-        reports = inspect(plain, study.series, fit, floors)
-    return BaseFit(plain, fit, held, stands, ids, climbing, reports, floors)
+    return BaseFit(plain, fit, held, stands, ids, climbing, _reports(bench, plain, fit, floors), floors)
 
 
 def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calibration, Optimum]:
@@ -112,23 +110,32 @@ def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calib
     parameters = loosened(plain.parameters, plain.experiments, plain.model)
     if parameters == plain.parameters:
         return plain, fit
-    plain, values = replace(plain, parameters=parameters), plain.parameters.from_search(fit.coordinates)
-    with bench.open(plain.problem()) as simulator:
-        study = bench.objective(plain, simulator)
-        fit = Climber(study, bench.settings.ascent).again(parameters.to_search(values), fit.free, fit.noise)
-        bench.tally.count(study)
-    return plain, fit
+    values = plain.parameters.from_search(fit.coordinates)
+    plain = replace(plain, parameters=parameters)
+    return plain, _again(bench, plain, values, fit)
 
 
 def fit_from_there(bench: Workbench, base: BaseFit, held: Held) -> BaseFit:
     """The same from where a search was led that found the first fit in a wrong valley."""
-    with bench.open(base.plain.problem()) as simulator:
-        study = bench.objective(base.plain, simulator)
-        at = study.parameters.to_search(np.array([held.values[name] for name in study.parameters.names]))
-        fit = Climber(study, bench.settings.ascent).again(at, base.fit.free, held.optimum.noise)
-        reports = inspect(base.plain, study.series, fit, base.floors)
+    values = np.array([held.values[name] for name in base.plain.parameters.names])
+    fit = _again(bench, base.plain, values, replace(base.fit, noise=held.optimum.noise))
+    return replace(base, fit=fit, held=held, reports=_reports(bench, base.plain, fit, base.floors))
+
+
+def _again(bench: Workbench, calibration: Calibration, values: NDArray[np.float64], last: Optimum) -> Optimum:
+    """A climb from values near an optimum, with what was free there and its noise."""
+    with bench.open(calibration.problem()) as simulator:
+        study = bench.objective(calibration, simulator)
+        found = Climber(study, bench.settings.ascent).again(study.parameters.to_search(values), last.free, last.noise)
         bench.tally.count(study)
-    return replace(base, fit=fit, held=held, reports=reports)
+    return found
+
+
+def _reports(
+    bench: Workbench, plain: Calibration, fit: Optimum, floors: Mapping[tuple[str, str], float]
+) -> tuple[ResidualReport, ...]:
+    with bench.open(plain.problem()) as simulator:
+        return inspect(plain, bench.objective(plain, simulator).series, fit, floors)
 
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:
@@ -154,11 +161,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
     if not ripple:
         return calibration, found
-    with bench.open(cleaned.problem()) as simulator:
-        study = bench.objective(cleaned, simulator)
-        found = Climber(study, settings.ascent).again(found.coordinates, found.free, found.noise)
-        bench.tally.count(study)
-    return cleaned, found
+    return cleaned, _again(bench, cleaned, cleaned.parameters.from_search(found.coordinates), found)
 
 
 def _seen(study: Objective) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ from aero_bayes.physics.edit import unified_diff
 from aero_bayes.physics.kin import OpenSimulator, moved
 from aero_bayes.physics.ports import Candidate, Port, candidates
 from aero_bayes.physics.rig import RigFamily, Sizes
-from aero_bayes.physics.sizes import pace, signal_size, signals_of, typical_time
+from aero_bayes.physics.sizes import pace, recorded, signal_size, signals_of, typical_time
 from aero_bayes.physics.use import Use
 from aero_bayes.physics.wrapper import modelica_text, write_ssp
 from aero_bayes.physics.write import Written
@@ -92,24 +92,22 @@ class FmuFamily(RigFamily):
         names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
         found = signals_of(calibration, sorted(names), fit, open_simulator)
         seen = {name: signal_size(parts) or 1.0 for name, parts in found.items()}
-        given: dict[str, float] = {}
-        recorded = {
-            v.name: [s for e in calibration.experiments for s in e.inputs if s.name == v.name] for v in inner.inputs
+        given = {
+            v.name: signal_size([s.values for s in recorded(calibration, v.name)]) or v.nominal or 1.0
+            for v in inner.inputs
         }
-        for v in inner.inputs:
-            given[v.name] = signal_size([s.values for s in recorded[v.name]]) or v.nominal or 1.0
         time = typical_time(calibration, fit)
         sizes: dict[str, Mapping[str, float]] = {}
         for port in self.ports:
             if port.kind == "motion":
                 assert port.entrance is not None
                 force = given[inner.inputs[port.entrance.equation].name]
-                speed, position = (seen[s] for s in (port.states[0], port.states[-1]))
-                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": position, "t_n": time}
+                speed, *position = (seen[s] for s in port.states)
+                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": (*position, speed * time)[0], "t_n": time}
+            elif port.kind == "input":
+                sizes[port.id] = {"u_n": given[port.id], "w_n": pace(recorded(calibration, port.id), time), "t_n": time}
             else:
-                size = given[port.id] if port.kind == "input" else seen[port.id.removeprefix("output_")]
-                own = {"u_n": size, "t_n": time}
-                sizes[port.id] = own | {"w_n": pace(recorded[port.id], time)} if port.kind == "input" else own
+                sizes[port.id] = {"u_n": seen[port.id.removeprefix("output_")], "t_n": time}
         return sizes
 
     def _with(self, uses: Sequence[Use]) -> Model:

@@ -269,6 +269,7 @@ def _parameters(use: Use) -> list[Parameter]:
 
 
 def _vanishing(use: Use) -> tuple[int, ...]:
+    """Columns of the shape with which a finer law becomes a coarser one as it goes to 0."""
     return tuple(k for k, p in enumerate(use.parameters()) if p.name == use.law.vanishing)
 
 
@@ -283,8 +284,8 @@ def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
         scale = limits["nominal"]
         if k == 0:
-            alone = use.law.threshold or (len(parameters) == 1 and low >= 0.0 and not use.law.moves)
-            sizes = [m * scale for m in (SIZES_ALONE if alone else SIZES)]
+            static = len(parameters) == 1 and low >= 0.0 and not use.law.moves
+            sizes = [m * scale for m in (SIZES_ALONE if static or use.law.threshold else SIZES)]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
         elif low > 0.0 and high < NARROW * low:
             values = [m * scale for m in LEVELS if low < m * scale < high]

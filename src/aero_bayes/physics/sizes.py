@@ -122,16 +122,16 @@ def signal_size(parts: Sequence[FloatArray]) -> float:
 def pace(inputs: Sequence[InputSignal], time: float) -> float:
     """How far an input moves within ``time`` (s), in its own size: half of all its movement is faster."""
     size = signal_size([s.values for s in inputs])
-    moved = [_far(s, time) for s in inputs]
+    moved = [np.abs(np.interp(s.time + time, s.time, s.values) - s.values) for s in inputs]
     steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)
     if size <= 0.0 or not steps.any():
         return 1.0
     return float(steps[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]) / size
 
 
-def _far(signal: InputSignal, time: float) -> FloatArray:
-    """How far a signal moves from each of its times to ``time`` later."""
-    return np.abs(np.interp(signal.time + time, signal.time, signal.values) - signal.values)
+def recorded(calibration: Calibration, name: str) -> list[InputSignal]:
+    """The recordings of an input, one a recording that has it."""
+    return [s for e in calibration.experiments for s in e.inputs if s.name == name]
 
 
 def _sizes(
@@ -145,9 +145,9 @@ def _sizes(
     own = {signal: signal_size(found[name]) for signal, name in seen.items()}
     act = max((signal_size(found[name]) for name in acting), default=0.0)
     if port.kind in ("input", "output", "reading"):
-        inputs = [s for e in calibration.experiments for s in e.inputs if s.name == port.id]
         sizes = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
+            inputs = recorded(calibration, port.id)
             sizes = {"u_n": signal_size([s.values for s in inputs]), "w_n": pace(inputs, time)}
     elif port.kind == "motion":
         speed = own.get("v", 0.0)

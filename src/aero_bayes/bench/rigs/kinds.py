@@ -95,7 +95,9 @@ def _zeros(count: int) -> Callable[[Parameters], list[float]]:
 
 
 FRICTION = "coulomb_friction friction_by_direction stribeck_friction presliding_friction"
-ACTUATOR = "dead_zone saturation rate_limit square_law lag delay hysteresis"
+#: What an actuator of flow, heat or voltage may have; a drive that reverses may have a dead zone too.
+ONE_WAY = "saturation rate_limit square_law lag delay hysteresis"
+ACTUATOR = f"dead_zone {ONE_WAY}"
 
 
 def _pendulum(p: Parameters) -> Plant:
@@ -291,7 +293,7 @@ TANKS = RigKind(
     (1.3, 1.1),
     (0.3, 0.3),
     {
-        "in:u": "saturation rate_limit square_law lag delay hysteresis offset",
+        "in:u": f"{ONE_WAY} offset",
         "h1": "linear_loss square_loss overflow offset exchange",
         "h2": "linear_loss square_loss overflow offset",
         "out:y": "offset lag delay",
@@ -330,7 +332,7 @@ HEAT = RigKind(
     (20.0, 10.0),
     (3.0, 3.0),
     {
-        "in:P": "saturation rate_limit square_law lag delay hysteresis offset",
+        "in:P": f"{ONE_WAY} offset",
         "heater.T": "linear_loss square_loss offset radiation",
         "plate.T": "square_loss offset radiation",
         "out:T_heater": "offset lag delay",
@@ -363,7 +365,7 @@ RESERVOIRS = RigKind(
     (0.2, 0.1),
     (0.03, 0.03),
     {
-        "in:q": "saturation rate_limit square_law lag delay hysteresis offset",
+        "in:q": f"{ONE_WAY} offset",
         "first.h": "linear_loss root_loss square_loss overflow offset",
         "second.h": "root_loss square_loss overflow offset",
         "out:level_1": "gain offset lag delay",

@@ -203,8 +203,8 @@ typedef struct Run {
     double *other, *fraction;
     int64_t piece; /* samples that are tried at once with a polynomial */
     double *piece_y, *piece_s;
+    int64_t others; /* real outputs that are no states */
     fmi_reference *other_reference;
-    int *other_integer;
     /* recorded steps, for internal numerical differentiation */
     int record, replay;
     double *steps;

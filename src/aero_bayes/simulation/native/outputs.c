@@ -32,11 +32,10 @@ static int ask_values(Run *r, double t, const double *x, double *y, int64_t stri
 {
     Fmu *f = r->fmu;
     const Experiment *e = r->e;
-    int status = set_point(r, t, x), reals = 0;
+    int status = set_point(r, t, x);
+    if (!worse(status) && r->others)
+        status = f->get_real(f->instance, r->other_reference, (size_t)r->others, r->other);
     if (worse(status)) return status;
-    for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
-    if (reals && worse(status = f->get_real(f->instance, r->other_reference, (size_t)reals, r->other))) return status;
     for (int64_t o = 0, next = 0; o < e->m; o++) {
         if (e->output_state[o] >= 0) continue;
         if (e->output_kind[o] == 0) {
@@ -56,9 +55,6 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
 {
     const Experiment *e = r->e;
     const int n = r->n;
-    int reals = 0;
-    for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[reals++] = e->output_reference[o];
     for (int k = 0; k < r->q; k++) {
         const Target *target = &r->column_target[k];
         int known = n;
@@ -80,9 +76,9 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
         }
         int moves = 0;
         for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
-        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)reals);
-        if (reals && moves) {
-            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)reals,
+        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)r->others);
+        if (r->others && moves) {
+            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->others,
                                                    r->seed_reference, (size_t)known, r->seed, r->other);
             if (worse(status)) return status;
         }
@@ -104,16 +100,16 @@ static int ask(Run *r, double t, double fraction, double *y, int64_t y_stride, d
     return ask_sensitivities(r, t, r->su, s, s_stride);
 }
 
-/* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size. */
-static int met(const double *v, int64_t columns, int64_t stride, double tolerance)
+/* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size;
+ * `w` has its weights there, a row a point. */
+static int met(const double *w, const double *v, int64_t columns, int64_t stride, double tolerance)
 {
     for (int64_t j = 0; j < columns; j++) {
         double size = 0.0;
         for (int k = 0; k < POINTS; k++) size = larger(size, fabs(v[k * stride + j]));
         for (int k = 1; k < POINTS; k += 2) {
-            double w[NODES], off = -v[k * stride + j];
-            lagrange(point[k], w);
-            for (int i = 0; i < NODES; i++) off += w[i] * v[2 * i * stride + j];
+            double off = -v[k * stride + j];
+            for (int i = 0; i < NODES; i++) off += w[k / 2 * NODES + i] * v[2 * i * stride + j];
             if (!(fabs(off) <= tolerance * size)) return 0;
         }
     }
@@ -133,9 +129,11 @@ static int interpolate(Run *r, const double *time, int64_t from, int64_t count, 
         *status = ask(r, t, middle + half * point[k], r->piece_y + k * e->m, 1, r->piece_s + k * wide, ld);
         if (worse(*status)) return 0;
     }
+    double check[POINTS / 2 * NODES];
+    for (int k = 1; k < POINTS; k += 2) lagrange(point[k], check + k / 2 * NODES);
     for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && (!met(r->piece_y + o, 1, e->m, r->rtol) ||
-                                       !met(r->piece_s + o * ld, r->q, wide, 100.0 * r->rtol)))
+        if (e->output_state[o] < 0 && (!met(check, r->piece_y + o, 1, e->m, r->rtol) ||
+                                       !met(check, r->piece_s + o * ld, r->q, wide, 100.0 * r->rtol)))
             return 0;
     for (int64_t i = 0; i < count; i++) {
         double w[NODES], x = (r->fraction[from + i] - middle) / half;

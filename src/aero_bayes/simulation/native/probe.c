@@ -19,34 +19,30 @@ static double point(const Run *r, int k, const double *x0, double *x)
 
 static int same(double a, double b, double size) { return !(fabs(a - b) > 1e-9 * fmax(fmax(fabs(a), fabs(b)), size)); }
 
-static int ask(Run *r, double *out, int64_t others)
+static int ask(Run *r, double *out)
 {
     Fmu *f = r->fmu;
     int status = FMI_OK;
-    if (others) status = f->get_real(f->instance, r->other_reference, (size_t)others, out);
-    if (!worse(status) && r->nz) status = f->get_indicators(f->instance, out + others, (size_t)r->nz);
+    if (r->others) status = f->get_real(f->instance, r->other_reference, (size_t)r->others, out);
+    if (!worse(status) && r->nz) status = f->get_indicators(f->instance, out + r->others, (size_t)r->nz);
     if (!worse(status) && r->problem->has_directional)
-        status = directional_column(r, r->problem->state_reference[0], out + others + r->nz);
+        status = directional_column(r, r->problem->state_reference[0], out + r->others + r->nz);
     return status;
 }
 
 /* Is anything else once the derivatives have been asked for? */
 static int needs_derivatives_first(Run *r, const double *x0, double *x)
 {
-    const Experiment *e = r->e;
-    int64_t others = 0;
-    for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[others++] = e->output_reference[o];
-    const int64_t size = others + r->nz + (r->problem->has_directional ? r->n : 0);
+    const int64_t size = r->others + r->nz + (r->problem->has_directional ? r->n : 0);
     if (!size) return 0;
     double *before = malloc(sizeof *before * (size_t)(2 * size)), *after = before + size;
     int differs = 0;
     for (int k = 0; before && k < POINTS; k++) {
         const double t = point(r, k, x0, x);
         int status = set_point(r, t, x);
-        if (!worse(status)) status = ask(r, before, others);
+        if (!worse(status)) status = ask(r, before);
         if (!worse(status)) status = r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
-        if (!worse(status)) status = ask(r, after, others);
+        if (!worse(status)) status = ask(r, after);
         for (int64_t i = 0; i < size && !worse(status); i++) differs |= !same(before[i], after[i], 0.0);
     }
     free(before);

@@ -109,6 +109,8 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
     r->memory = memory;
     pool = (Pool){memory, 0};
     lay_out(r, &pool);
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->others++] = e->output_reference[o];
     return r;
 }
 
