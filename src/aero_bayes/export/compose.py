@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.arrays import Value, mapped, numbers
@@ -30,9 +31,14 @@ from aero_bayes.export.syntax import (
     names_in,
     rebuilt,
     rebuilt_statement,
+    reference,
 )
 
 _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "fixed": 0.0}
+
+#: What stands behind a reading that is a state, or an array of readings, and what an array of inputs becomes, after
+#: its name.
+TRUE, ACTING = "_true", "_acting"
 
 Change = Callable[[Name], Expression]
 
@@ -93,9 +99,10 @@ def _under(e: FlatEquation, instance: str) -> FlatEquation:
 
 
 def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
-    """Add the equation ``name = expression``; the last one of the result."""
-    flat.variable(name)
-    return replace(flat, equations=(*flat.equations, FlatEquation(Name(name), expression, "added")))
+    """Add the equation ``name = expression``, ``x[1]`` for an element; the last one of the result."""
+    left = reference(name)
+    flat.variable(left.name)
+    return replace(flat, equations=(*flat.equations, FlatEquation(left, expression, "added")))
 
 
 def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = "", **attributes: float) -> FlatModel:
@@ -160,10 +167,13 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
     """Use ``by`` wherever equations, algorithms and events use the variable ``name``, also under ``der``.
 
     ``keep_equations`` are indices of equations that stay as they are, such as the one that determines ``name``. What
-    an algorithm or a when clause assigns stays too.
+    an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so.
     """
+    old = reference(name)
 
     def change(n: Name) -> Expression:
+        if n == old and n.subscripts:
+            return by
         if n.name != name:
             return n
         if not n.subscripts:
@@ -176,6 +186,33 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
         old if i in kept else new for i, (old, new) in enumerate(zip(flat.equations, changed.equations, strict=True))
     )
     return replace(changed, equations=equations)
+
+
+def with_elements_apart(flat: FlatModel, element: str) -> FlatModel:
+    """The model with an array that is an input or output kept from what it stands for, element by element.
+
+    ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
+    is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.
+    """
+    name = reference(element).name
+    v = flat.variable(name)
+    inner = f"{name}{ACTING if v.causality == 'input' else TRUE}"
+    if name == element or any(w.name == inner for w in flat.variables):
+        return flat
+    own = replace(v, name=inner, causality="local", binding=None)
+    shown = replace(v, attributes={k: t for k, t in v.attributes.items() if k != "fixed"}, binding=None)
+    flat = replace_uses(flat, name, Name(inner))
+    flat = replace(flat, variables=(*(shown if w.name == name else w for w in flat.variables), own))
+    for one in element_names(name, v.sizes):
+        there = reference(f"{inner}{one.removeprefix(name)}")
+        left, right = (there, reference(one)) if v.causality == "input" else (reference(one), there)
+        flat = replace(flat, equations=(*flat.equations, FlatEquation(left, right, "added")))
+    return flat
+
+
+def element_names(name: str, sizes: Sequence[int]) -> list[str]:
+    """``x[1]``, ``x[2]``, ... row by row."""
+    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
 
 
 def evaluate(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:

@@ -174,6 +174,14 @@ def children(tree: Expression) -> tuple[Expression, ...]:
     return ()
 
 
+def reference(name: str) -> Name:
+    """A variable by its name; ``x[1]`` is an element of ``x``."""
+    base, bracket, inside = name.partition("[")
+    if not bracket or not name.endswith("]") or "." in inside:
+        return Name(name)
+    return Name(base, tuple(Number(float(k)) for k in inside[:-1].split(",")))
+
+
 def names_in(tree: Expression) -> set[str]:
     """The names that an expression refers to."""
     found: set[str] = set()

@@ -28,8 +28,8 @@ CARRIES_OVER = 0.1
 PLAINLY, MOST = 0.5, 6
 #: The same where they leave far more than noise.
 PARTLY = 0.25
-#: Share of the unseen error that what is named may leave in some output, where it leaves structure too, and that is
-#: more than so much above the noise.
+#: Share of the unseen error that what is named may leave in some output, where it leaves structure too. Structure that
+#: is less than so much above the noise is not seen.
 VISIBLY = 0.9
 #: Share of what fewer effects leave of the unseen that more may leave to be named though chance could have it so.
 MUCH = 2.0 / 3.0
@@ -59,7 +59,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             hardly = _what_carries_over(bench, found, named)
             if hardly.effects:
                 return hardly
-        elif (learned := _rival_curve(bench, found)) is not None:
+        elif rival.curve is None and (learned := _rival_curve(bench, found)) is not None:
             return learned
         elif (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
@@ -107,8 +107,8 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
     if _is_open(named):
         named = _no_more_than_needed(bench, found, named)
     sure = surely_worse(found.before, named.after, bench.recordings)
-    plain = all(report.ratio < 1.0 / VISIBLY for report in those_structured(named.reports))
-    if not _is_open(named) or (sure and (plain or _plainly_better(found.before, named.after, VISIBLY))):
+    carries = sure and (not _visible(named.reports) or _plainly_better(found.before, named.after, VISIBLY))
+    if carries or not _is_open(named):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
@@ -122,6 +122,11 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
 def _is_open(named: Conclusion) -> bool:
     """Whether structure is left, and unseen data can say more."""
     return bool(named.after.test) and bool(those_structured(named.reports))
+
+
+def _visible(reports: Sequence[ResidualReport]) -> list[ResidualReport]:
+    """Those with structure that stands out of the noise: noise that is no simple process leaves a little too."""
+    return [report for report in those_structured(reports) if report.ratio >= 1.0 / VISIBLY]
 
 
 def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
@@ -250,10 +255,10 @@ def _plainly_better(before: Prediction, after: Prediction, share: float = PLAINL
 def _incomplete(found: Found, left_over: float) -> bool:
     """Whether so much is left beside the named effects that they are not the explanation.
 
-    That is so if structure is left, and either most of what exceeded the noise floor is still there, or the structure
-    would gain a good part of what the effects have gained.
+    That is so if structure is left to see, and either most of what exceeded the noise floor is still there, or the
+    structure would gain a good part of what the effects have gained.
     """
-    structured = those_structured(found.left)
+    structured = _visible(found.left)
     if not structured:
         return False
     gained = found.selection.held.log_evidence - found.selection.base.log_evidence

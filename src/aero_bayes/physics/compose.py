@@ -16,14 +16,14 @@ from aero_bayes.export.compose import (
     instantiate,
     replace_uses,
     set_parameter,
+    with_elements_apart,
 )
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt
+from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt, reference
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Candidate, Port
-from aero_bayes.physics.structure import reference
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
@@ -101,10 +101,9 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     port, at = use.port, use.instance
     acts = Name(f"{at}.{use.law.shape.acts}")
     law = models[use.law.kind, use.law.id]
-    if port.via == "input":
-        flat = replace_uses(flat, port.signals["u"], acts)
-    elif port.via == "output":
-        flat = replace_uses(flat, port.signals["u"], Name(f"{at}.u"))
+    if port.via in ("input", "output"):
+        flat = with_elements_apart(flat, port.signals["u"])
+        flat = replace_uses(flat, port.signals["u"], acts if port.via == "input" else Name(f"{at}.u"))
     flat = instantiate(flat, law, at)
     known = {v.name for v in law.variables}
     if port.via == "output":
@@ -153,6 +152,8 @@ def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatMo
 
 def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:
     """Give a start value to what takes an output's place, where that output was a state."""
+    if reference(old).subscripts:
+        return flat
     attributes = flat.variable(old).attributes
     variables = tuple(
         replace(v, attributes={**v.attributes, **attributes}) if v.name == new
@@ -201,10 +202,12 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
         flat = add_input(flat, name, port.unit, f"Unknown signal at {port.id}")
         names[port.id] = name
         signal = port.signals.get("u", "")
+        if signal:
+            flat = with_elements_apart(flat, signal)
         if port.via == "input":
-            flat = replace_uses(flat, signal, Call("+", (Name(signal), Name(name))))
+            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))))
         elif port.via == "output":
-            inner = f"{signal}_without_{name}"
+            inner = f"{plain_name(signal)}_without_{name}"
             flat = replace_uses(flat, signal, Name(inner))
             flat = _moved_start(add_variable(flat, inner, port.unit), signal, inner)
             flat = equate(flat, signal, Call("+", (Name(inner), Name(name))))

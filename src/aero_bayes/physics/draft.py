@@ -45,9 +45,13 @@ class Draft:
         self.edits: list[Edit] = []
         #: what the rest of the class reads in place of a signal
         self.read: dict[str, str] = {}
-        #: outermost law of each output, and where the expression stood that it is given
-        self.outputs: dict[str, str] = {}
+        #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
+        #: stood that an output was given
+        self.given: dict[str, str] = {}
         self.moved: dict[str, Sequence[Token]] = {}
+        #: bindings that become equations of other variables
+        self.freed: dict[str, Sequence[Token]] = {}
+        self.connectors: dict[str, str] = {}
         self.copies: dict[str, ComponentCopy] = {}
 
     def original(self) -> str:
@@ -131,7 +135,8 @@ class Draft:
         return self._extension() if self.extends else self._copy()
 
     def _declarations(self) -> list[str]:
-        lines = [*self.parameters, *self.variables]
+        connectors = (f"connector {name} = {what};" for name, what in self.connectors.items())
+        lines = [*self.parameters, *connectors, *self.variables]
         for cls, (instance, (name, bound)) in zip(self.classes, self.instances.items(), strict=True):
             lines += [*cls, f"{name} {instance}({', '.join(f'{k} = {v}' for k, v in bound.items())});"]
         return [*lines, *self._copied_classes("")]
@@ -169,9 +174,13 @@ class Draft:
         for name, tokens in self.moved.items():
             instance = self.read[name].removesuffix(".u")
             self.instances[instance][1]["u"] = self._renamed(tokens)
-            edits.append(Edit(tokens[0].start, tokens[-1].end, self.outputs[name]))
-        self.equations += [f"{name} = {y};" for name, y in self.outputs.items() if name not in self.moved]
-        gone = [(tokens[0].start, tokens[-1].end) for tokens in self.moved.values()]
+            edits.append(Edit(tokens[0].start, tokens[-1].end, self.given[name]))
+        self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed.items()]
+        self.equations += [f"{name} = {y};" for name, y in self.given.items() if name not in self.moved]
+        gone = [(tokens[0].start, tokens[-1].end) for tokens in (*self.moved.values(), *self.freed.values())]
+        for tokens in self.freed.values():
+            equals = text.rindex("=", 0, tokens[0].start)
+            edits.append(Edit(equals, tokens[-1].end, ""))
         for s in cls.statements:
             names = {c.name_token.start for c in self.components.values() if c.statement is s}
             if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved:

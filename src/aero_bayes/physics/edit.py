@@ -80,7 +80,7 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]
         if 0 <= cls.annotation_start < end and at > cls.annotation_start >= start:
             at = max((e for e in ends if e <= cls.annotation_start), default=start)
         at = _rest_of_line(text, at, cls.close)
-        first = next((s for s in cls.statements if start <= s.start < end), None)
+        first = next((s for s in cls.statements if start <= s.start < end and not s.inside), None)
         indent = indentation(text, first.start) if first is not None else outer + "  "
         return [Edit(at, at, "".join(f"\n{indent}{line}" for line in lines))]
     at = cls.annotation_start if cls.annotation_start >= 0 else cls.close

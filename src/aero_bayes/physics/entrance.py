@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Array, Call, Expression, Name, Number, children, rebuilt, show
+from aero_bayes.export.syntax import Array, Call, Expression, Name, Number, children, rebuilt, reference, show
 from aero_bayes.physics.balance import Driver, Entry, Row, entry_of, row_of
 from aero_bayes.physics.rows import swapped
-from aero_bayes.physics.structure import reference
 from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle
 
 #: Where an opposing term stands in what the residual of a vector equation grows by.
@@ -60,8 +59,15 @@ def entrance_of(
     if entry is None:
         return None
     if row is not None:
-        left, right = (row_of(side, row) for side in sides)
-        return _in_row(flat, equation, entry, row, trees, _unit(entry, (left, right), units))
+        items = row_of(sides[0], row), row_of(sides[1], row)
+        # the terms of a side that is written element by element are numbers
+        numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in item.walk()}
+        beside = tuple(
+            trees[id(t)] if id(t) in numbers else Call("*", (_unit_vector(row, Number(1.0)), trees[id(t)]))
+            for t in entry.like
+            if id(t) in trees
+        )
+        return _in_row(flat, equation, entry, row, trees, _unit(entry, items, units), beside)
     scale: Expression = Number(float(entry.sign * entry.side))
     for operator, factor in entry.factors:
         scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
@@ -71,7 +77,13 @@ def entrance_of(
 
 
 def _in_row(
-    flat: FlatModel, equation: int, entry: Entry, row: Row, trees: Mapping[int, Expression], unit: str
+    flat: FlatModel,
+    equation: int,
+    entry: Entry,
+    row: Row,
+    trees: Mapping[int, Expression],
+    unit: str,
+    beside: tuple[Expression, ...],
 ) -> Entrance | None:
     e = flat.equations[equation]
     whole, group = (e.left if entry.side > 0 else e.right), trees.get(id(entry.group))
@@ -81,13 +93,10 @@ def _in_row(
         # the side is written element by element
         item = whole.items[row[0] - 1] if isinstance(whole, Array) else whole
         scale = _unit_vector(row, swapped(item, group, TERM))
-        beside = [trees[id(t)] for t in entry.like if id(t) in trees]
     else:
         scale = swapped(whole, group, _unit_vector(row, TERM))
-        only = _unit_vector(row, Number(1.0))
-        beside = [Call("*", (only, trees[id(t)])) for t in entry.like if id(t) in trees]
     signed = scale if entry.sign * entry.side > 0 else Call("neg", (scale,))
-    return Entrance(equation, signed, unit, row, tuple(beside))
+    return Entrance(equation, signed, unit, row, beside)
 
 
 def _unit_vector(row: Row, item: Expression) -> Expression:

@@ -9,7 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.connections import node, series
@@ -42,21 +42,21 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
         Those that are looked at for :attr:`Port.laws`.
     """
     s = structure_of(flat)
-    rated = _rated(flat, [v.name for v in flat.variables if _top(v, "output")])
+    rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
     balances = list(_balances(s, flat))
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
-    ports = [*_inputs(flat), *outputs, *balances]
+    ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
 
 
 def _top(v: FlatVariable, causality: str) -> bool:
-    return v.causality == causality and not {*".["} & {*v.name} and v.type == "Real" and not v.sizes and not v.constant
+    return v.causality == causality and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
 
 
-def _inputs(flat: FlatModel) -> Iterator[Port]:
-    for v in flat.variables:
+def _inputs(s: Structure) -> Iterator[Port]:
+    for v in s.flat.variables:
         if _top(v, "input"):
             yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
 
@@ -75,7 +75,7 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     """Outputs whose rate the model gives; that of one which an input acts on at once is not known."""
     wider = flat
     for n, name in enumerate(outputs):
-        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (Name(name),)))
+        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (reference(name),)))
     try:
         causalise(translate(wider))
     except InputError:

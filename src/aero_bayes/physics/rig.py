@@ -17,6 +17,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.export.compose import TRUE
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
@@ -34,7 +35,6 @@ from aero_bayes.physics.sources import names_taken
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law
-from aero_bayes.physics.writer import TRUE
 from aero_bayes.simulation import Model
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
@@ -218,7 +218,8 @@ class RigFamily:
         there: dict[str, str] = {}
         for s in model.states:
             # what an output's law reads is what the output was
-            was = self._read.get(s.name, s.name.removesuffix(TRUE) if s.name not in self._aliases else s.name)
+            unread = s.name.removesuffix(TRUE).replace(f"{TRUE}[", "[")
+            was = self._read.get(s.name, unread if s.name not in self._aliases else s.name)
             there.setdefault(self._aliases.get(was, was), s.name)
             if was in structure.variables:
                 there.setdefault(structure.of(was), s.name)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
-from itertools import product
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.arrays import Value, filled, mapped, numbers
+from aero_bayes.export.compose import element_names
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.scope import Scope
@@ -39,11 +39,6 @@ def by_elements(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
     rows = _Rows(flat)
     found = [(e, origin) for i, equation in enumerate(flat.equations) for e, origin in rows.of(i, equation)]
     return replace(flat, variables=variables, equations=tuple(e for e, _ in found)), tuple(o for _, o in found)
-
-
-def element_names(name: str, sizes: Sequence[int]) -> list[str]:
-    """``x[1]``, ``x[2]``, ... row by row."""
-    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
 
 
 def _elements(v: FlatVariable) -> list[FlatVariable]:

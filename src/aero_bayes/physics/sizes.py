@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,10 +16,9 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Call, Expression, Name, Number
+from aero_bayes.export.syntax import Call, Expression, Name, Number, reference
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.structure import reference
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
 
@@ -64,14 +63,28 @@ class _Watched:
 
     def run(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> dict[str, list[FloatArray]]:
         """Each expression over the recordings, by its name; those that cannot be exported are left out."""
-        flat = self.flat
-        for expression, name in self.names.items():
-            # Kept apart from what it equals, so that no state takes its name.
-            flat = add_output(flat, name, Call("+", (expression, _NOTHING)))
-        names = tuple(self.names.values())
         with tempfile.TemporaryDirectory() as folder:
-            model = Model.load(export_flat(flat, Path(folder) / "watched.fmu", quick=True))
+            path = Path(folder) / "watched.fmu"
+            try:
+                model = self._export(self.names, path)
+            except InputError:
+                model = self._export([e for e in self.names if self._can_be_watched(e, path)], path)
+            names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
             return signals_of(replace(calibration, model=model), names, fit, open_simulator)
+
+    def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
+        flat = self.flat
+        for expression in expressions:
+            # Kept apart from what it equals, so that no state takes its name.
+            flat = add_output(flat, self.names[expression], Call("+", (expression, _NOTHING)))
+        return Model.load(export_flat(flat, path, quick=True))
+
+    def _can_be_watched(self, expression: Expression, path: Path) -> bool:
+        try:
+            self._export([expression], path)
+        except InputError:
+            return False
+        return True
 
 
 def signals_of(
@@ -142,8 +155,8 @@ def _sizes(
     time: float,
     calibration: Calibration,
 ) -> dict[str, float]:
-    own = {signal: signal_size(found[name]) for signal, name in seen.items()}
-    act = max((signal_size(found[name]) for name in acting), default=0.0)
+    own = {signal: signal_size(found[name]) for signal, name in seen.items() if name in found}
+    act = max((signal_size(found[name]) for name in acting if name in found), default=0.0)
     if port.kind in ("input", "output", "reading"):
         sizes = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
@@ -157,7 +170,7 @@ def _sizes(
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
     sizes = {name: value if value > 0.0 else 1.0 for name, value in sizes.items()}
-    if port.kind == "storage" and port.units.get("h") in _KELVIN:
+    if port.kind == "storage" and port.units.get("h") in _KELVIN and "h" in own:
         # counted from where it starts, so that a rig has the same laws in K as in degC
         first = float(found[seen["h"]][0][0])
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0

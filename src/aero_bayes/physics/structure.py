@@ -56,14 +56,6 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
-def reference(name: str) -> Name:
-    """A name as the flat model has it: ``x[1]`` is an element of ``x``."""
-    base, bracket, inside = name.partition("[")
-    if not bracket or not name.endswith("]") or "." in inside:
-        return Name(name)
-    return Name(base, tuple(Number(float(k)) for k in inside[:-1].split(",")))
-
-
 def structure_of(flat: FlatModel) -> Structure:
     """Find the classes of equal variables and the states of a flat model."""
     flat, origins = by_elements(flat)

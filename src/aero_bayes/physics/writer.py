@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import evaluate
+from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
+from aero_bayes.export.syntax import reference
 from aero_bayes.physics.balance import Entry, entry_of, in_vector, sides_of
 from aero_bayes.physics.classes import ClassText, Component, Statement
 from aero_bayes.physics.component_copy import without_numbers
@@ -25,9 +26,7 @@ from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
-#: How the quantity behind a reading that is a state is called, after the reading's name.
-TRUE = "_true"
-_COMMA = frozenset({","})
+_COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
 class Writer:
@@ -223,52 +222,82 @@ class Writer:
     # inputs and outputs
 
     def _at_input(self, use: Use) -> None:
-        name = self._declared(use)
-        self.draft.declare(use, {"u": name}, {})
-        if name in self.draft.read:
-            # what a law gives that is there already is now given what this one gives
-            self.draft.instances[self.draft.read[name].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
-        self.draft.read.setdefault(name, f"{use.instance}.y")
-
-    def _declared(self, use: Use) -> str:
         name = use.port.signals["u"]
-        if name not in self.draft.components:
-            raise InputError(f"{self.draft.cls.full_name}: {name!r} is not declared in the class itself")
-        return name
+        c = self._declared(name)
+        self.draft.declare(use, {"u": name}, {})
+        given, inner = self.draft.read, name
+        if c.name != name:
+            if c.name not in self.draft.read:
+                self.draft.read[c.name] = self._apart(c, ACTING)
+            given, inner = self.draft.given, name.replace(c.name, self.draft.read[c.name], 1)
+        if given.get(inner, name) != name:
+            # what a law gives that is there already is now given what this one gives
+            self.draft.instances[given[inner].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
+        else:
+            given[inner] = f"{use.instance}.y"
+
+    def _apart(self, c: Component, suffix: str) -> str:
+        """An array that stands, element by element, for an array of inputs or outputs in the class."""
+        sizes = self.structure.variables[c.name].sizes
+        inner = f"{c.name}{suffix}"
+        if c.binding:
+            self.draft.freed[inner] = c.binding
+        if suffix == ACTING and "input" not in c.prefixes:
+            # a connector that takes its causality from its class
+            c = replace(c, type="Acting")
+            self.draft.connectors["Acting"] = "output Real"
+        self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
+        for outer in element_names(c.name, sizes):
+            own = outer.replace(c.name, inner, 1)
+            self.draft.given |= {own: outer} if suffix == ACTING else {outer: own}
+        return inner
+
+    def _declared(self, name: str) -> Component:
+        base = reference(name).name
+        if base not in self.draft.components:
+            raise InputError(f"{self.draft.cls.full_name}: {base!r} is not declared in the class itself")
+        return self.draft.components[base]
 
     def _at_output(self, use: Use) -> None:
-        name = self._declared(use)
-        inner = self.draft.outputs.get(name)
-        self.draft.outputs[name] = f"{use.instance}.y"
+        name = use.port.signals["u"]
+        c = self._declared(name)
+        if c.name != name and c.name not in self.draft.read:
+            self.draft.read[c.name] = self._apart(c, TRUE)
+            self._without_start(c)
+        inner = self.draft.given.get(name)
+        self.draft.given[name] = f"{use.instance}.y"
         if inner is not None:
             self.draft.declare(use, {"u": inner}, {})
             return
-        c = self.draft.components[name]
         giving = [s for s in self.draft.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
         if c.binding or (len(giving) == 1 and f"der({name})" not in self._derivatives()):
             self.draft.moved[name] = c.binding or giving[0].core[2:]
             self.draft.declare(use, {"u": ""}, {})
             self.draft.read[name] = f"{use.instance}.u"
         else:
-            self._true_value(use, c)
+            # Other equations solve for it: what it was gets a name of its own.
+            true = f"{name}{TRUE}"
+            self.draft.declare(use, {"u": true}, {})
+            self._declare_like(c, true, "unread")
+            self._without_start(c)
+            self.draft.read[name] = true
 
     def _derivatives(self) -> set[str]:
         triples = (t for s in self.draft.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
         return {f"der({c.word})" for a, b, c in triples if a.word == "der" and b.word == "("}
 
-    def _true_value(self, use: Use, c: Component) -> None:
-        """An output that other equations solve for: what it was gets a name of its own."""
-        true = f"{c.name}{TRUE}"
-        self.draft.declare(use, {"u": true}, {})
+    def _declare_like(self, c: Component, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
-        self.draft.variables.append(
-            f'{c.type} {true}{text_of(self.draft.file.text, c.arguments)} "{c.description or c.name}, unread";'
-        )
+        modified = text_of(self.draft.file.text, c.arguments)
+        self.draft.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
+
+    def _without_start(self, c: Component) -> None:
+        """What is no state any more keeps its units only."""
         if c.arguments:
-            kept = [f"{k} = {text_of(self.draft.file.text, v)}" for k, v in c.modifiers if k in ("unit", "displayUnit")]
-            text = f"({', '.join(kept)})" if kept else ""
+            parts = split_outside(c.arguments[1:-1])
+            kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
+            text = f"({', '.join(text_of(self.draft.file.text, p) for p in kept)})" if kept else ""
             self.draft.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
-        self.draft.read[c.name] = true
 
     # what has to be written out first
 
@@ -277,7 +306,7 @@ class Writer:
         own = {c.name for c in cls.components()}
         for use in self.uses:
             for port in (use.port, *([use.neighbour] if use.neighbour else ())):
-                if port.via in ("input", "output") and port.signals["u"] not in own:
+                if port.via in ("input", "output") and reference(port.signals["u"]).name not in own:
                     return True
                 if port.via == "equation":
                     equation = self._equation_of(port)
