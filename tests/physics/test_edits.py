@@ -17,7 +17,7 @@ from aero_bayes.physics.edit import (
     add_declarations,
     add_equations,
     apply,
-    insert_in_connect,
+    insert_before_connector,
     rename_class,
     replace_names,
     unified_diff,
@@ -143,7 +143,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
             edits += entry.insert("term")
             touched[k] = name
         elif s.first == "connect":
-            moved += insert_in_connect(text, s, "e.p", "e.n")
+            moved += insert_before_connector(text, [s], known.equations[k][8:-1].split(", ")[1], "e.p", "e.n")
     after = apply(text, [*edits, *moved])
     (changed,) = read_classes(after)
     assert changed.name == "Copy"
@@ -153,7 +153,8 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     assert len(terms) == len(touched)
     assert all(any(t.word == name for t in s.tokens) for s, name in zip(terms, touched.values(), strict=True))
     connections = [k for k in known.equations if k.startswith("connect")]
-    assert sum(s.first == "connect" for s in changed.equations) == 2 * len(connections)
+    split = sum(s.first == "connect" and not s.inside for s in cls.equations)
+    assert sum(s.first == "connect" for s in changed.equations) == len(connections) + split
     # nothing that was there is gone: the old text is what is left when the insertions are taken out
     kept = iter(apply(text, edits).replace("Copy", cls.name))
     assert all(c in kept for c in text.replace(" ", "").replace("\n", ""))

@@ -102,13 +102,16 @@ def _rival_curve(bench: Workbench, found: Found) -> Conclusion | None:
 def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
     """What is named; where some structure is left, no more of it than surely predicts the unseen better, if anything.
 
-    While structure is left the noise is not known, and evidence is surer of itself than it should be.
+    While structure is left the noise is not known, and evidence is surer of itself than it should be. Half of the
+    unseen error is not had by chance.
     """
-    if _is_open(named):
-        named = _no_more_than_needed(bench, found, named)
+    if not _is_open(named):
+        return named
+    named = _no_more_than_needed(bench, found, named)
     sure = surely_worse(found.before, named.after, bench.recordings)
-    carries = sure and (not _visible(named.reports) or _plainly_better(found.before, named.after, VISIBLY))
-    if carries or not _is_open(named):
+    if sure and not _visible(named.reports):
+        return named
+    if not _is_open(named) or _plainly_better(found.before, named.after, VISIBLY if sure else PLAINLY):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (

@@ -143,10 +143,14 @@ def _with_sizes(flat: FlatModel, instance: str, sizes: Mapping[str, float]) -> F
 
 
 def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
-    """Add a term that opposes (or drives, with ``sign`` -1) to the port's balance."""
+    """Add a term that opposes (or drives, with ``sign`` -1) to the port's balance, or to its potential."""
     if port.entrance is None:
         raise InputError(f"the port {port.id!r} has no balance")
     signed = term if sign > 0.0 else Call("neg", (term,))
+    if port.via == "series":
+        end = f"{port.connectors[1]}.{port.potential}"
+        inside = [i for i, e in enumerate(flat.equations) if e.origin != "connection"]
+        return replace_uses(flat, end, Call("+", (Name(end), signed)), inside)
     return add_term(flat, port.entrance.equation, port.entrance.added(signed))
 
 

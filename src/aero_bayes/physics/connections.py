@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from aero_bayes.export.flat import FlatEquation
 from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.quantities import is_current, kind_of, signals_of, units_of
+from aero_bayes.physics.quantities import is_current, kind_of, signals_of, unit_in, units_of
 from aero_bayes.physics.structure import Structure
 
 
@@ -75,18 +76,41 @@ def series(s: Structure, state: str) -> Port | None:
     pairs = [flows for _, flows in _sets(s) if len(flows) == 2 and s.of(flows[0]) == state]
     for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
         connectors = [f.rpartition(".")[0] for f in flows]
-        potential, name = _potential(s, connectors[0]), flows[0].rpartition(".")[2]
-        ends = {f"{c}.{potential}" for c in connectors}
-        for i, e in enumerate(s.flat.equations):
+        ends = {f"{c}.{_potential(s, connectors[0])}" for c in connectors}
+        for e in s.flat.equations:
             if e.origin == "connection" and names_in(e.left) | names_in(e.right) == ends and isinstance(e.left, Name):
                 left = e.left.name.rpartition(".")[0]
                 right = next(c for c in connectors if c != left)
-                unit = s.variables[e.left.name].unit
-                signals = {"i": f"{right}.{name}"}
                 own = next((c for c in connectors if c.startswith(owner)), left)
-                return Port(
-                    own, "electrical", "series", unit, units_of(s, "electrical", signals, unit),
-                    s.variables[state].place, (state,), signals, Entrance(s.origins[i][0], Number(-1.0), unit),
-                    (left, right), name, potential,
-                )  # fmt: skip
+                return _drop(s, state, own, (left, right), flows[0].rpartition(".")[2])
     return None
+
+
+def beside_storage(s: Structure, state: str) -> Port | None:
+    """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
+    owner = state.rpartition(".")[0] + "."
+    if unit_in(s, state) != "V" or is_current(s, s.of(state)):
+        return None
+    for _, flows in _sets(s):
+        own = [f for f in flows if f.startswith(owner)]
+        if len(own) == 1 and len(flows) > 1:
+            pin, name = own[0].rpartition(".")[::2]
+            other = next(f for f in flows if f != own[0]).rpartition(".")[0]
+            return _drop(s, state, pin, (other, pin), name)
+    return None
+
+
+def _drop(s: Structure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
+    """A port before the second of two connectors; what flows into that is what a law is given."""
+    potential = _potential(s, own)
+    end = f"{connectors[1]}.{potential}"
+    at = next(i for i, e in enumerate(s.flat.equations) if _joins(e, end))
+    unit, signals = s.variables[end].unit, {"i": f"{connectors[1]}.{flow}"}
+    return Port(
+        own, "electrical", "series", unit, units_of(s, "electrical", signals, unit), s.variables[state].place,
+        (state,), signals, Entrance(s.origins[at][0], Number(-1.0), unit), connectors, flow, potential,
+    )  # fmt: skip
+
+
+def _joins(e: FlatEquation, end: str) -> bool:
+    return e.origin == "connection" and end in names_in(e.left) | names_in(e.right)

@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.errors import InputError
 from aero_bayes.physics.classes import ClassText, Statement
 from aero_bayes.physics.tokens import Token, split_outside, tokenize
 
@@ -91,24 +90,25 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]
     return [Edit(at - len(before), at - len(before), f"{outer}equation\n{body}")]
 
 
-def insert_in_connect(text: str, connect: Statement, near: str, far: str) -> list[Edit]:
-    """``connect(a, b)`` -> ``connect(a, near)`` and ``connect(far, b)``; an annotation stays with the first.
+def insert_before_connector(
+    text: str, connects: Sequence[Statement], connector: str, near: str, far: str
+) -> list[Edit]:
+    """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
 
-    Raises
-    ------
-    InputError
-        For a statement that is no connection of two.
+    None where it is connected nowhere, or under a condition or in a loop.
     """
-    inside = split_outside(connect.core[2:-1]) if connect.first == "connect" else []
-    if len(inside) != 2:
-        raise InputError(f"{text[connect.start : connect.end]!r} is not a connection of two connectors")
-    second = inside[1]
-    other = text[second[0].start : second[-1].end]
-    indent = indentation(text, connect.start)
-    return [
-        Edit(second[0].start, second[-1].end, near),
-        Edit(connect.end, connect.end, f"\n{indent}connect({far}, {other});"),
+    found = [
+        (s, end)
+        for s in connects
+        if s.first == "connect"
+        for end in split_outside(s.core[2:-1])
+        if "".join(t.word for t in end) == connector
     ]
+    if not found or any(s.inside for s, _ in found):
+        return []
+    last = found[-1][0]
+    also = f"\n{indentation(text, last.start)}connect({far}, {connector});"
+    return [*(Edit(end[0].start, end[-1].end, near) for _, end in found), Edit(last.end, last.end, also)]
 
 
 def rename_class(cls: ClassText, name: str) -> list[Edit]:

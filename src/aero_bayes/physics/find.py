@@ -12,7 +12,7 @@ from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
-from aero_bayes.physics.connections import node, series
+from aero_bayes.physics.connections import beside_storage, node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port, PortKind, fits
@@ -99,6 +99,9 @@ def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
         )
         if found is not None:
             yield found
+            drop = beside_storage(s, state) if found.kind == "storage" else None
+            if drop is not None:
+                yield drop
 
 
 def _owner(name: str) -> str:

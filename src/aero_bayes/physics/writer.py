@@ -13,7 +13,7 @@ from aero_bayes.physics.balance import Entry, entry_of, in_vector, sides_of
 from aero_bayes.physics.classes import ClassText, Component, Statement
 from aero_bayes.physics.component_copy import without_numbers
 from aero_bayes.physics.draft import Draft
-from aero_bayes.physics.edit import Edit, insert_in_connect, text_of
+from aero_bayes.physics.edit import Edit, insert_before_connector, text_of
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.find import driver_names, is_driver
 from aero_bayes.physics.law_class import formula
@@ -202,22 +202,14 @@ class Writer:
         left, right = port.connectors
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
         self.draft.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
-        found = self._connection(self.draft.cls, port)
-        if found is None:
+        edits = self._before(self.draft.file.text, self.draft.cls, port, use.instance)
+        if not edits:
             raise InputError(f"{self.draft.cls.full_name}: no connection of {left} and {right} stands in the class")
-        near, far = ("p", "n") if found[1][0] == left else ("n", "p")
-        self.draft.edits += insert_in_connect(
-            self.draft.file.text, found[0], f"{use.instance}.{near}", f"{use.instance}.{far}"
-        )
+        self.draft.edits += edits
 
     @staticmethod
-    def _connection(cls: ClassText, port: Port) -> tuple[Statement, list[str]] | None:
-        """The statement that joins the two connectors of a port, and these in its order."""
-        for s in cls.equations:
-            ends = ["".join(t.word for t in e) for e in split_outside(s.core[2:-1])] if s.first == "connect" else []
-            if sorted(ends) == sorted(port.connectors) and not s.inside:
-                return s, ends
-        return None
+    def _before(text: str, cls: ClassText, port: Port, instance: str) -> list[Edit]:
+        return insert_before_connector(text, cls.equations, port.connectors[1], f"{instance}.p", f"{instance}.n")
 
     # inputs and outputs
 
@@ -314,6 +306,6 @@ class Writer:
                     inside = without_numbers(equation.component)[0]
                     if (inside and inside not in own) or (not inside and stated is not cls):
                         return True
-                if port.via == "series" and self._connection(cls, port) is None:
+                if port.via == "series" and not self._before("", cls, port, ""):
                     return True
         return False
