@@ -23,7 +23,8 @@ def initial_values(
     by_name = {v.name: v for v in system.variables}
     starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
     memo = dict(solved)
-    stated = [r for r in (b.substitute(e, memo) for e in system.initial_residuals) if r is not b.zero]
+    said = [(r, b.symbols(e)) for e in system.initial_residuals if (r := b.substitute(e, memo)) is not b.zero]
+    stated = [r for r, _ in said]
     fixed = [
         b.sub(b.substitute(b.symbol(v.name), memo), v.attributes.get("start", b.zero))
         for v in system.variables
@@ -31,13 +32,15 @@ def initial_values(
     ]
     in_loops = {u for loop in loops for u in loop.unknowns}
     behind = frozenset[Node]().union(*(b.symbols(r) for loop in loops for r in loop.residuals))
-    open_states = [b.symbol(n) for n in states if not by_name[n].fixed]
+    open_states = [b.symbol(n) for n in reversed(states) if not by_name[n].fixed]
     rows = [*stated, *fixed]
     reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
+    # An equation is about the states that it names, the last ones first, before those that it depends on.
+    nearest = [sorted(open_states, key=lambda s: s not in own) for _, own in said] + [open_states] * len(fixed)
     owner: dict[Node, int] = {}
 
     def place(k: int, seen: set[Node]) -> bool:
-        for state in open_states:
+        for state in nearest[k]:
             if state in reach[k] and state not in seen:
                 seen.add(state)
                 if state not in owner or place(owner[state], seen):

@@ -312,11 +312,12 @@ class Search:
             why += f"; {', '.join(equal[1:])} within {self.settings.equivalence:g} of it"
         return Round(number, base, scores, bar, best, equal, why, nothing, untried)
 
-    def _pair(self, base: Held, alone: Round) -> Round:
-        """Nothing alone pays: the most promising two by two, at the price of so many pairs."""
+    def _pair(self, base: Held, alone: Round, least: float = 0.0) -> Round:
+        """Nothing alone pays, or only ``least``: the most promising two by two, at the price of so many pairs."""
         count = len(alone.scores)
-        likely = sorted((s for s in alone.scores if s.held is not None), key=lambda s: -s.gain)[: self.settings.pairs]
-        bar = math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
+        others = [s for s in alone.scores if s.held is not None and s is not alone.chosen]
+        likely = sorted(others, key=lambda s: -s.gain)[: self.settings.pairs]
+        bar = least + math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
         best: Scored | None = None
         for k, first in enumerate(likely):
             for second in likely[k + 1 :]:
@@ -360,6 +361,8 @@ class Search:
             if len(current.effects) == 1 and (better := self._from_there(base, current)) is not None:
                 base = current = better
                 self.rounds.clear()
+        if len(current.effects) == 1 and self.settings.max_effects > 1 and not self.settings.require:
+            current = self._instead(base, current, structured, told)
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
         if len(current.effects) > 1:
             self._begin(told, "drop and swap", self.settings.max_effects)
@@ -367,6 +370,23 @@ class Search:
         return Selection(
             current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1), tuple(self.skipped)
         )
+
+    def _instead(
+        self, base: Held, current: Held, structured: Callable[[Held], bool], told: Callable[[str, float], None]
+    ) -> Held:
+        """Two others in place of one effect that leaves structure and has found no second.
+
+        Where two things are missing, a third that does a little of both may gain more than either.
+        """
+        if not structured(current):
+            return current
+        self._begin(told, f"pairs in place of {listed(current.effects)}", len(self.rounds))
+        first = self.rounds[0]
+        found = self._pair(base, first, current.log_evidence - base.log_evidence)
+        if found is first or found.held is None:
+            return current
+        self.rounds.append(replace(found, number=len(self.rounds) + 1))
+        return found.held
 
     def _from_there(self, base: Held, current: Held) -> Held | None:
         """The model as it stands, fitted anew from where its first effect led it; None if that is no better.

@@ -91,13 +91,14 @@ def beside_storage(s: Structure, state: str) -> Port | None:
     owner = state.rpartition(".")[0] + "."
     if unit_in(s, state) != "V" or is_current(s, s.of(state)):
         return None
-    for _, flows in _sets(s):
-        own = [f for f in flows if f.startswith(owner)]
-        if len(own) == 1 and len(flows) > 1:
-            pin, name = own[0].rpartition(".")[::2]
-            other = next(f for f in flows if f != own[0]).rpartition(".")[0]
-            return _drop(s, state, pin, (other, pin), name)
-    return None
+    order = list(s.variables)
+    pins = [(f, flows) for _, flows in _sets(s) for f in flows if f.startswith(owner) and len(flows) > 1]
+    if not pins:
+        return None
+    flow, flows = min(pins, key=lambda one: order.index(one[0]))
+    pin, name = flow.rpartition(".")[::2]
+    other = next(f for f in flows if f != flow).rpartition(".")[0]
+    return _drop(s, state, pin, (other, pin), name)
 
 
 def _drop(s: Structure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:

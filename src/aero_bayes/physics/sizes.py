@@ -26,8 +26,10 @@ FloatArray = NDArray[np.float64]
 
 #: Share of a signal's readings that its size covers.
 MOST = 0.995
-#: Units in which a level is a temperature.
+#: A size below which there is nothing, and less than that: what keeps a watched expression apart from what it equals.
+NOTHING = 1e-200
 _NOTHING = Call("*", (Number(1e-300), Name("time")))
+#: Units in which a level is a temperature.
 _KELVIN = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
 
 
@@ -110,6 +112,8 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     """The additive terms of a port's balance, in the unit of what a law gives there."""
     if port.entrance is None:
         return []
+    if port.via == "series" and port.unit == flat.variable(port.states[0]).unit:
+        return [Name(port.states[0])]
     if port.via in ("node", "series") and port.connectors:
         return [Name(f"{c}.{port.flow if port.via == 'node' else port.potential}") for c in port.connectors]
     if port.entrance.row is not None:
@@ -169,7 +173,7 @@ def _sizes(
         sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
-    sizes = {name: value if value > 0.0 else 1.0 for name, value in sizes.items()}
+    sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
     if port.kind == "storage" and port.units.get("h") in _KELVIN and "h" in own:
         # counted from where it starts, so that a rig has the same laws in K as in degC
         first = float(found[seen["h"]][0][0])
