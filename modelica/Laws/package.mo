@@ -10,8 +10,8 @@ add a law, write such a model in a package of your own:</p>
 <li><code>min</code>, <code>max</code> and <code>nominal</code> are written in the port's sizes, such as <code>0.1 * f_n / v_n</code>. <code>nominal</code> is where a search starts, and its sizes
 give the parameter's unit. The sizes (<code>f_n</code>, <code>v_n</code>, ...) are set to the largest magnitudes that occur; <code>t_n</code> is the time in which the port's signals change.</li>
 <li>Widths of rounding are protected expressions in the sizes.</li>
-<li><code>annotation (__aero_bayes(refines = \"coulomb_friction\"))</code> marks a finer law of another one, <code>__aero_bayes(not_for = \"K\")</code> one that makes no sense
-for a temperature.</li>
+<li><code>annotation (__aero_bayes(refines = \"coulomb_friction\"))</code> marks a finer law of another one, <code>__aero_bayes(not_for = \"K A\")</code> one that makes no sense
+for a temperature, nor where a current flows.</li>
 <li>The law's id is the model's name in snake case: <code>CoulombFriction</code> is <code>coulomb_friction</code>.</li>
 </ul>
 </html>"));

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.check.structure import ResidualReport, those_structured
+from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion, nothing_added
@@ -100,14 +100,14 @@ def _rival_curve(bench: Workbench, found: Found) -> Conclusion | None:
 
 
 def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named; where some structure is left, no more of it than surely predicts the unseen better, if anything.
+    """What is named, no more of it than predicts the unseen better; where some structure is left, surely so, if at all.
 
     While structure is left the noise is not known, and evidence is surer of itself than it should be. Half of the
     unseen error is not had by chance.
     """
+    named = _no_more_than_needed(bench, found, named)
     if not _is_open(named):
         return named
-    named = _no_more_than_needed(bench, found, named)
     sure = surely_worse(found.before, named.after, bench.recordings)
     if sure and not _visible(named.reports):
         return named
@@ -133,12 +133,13 @@ def _visible(reports: Sequence[ResidualReport]) -> list[ResidualReport]:
 
 
 def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:
-    """What is named, or fewer effects that predict the unseen neither surely nor much worse."""
+    """What is named, or fewer effects that surely predict the unseen better; while structure is left, not worse."""
     count = len(named.effects)
     fewer = [held for held in _fits(found) if 0 < len(held.effects) < count]
     for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
         worse = surely_worse(after, named.after, bench.recordings) or _plainly_better(after, named.after, MUCH)
-        if not worse and (kept := _with(bench, found, held)) is not None:
+        enough = _is_open(named) or surely_worse(named.after, after, bench.recordings)
+        if enough and not worse and (kept := _with(bench, found, held)) is not None:
             return kept
     return named
 
@@ -258,8 +259,8 @@ def _plainly_better(before: Prediction, after: Prediction, share: float = PLAINL
 def _incomplete(found: Found, left_over: float) -> bool:
     """Whether so much is left beside the named effects that they are not the explanation.
 
-    That is so if structure is left to see, and either most of what exceeded the noise floor is still there, or the
-    structure would gain a good part of what the effects have gained.
+    That is so if structure is left to see, and either most of what exceeded the noise floor is still there, in all or
+    in an output that is far from its floor, or the structure would gain a good part of what the effects have gained.
     """
     structured = _visible(found.left)
     if not structured:
@@ -269,7 +270,13 @@ def _incomplete(found: Found, left_over: float) -> bool:
         max((t.statistic - t.freedom) / 2.0 for t in report.tests if t.name != "autocorrelation")
         for report in structured
     )
-    return _excess(found.left) > left_over * _excess(found.base.reports) or left > left_over * gained
+    before = {(report.recording, report.output): report for report in found.base.reports}
+    far = [report for report in structured if report.ratio > TIMES_FLOOR]
+    return (
+        _excess(found.left) > left_over * _excess(found.base.reports)
+        or any(_excess([r]) > left_over * _excess([before[r.recording, r.output]]) for r in far)
+        or left > left_over * gained
+    )
 
 
 def _excess(reports: Sequence[ResidualReport]) -> float:

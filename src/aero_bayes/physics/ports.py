@@ -72,7 +72,7 @@ class Port:
 
 def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
-    if law.not_for and any(_is_unit(unit, law.not_for) for unit in port.units.values()):
+    if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
         return False
     if law.kind in ("overflow", "exchange"):
         return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))

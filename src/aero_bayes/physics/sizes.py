@@ -19,6 +19,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number, reference
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import Port
+from aero_bayes.physics.structure import structure_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
 
@@ -28,6 +29,8 @@ FloatArray = NDArray[np.float64]
 MOST = 0.995
 #: A size below which there is nothing, and less than that: what keeps a watched expression apart from what it equals.
 NOTHING = 1e-200
+#: Readings that tell where a level starts.
+FIRST = 5
 _NOTHING = Call("*", (Number(1e-300), Name("time")))
 #: Units in which a level is a temperature.
 _KELVIN = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
@@ -48,7 +51,21 @@ def port_sizes(
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     found = watched.run(calibration, fit, open_simulator)
     time = typical_time(calibration, fit)
-    return {port.id: _sizes(port, found, seen[port.id], acting[port.id], time, calibration) for port in ports}
+    starts = _first_readings(flat, ports, calibration)
+    return {p.id: _sizes(p, found, seen[p.id], acting[p.id], time, calibration, starts.get(p.id)) for p in ports}
+
+
+def _first_readings(flat: FlatModel, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+    """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
+    structure, first = structure_of(flat), calibration.experiments[0]
+    found = {}
+    for port in ports:
+        level = structure.of(port.signals.get("h", ""))
+        for column, output in enumerate(first.outputs):
+            if output in structure.members(level) and first.measured is not None:
+                seen = first.measured[:, column]
+                found[port.id] = float(np.mean(seen[np.isfinite(seen)][:FIRST]))
+    return found
 
 
 class _Watched:
@@ -158,6 +175,7 @@ def _sizes(
     acting: Sequence[str],
     time: float,
     calibration: Calibration,
+    start: float | None,
 ) -> dict[str, float]:
     own = {signal: signal_size(found[name]) for signal, name in seen.items() if name in found}
     act = max((signal_size(found[name]) for name in acting if name in found), default=0.0)
@@ -176,7 +194,7 @@ def _sizes(
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
     if port.kind == "storage" and port.units.get("h") in _KELVIN and "h" in own:
         # counted from where it starts, so that a rig has the same laws in K as in degC
-        first = float(found[seen["h"]][0][0])
+        first = start if start is not None else float(found[seen["h"]][0][0])
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
         sizes |= {"h_n": above, "h_0": first, "h_z": _KELVIN[port.units["h"]]}
     return sizes | {"t_n": time}
