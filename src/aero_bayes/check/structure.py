@@ -229,7 +229,10 @@ def autocorrelation(values: FloatArray, interval: float, lags: int = 200) -> tup
 def _states(
     calibration: Calibration, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
 ) -> dict[str, FloatArray]:
-    """Fitted outputs, the rates of those that are positions, and the inputs of a recording at one output's samples."""
+    """Fitted outputs, the rates of those that are positions, and the inputs of a recording at one output's samples.
+
+    An input is what it was until the sample: a controller sets the next one by the reading, noise and all.
+    """
     states: dict[str, FloatArray] = {}
     for k, other in enumerate(series):
         if other.experiment != own.experiment:
@@ -238,7 +241,7 @@ def _states(
         if units.get(other.output) in ("rad", "m"):
             states[f"der({other.output})"] = np.gradient(states[other.output], own.sampling.time)
     for signal in calibration.experiments[own.experiment].inputs:
-        at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="right") - 1, 0, signal.time.size - 1)
+        at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="left") - 1, 0, signal.time.size - 1)
         states[signal.name] = signal.values[at]
     return states
 

@@ -285,7 +285,9 @@ class Builder:
             case "neg":
                 return self.neg(da)
             case "sqrt":
-                slope = self.div(self.const(0.5), n)
+                # where a root ends, as that of max(h, 0) does, what is in it does not change
+                steep = self.div(self.mul(self.const(0.5), da), n)
+                return self.select(self.binary("gt", n, self.zero), steep, self.zero)
             case "exp":
                 slope = n
             case "log":

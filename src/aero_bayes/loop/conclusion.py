@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import ResidualReport, those_structured
+from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.loop.judge import Prediction
@@ -13,6 +13,9 @@ from aero_bayes.loop.search import Found
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Extension
 from aero_bayes.show import listed
+
+#: Why something found is refused that stops the simulation of other data.
+CANNOT = "it cannot be simulated there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,14 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     )  # fmt: skip
 
 
+def _how(report: ResidualReport) -> str:
+    """What tells that a residual is no noise."""
+    if report.ratio > TIMES_FLOOR or not report.tests:
+        return "is far from it"
+    plainest = min(report.tests, key=lambda t: t.p_value).name
+    return {"autocorrelation": "is not white", "slow": "drifts"}.get(plainest, f"depends on {plainest}")
+
+
 def _sentence(found: Found, refused: str) -> str:
     """Why nothing is added."""
     selection = found.selection
@@ -63,6 +74,11 @@ def _sentence(found: Found, refused: str) -> str:
         )
     best = listed(selection.effects)
     explain, is_ = ("explain", "are") if len(selection.effects) > 1 else ("explains", "is")
+    if refused == CANNOT:
+        return (
+            f"The residual is structured; {best} {explain} it where it was fitted, but with {best} "
+            "the model cannot be simulated on data that was not."
+        )
     if refused:
         return (
             f"The residual is structured; {best} {explain} it where it was fitted but {is_} far off on data that was "
@@ -79,7 +95,7 @@ def _sentence(found: Found, refused: str) -> str:
     if structured:
         worst = max(structured, key=lambda r: r.ratio)
         return (
-            f"The residual of {worst.output} is structured ({worst.ratio:.2g} times the noise floor), but no "
-            f"effect of the catalogue explains it: {first.why if first else 'none was tried'}."
+            f"The residual of {worst.output} is structured ({worst.ratio:.2g} times the noise floor; it "
+            f"{_how(worst)}), but no effect of the catalogue explains it: {first.why if first else 'none was tried'}."
         )
     return f"The model is adequate for these recordings: {first.why if first else 'the residual is noise'}."

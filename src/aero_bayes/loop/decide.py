@@ -12,7 +12,7 @@ import numpy as np
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.attribute import Selection
-from aero_bayes.loop.conclusion import Conclusion, nothing_added
+from aero_bayes.loop.conclusion import CANNOT, Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
 from aero_bayes.loop.judge import Prediction, surely_worse
 from aero_bayes.loop.learn import learn
@@ -54,7 +54,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
     refused, hardly = "", None
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
         named = _added(bench, found)
-        refused = "it cannot be simulated there" if named is None else _astray(bench, found, named)
+        refused = CANNOT if named is None else _astray(bench, found, named)
         if named is not None and not refused:
             hardly = _what_carries_over(bench, found, named)
             if hardly.effects:
@@ -84,10 +84,16 @@ def _as_it_stands(bench: Workbench, found: Found, refused: str) -> Conclusion:
             "does not show what is missing, or does not fix the parameters well enough."
         )
         return replace(plain, outcome="unexplained", sentence=unseen)
-    if plain.outcome == "adequate" and (off := _in_words(_far(bench, found, plain))):
-        sensitive = f"Data that was not fitted is sensitive to the parameters: {off}, as their uncertainty lets expect."
-        return replace(plain, sentence=f"{plain.sentence} {sensitive}")
+    if plain.outcome == "adequate" and (far := _far(bench, found, plain)):
+        return _said_sensitive(plain, far)
     return plain
+
+
+def _said_sensitive(told: Conclusion, far: Mapping[tuple[str, str], float]) -> Conclusion:
+    sensitive = (
+        f"Data that was not fitted is sensitive to the parameters: {_in_words(far)}, as their uncertainty lets expect."
+    )
+    return replace(told, sentence=f"{told.sentence} {sensitive}")
 
 
 def _rival_curve(bench: Workbench, found: Found) -> Conclusion | None:
@@ -205,9 +211,11 @@ def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held
 def _added(bench: Workbench, found: Found) -> Conclusion | None:
     """The model with the selected effects; None where it cannot be simulated over the whole recordings."""
     try:
-        return add_effects(bench, found)
+        named = add_effects(bench, found)
     except CannotFinishError:
         return None
+    far = _far(bench, found, named)
+    return _said_sensitive(named, far) if far and not _astray(bench, found, named) else named
 
 
 def _fits(found: Found) -> list[Held]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.check.structure import inspect, those_structured
+from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, inspect, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
@@ -25,6 +25,9 @@ from aero_bayes.physics.beyond import CurveFit
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.kin import Basis, Extension, rounded
 from aero_bayes.show import listed
+
+#: What an effect may be instead is named where it is no more than so many.
+NAMED = 2
 
 
 def add_effects(bench: Workbench, found: Found) -> Conclusion:
@@ -48,12 +51,13 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     structured = those_structured(reports)
     required = bench.settings.attribute.require
     told = sorted(effects, key=lambda e: e.kind)  # what has a name first
-    given, lacking = ([_in_words(e) for e in told if (e.id in required) is asked] for asked in (True, False))
+    same = selection.equivalent
+    given, lacking = ([_in_words(e, same) for e in told if (e.id in required) is asked] for asked in (True, False))
     said = [f"was given {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
-    sentence = f"The model {' and '.join(said)}: " + gain_text(found.before, after, bench.units)
+    sentence = f"The model {', and '.join(said)}: " + gain_text(found.before, after, bench.units)
     if structured:
-        sentence += f" Some structure is left in {', '.join(sorted({r.output for r in structured}))}."
+        sentence += f" Some structure is left in {', '.join(_left(structured))}."
     bench.tally.lap("judgement")
     return Conclusion(found, "extended", sentence, written, effects, calibration, fit, reports, after)
 
@@ -94,9 +98,22 @@ def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
     return Conclusion(found, "extended", sentence, written, (effect,), calibration, fit, reports, after)
 
 
-def _in_words(effect: FoundEffect) -> str:
+def _left(structured: Sequence[ResidualReport]) -> list[str]:
+    """Outputs with structure, with how far it is above the noise where it is far."""
+    worst: dict[str, float] = {}
+    for report in structured:
+        worst[report.output] = max(report.ratio, worst.get(report.output, 0.0))
+    return [f"{o} ({w:.2g} times the noise floor)" if w > TIMES_FLOOR else o for o, w in sorted(worst.items())]
+
+
+def _in_words(effect: FoundEffect, equivalent: Sequence[Sequence[str]]) -> str:
+    """An effect, and what it may be instead: the data cannot tell."""
     if effect.kind == "catalogue":
-        return effect.id
+        others = list(dict.fromkeys(i for ids in equivalent if effect.id in ids for i in ids if i != effect.id))
+        if not others:
+            return effect.id
+        instead = " or ".join(others) if len(others) <= NAMED else f"one of {len(others)} others"
+        return f"{effect.id} (or {instead}, which the data cannot tell from it)"
     return f"something at {effect.port} that no listed law describes, learned as a curve over {effect.over}"
 
 

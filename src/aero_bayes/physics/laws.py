@@ -77,12 +77,12 @@ class LawParameter:
 class Law:
     """A law: ``id`` in snake case, the kind of port it fits, its class and its parameters, the switch first.
 
-    ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given signals
-    that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for`` units of
-    a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve, where it is no law of
-    its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value decides from where on
-    it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape that may end on a bound
-    without making it another law.
+    ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given
+    signals that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for``
+    units of a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve,
+    where it is no law of its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value
+    decides from where on it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape
+    that may end on a bound without making it another law.
     """
 
     id: str

@@ -136,7 +136,11 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     if port.entrance.row is not None:
         return list(port.entrance.beside)
     equation = flat.equations[port.entrance.equation]
-    return [Call("/", (t, port.entrance.scale)) for t in (*_summands(equation.left), *_summands(equation.right))]
+    terms = (*_summands(equation.left), *_summands(equation.right))
+    inside = f"{equation.component}." if equation.component else "."
+    # what flows at a component's connectors may be far more than stands in one of its equations
+    flows = [Name(v.name) for v in flat.variables if v.flow and v.name.startswith(inside) and v.unit == port.unit]
+    return [*(Call("/", (t, port.entrance.scale)) for t in terms), *flows]
 
 
 def _summands(tree: Expression) -> list[Expression]:
