@@ -5,7 +5,7 @@ the catalogue of random size (half of them scaled down to where the data begin t
 catalogue lists; half with white noise, half with the noise of a real AERO. Finished trials are kept, one row each, so
 that a run that was stopped goes on where it was.
 
-Seeds of the table are ``[7101, kind, number]``; what was tuned was tuned on ``[1001, kind, number]``
+Seeds of the table are ``[7201, kind, number]``; what was tuned was tuned on ``[1001, kind, number]``
 (``--development``).
 """
 
@@ -38,7 +38,7 @@ from aero_bayes.fleet import open_executor
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.physics.family import KNOTS, ModelFamily
 
-TABLE, DEVELOPMENT = 7101, 1001
+TABLE, DEVELOPMENT = 7201, 1001
 KINDS = ("single", "none", "pair", "outside")
 FULL = {"single": 420, "none": 200, "pair": 60, "outside": 80}
 QUICK = {"single": 10, "none": 4, "pair": 2, "outside": 2}
