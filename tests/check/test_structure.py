@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import closed_form
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.check.structure import autocorrelation, portmanteau, slow_structure, smooth_structure
-from aero_bayes.estimate.objective import Series
+from aero_bayes.check.structure import autocorrelation, inspect, portmanteau, slow_structure, smooth_structure
+from aero_bayes.estimate.climb import climb
+from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.priors import Normal
 from aero_bayes.loop.judge import rms_error
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
+from aero_bayes.simulation.interface import InputSignal
 
 N = 4000
 TIME = np.arange(N) * 0.01
@@ -73,3 +79,20 @@ def test_rms_and_its_spread():
     assert white.sd == pytest.approx(1.0 / np.sqrt(2 * 5000), rel=0.4)
     slow = rms_error(np.repeat(rng.normal(size=100), 50), 0.01)
     assert slow.sd > 3.0 * white.sd
+
+
+def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
+    """The reading's noise is in the input that follows from it, and has not acted on the reading."""
+    rng = np.random.default_rng(5)
+    time = np.arange(2000) * 0.01
+    measured = 1.0 + rng.normal(size=time.size)
+    given = closed_form.calibration(
+        [(time, measured[:, None])], ["y"], [closed_form.parameter("a", 1.0, -9.0, 9.0, Normal(0.0, 3.0))]
+    )
+    signal = InputSignal("u", time, -2.0 * measured, "hold")
+    given = replace(given, experiments=(replace(given.experiments[0], inputs=(signal,)),))
+    simulator = closed_form.FormulaSimulator(given.problem(), lambda t, p: (p[0] + 0.0 * t)[:, None])
+    study = Objective(given, simulator)
+    (report,) = inspect(given, study.series, climb(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {})
+    assert report.verdict == "adequate"
+    assert next(t for t in report.tests if t.name == "u").p_value > 1e-4

@@ -55,6 +55,13 @@ def test_the_branch_not_taken_cannot_spoil_a_derivative() -> None:
     assert evaluate([b.derivative(node, x)], {x: 4.0}) == [0.25]
 
 
+def test_a_root_of_what_does_not_change_has_no_slope() -> None:
+    b = Builder()
+    x = b.symbol("x")
+    slope = b.derivative(b.unary("sqrt", b.binary("max", x, b.zero)), x)
+    assert [evaluate([slope], {x: at})[0] for at in (-1.0, 4.0)] == [0.0, 0.25]
+
+
 def test_equal_expressions_are_one_node() -> None:
     b = Builder()
     x, y = b.symbol("x"), b.symbol("y")

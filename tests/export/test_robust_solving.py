@@ -15,6 +15,7 @@ from aero_bayes.export.choices import choices
 from aero_bayes.export.expression import Builder, evaluate
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
+from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, open_simulator
 from tests.export.test_library_idioms import simulate
 
 
@@ -190,3 +191,48 @@ end Rest;
 """
     found = simulate(tmp_path, "Rest", text, ["y"])
     assert found["y"] == pytest.approx(np.minimum(-2 + 4 * found["time"], 0.0), abs=1e-8)
+
+
+def test_an_initial_equation_is_about_the_states_that_it_names(tmp_path: Path) -> None:
+    """Two filters start where a reading is that depends on states that are free: these keep their own starts."""
+    text = """model Filters
+  Real one(start = 0.6), two(start = 0.25);
+  Real fast, slow;
+  Real reading = 3 * one - two;
+  output Real y = one;
+  output Real a = fast;
+  output Real b = slow;
+initial equation
+  fast = reading;
+  slow = reading;
+equation
+  der(one) = -one;
+  der(two) = -2 * two;
+  der(fast) = 10 * (reading - fast);
+  der(slow) = reading - slow;
+end Filters;
+"""
+    found = simulate(tmp_path, "Filters", text, ["y", "a", "b"])
+    assert found["y"] == pytest.approx(0.6 * np.exp(-found["time"]), abs=1e-6)
+    assert [found["a"][0], found["b"][0]] == pytest.approx([1.55, 1.55], abs=1e-12)
+
+
+def test_a_root_that_ends_has_no_slope(tmp_path: Path) -> None:
+    """A tank that runs empty: beyond that its balance has a Jacobian of zero, not of infinity times nothing."""
+    text = """model Tank
+  Real h(start = 0.1, fixed = true);
+  output Real y = h;
+equation
+  der(h) = -sqrt(max(h, 0)) - 0.01;
+end Tank;
+"""
+    (tmp_path / "Tank.mo").write_text(text, encoding="utf-8")
+    model = Model.load(export_fmu("Tank", tmp_path / "tank.fmu", sources=[tmp_path / "Tank.mo"], compiler="embedded"))
+    time = np.linspace(0.0, 5.0, 51)
+    problem = Problem(model, (Experiment(time, ("y",)),), ((),), settings=SolverSettings(1e-3, 1e-3))
+    with open_simulator(problem, workers=0) as simulator:
+        found = simulator.simulate(np.empty((1, 0)))
+    assert found.outcomes[0, 0] == Outcome.OK
+    empty = found.outputs[0][0, :, 0] < -1e-3
+    assert empty.sum() > 30
+    assert np.diff(found.outputs[0][0, empty, 0]) == pytest.approx(-0.01 * 0.1, rel=0.1)

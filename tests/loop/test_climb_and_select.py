@@ -29,24 +29,25 @@ EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noi
 
 
 class LinearSimulator:
-    """Answers ``y = BASIS' p`` with exact sensitivities: a second implementation of the simulators' contract."""
+    """Answers ``y = basis' p`` with exact sensitivities: a second implementation of the simulators' contract."""
 
-    def __init__(self, measured):
+    def __init__(self, measured, basis):
+        self.basis = basis
         self.problem = Problem(None, (Experiment(TIME, ("y",), measured=measured[:, None]),), ((None,) * 5,))
 
     def simulate(self, values, *, active=None):
-        outputs = (values @ BASIS)[:, :, None]
+        outputs = (values @ self.basis)[:, :, None]
         slopes = None
         if active is not None:
-            slopes = (np.repeat(BASIS[list(active)].T[None, :, None, :], len(values), axis=0),)
+            slopes = (np.repeat(self.basis[list(active)].T[None, :, None, :], len(values), axis=0),)
         return Trajectories((outputs,), slopes, np.zeros((len(values), 1), dtype=np.uint8))
 
     def close(self):
         pass
 
 
-def parameter(name):
-    return Parameter(name, "1", 0.0, -50.0, 50.0, Normal(0.0, 3.0), "linear", "", ParameterTarget(name))
+def parameter(name, low=-50.0):
+    return Parameter(name, "1", 0.0, low, 50.0, Normal(0.0, 3.0), "linear", "", ParameterTarget(name))
 
 
 def covariance():
@@ -54,12 +55,12 @@ def covariance():
     return NOISE.sd_white**2 * np.eye(600) + NOISE.sd_ou**2 * np.exp(-apart / NOISE.tau)
 
 
-def study(truth, seed):
+def study(truth, seed, basis=BASIS, low=-50.0):
     rng = np.random.default_rng(seed)
     noise = np.linalg.cholesky(covariance()) @ rng.normal(size=600)
-    measured = np.asarray(truth) @ BASIS + noise
-    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
-    return Objective(problem, LinearSimulator(measured))
+    measured = np.asarray(truth) @ basis + noise
+    problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name, low) for name in "abcde"])
+    return Objective(problem, LinearSimulator(measured, basis))
 
 
 CANDIDATES = {
@@ -72,16 +73,16 @@ CANDIDATES = {
 class OneStand:
     """The stands of a model that has all its candidates at once."""
 
-    def __init__(self, truth, seed):
-        self.stand = Stand(study(truth, seed), CANDIDATES, (0, 1))
+    def __init__(self, truth, seed, **given):
+        self.stand = Stand(study(truth, seed, **given), CANDIDATES, (0, 1))
 
     def of(self, ids):
         assert set(ids) <= CANDIDATES.keys()
         return self.stand
 
 
-def selected(truth, seed, structured=False, require=(), finer=None):
-    stands, finer = OneStand(truth, seed), finer or {}
+def selected(truth, seed, structured=False, require=(), finer=None, **given):
+    stands, finer = OneStand(truth, seed, **given), finer or {}
     search = Search(stands, [tuple(CANDIDATES)], finer, AttributeSettings(require=require), ClimbSettings())
     base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
     ids = tuple(id_ for id_ in CANDIDATES if id_ not in finer)
@@ -113,6 +114,19 @@ def test_the_missing_effect_is_chosen_and_its_twin_reported():
 def test_two_missing_effects_are_both_found():
     found = selected([1.0, 2.0, 0.0, 0.5, 0.7], 3)
     assert set(found.effects) in ({"square", "sine"}, {"square", "twin"})
+
+
+def test_two_take_the_place_of_one_that_does_a_little_of_both():
+    """The third is the sum of both and of something else, and nothing can be less than zero."""
+    basis = BASIS.copy()
+    basis[4] = BASIS[2] + BASIS[3] + 0.5 * np.cos(2.3 * TIME)
+    for seed in range(4):
+        found = selected([1.0, 2.0, 0.45, 0.45, 0.0], 200 + seed, structured=True, basis=basis, low=0.0)
+        assert found.rounds[0].chosen.candidate.id == "twin"
+        assert found.rounds[1].chosen is None
+        assert set(found.effects) == {"sine", "square"}
+        alone = selected([1.0, 2.0, 0.45, 0.45, 0.0], 200 + seed, structured=False, basis=basis, low=0.0)
+        assert alone.effects == ("twin",)
 
 
 def test_nothing_is_found_where_nothing_is_missing():
