@@ -2,12 +2,10 @@ within Laws.Readings;
 model Delay "Reading that comes late"
   extends Laws.Interfaces.ReadingLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
-  Real z(nominal = u_n) "Quantity after six lags";
+  Real z(nominal = u_n) "Quantity after four lags";
   Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of z in units of its time";
   Real r(start = 0, fixed = true, nominal = u_n) "That of w";
   Real s(start = 0, fixed = true, nominal = u_n) "That of r";
-  Real p(start = 0, fixed = true, nominal = u_n) "That of s";
-  Real q(start = 0, fixed = true, nominal = u_n) "That of p";
 protected
   final parameter Real T_min = 1e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = if T_d > 0 then sqrt(T_d ^ 2 + T_min ^ 2) else 1e6 * t_n "Delay in use; without one nothing moves";
@@ -17,12 +15,10 @@ equation
   T * der(z) = w;
   T * der(w) = r;
   T * der(r) = s;
-  T * der(s) = p;
-  T * der(p) = q;
-  T * der(q) = 665280 * (u - z) - 332640 * w - 75600 * r - 10080 * s - 840 * p - 42 * q;
-  y = u - T_d / T * (w + s / 33 + q / 7920);
+  T * der(s) = 1680 * (u - z) - 840 * w - 180 * r - 20 * s;
+  y = u - T_d / T * (w + s / 42);
   annotation (Documentation(info = "<html>
-<p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of sixth order, from its steady state: <code>Laws.Outputs.Delay</code> without the rate of
+<p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of fourth order, from its steady state: <code>Laws.Outputs.Delay</code> without the rate of
 <code>u</code>.</p>
 <p>Source: G. A. Baker, P. Graves-Morris, Pad&eacute; Approximants (Cambridge, 1996), sec. 1.2.</p>
 </html>"));

@@ -298,7 +298,7 @@ class Search:
         scores, nothing, untried = with_odds(tried)
         bar = threshold(len(scores), self.settings)
         number = len(self.rounds) + 1
-        best = scores[0] if scores else None
+        best = self._plainest(scores)
         if best is None or best.held is None or best.gain < bar:
             name = f"the best, {best.candidate.id}, gains {best.gain:.1f}" if best is not None else "there is none"
             why = f"no candidate gains {bar:.1f} in log-evidence: {name}"
@@ -311,6 +311,14 @@ class Search:
         if len(equal) > 1:
             why += f"; {', '.join(equal[1:])} within {self.settings.equivalence:g} of it"
         return Round(number, base, scores, bar, best, equal, why, nothing, untried)
+
+    def _plainest(self, scores: Sequence[Scored]) -> Scored | None:
+        """The best, or another that is as good where a shape of the best is on its bound: it is none of its kind."""
+        best = scores[0] if scores else None
+        if best is None or best.held is None:
+            return best
+        equal = [s for s in scores if s.held is not None and s.gain >= best.gain - self.settings.equivalence]
+        return next((s for s in equal if s.held is not None and s.held.shows_shape(s.candidate.id)), best)
 
     def _pair(self, base: Held, alone: Round, least: float = 0.0) -> Round:
         """Nothing alone pays, or only ``least``: the most promising two by two, at the price of so many pairs."""
@@ -453,7 +461,7 @@ class Search:
                 missed[effect] = current.log_evidence - without.log_evidence
                 every = dict.fromkeys((*ids, *current.effects))
                 found = self.round(without, every, instead=current, seen={*self._seen(), *current.effects})
-                best = found.scores[0] if found.scores else None
+                best = self._plainest(found.scores)
                 if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + SWAP:
                     changed = changed or best.candidate.id != effect
                     current = best.held
