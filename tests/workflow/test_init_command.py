@@ -96,6 +96,14 @@ def test_a_file_is_not_overwritten(rig):
     assert (rig / "rig.toml").read_text() == "mine"
 
 
+def test_an_fmu_has_no_source_to_read(rig):
+    (rig / "Rig.fmu").write_bytes(b"PK\xe5")
+    refused = run("init", rig / "Rig.fmu", rig / "run.csv", "--out", rig / "fmu.toml")
+    assert refused.exit_code == 2
+    assert "expected Modelica source" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1
+
+
 def test_what_cannot_be_matched_is_a_comment(rig):
     record(rig / "odd.csv", "time,first,second")
     done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml")

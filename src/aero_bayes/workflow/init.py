@@ -79,6 +79,8 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     for path in (source, data):
         if not path.exists():
             raise InputError(f"{path}: no such file")
+    if source.suffix.lower() == ".fmu":
+        raise InputError(f"{source}: expected Modelica source; for an FMU write [model] fmu, [data] and [parameters]")
     name = model or main_class(source)
     built = load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
