@@ -205,7 +205,7 @@ def search(
                 if damping > 1e15 or rejected >= settings.rejections:
                     return Found(point, here, iteration, Stop.NO_PROGRESS, evaluations)
                 continue
-            ratio = min((before - there.cost) / promised, 2.0)
+            ratio = min((before - there.cost) / promised, 1e6)  # the cube of more overflows
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-12)
             way.went(point, ahead, newton, ratio)
             growth, point, here, rejected = 2.0, ahead, there, 0

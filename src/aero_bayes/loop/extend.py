@@ -103,7 +103,8 @@ def _left(structured: Sequence[ResidualReport]) -> list[str]:
     worst: dict[str, float] = {}
     for report in structured:
         worst[report.output] = max(report.ratio, worst.get(report.output, 0.0))
-    return [f"{o} ({w:.2g} times the noise floor)" if w > TIMES_FLOOR else o for o, w in sorted(worst.items())]
+    how = {o: f"{w:.2g}" if w < 100.0 else "more than a hundred" for o, w in worst.items()}
+    return [f"{o} ({how[o]} times the noise floor)" if worst[o] > TIMES_FLOOR else o for o in sorted(worst)]
 
 
 def _in_words(effect: FoundEffect, equivalent: Sequence[Sequence[str]]) -> str:

@@ -73,7 +73,7 @@ def likeliest(
     half = angular > 1.0
     fast = float(np.sum(count[half] * observed[half]) / max(np.sum(count[half]), 1.0)) or total
     cosine = np.cos(angular)
-    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.5 * interval)])
+    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.8 * interval)])
     high = np.array(
         [
             math.log(max(4.0 * total, 2.0 * smallest)),
