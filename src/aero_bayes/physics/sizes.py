@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 MOST = 0.995
 #: A size below which there is nothing, and less than that: what keeps a watched expression apart from what it equals.
 NOTHING = 1e-200
-#: Readings that tell where a level starts.
+#: Readings whose straight line tells where a level starts.
 FIRST = 5
 _NOTHING = Call("*", (Number(1e-300), Name("time")))
 #: Units in which a level is a temperature.
@@ -63,8 +63,10 @@ def _first_readings(flat: FlatModel, ports: Sequence[Port], calibration: Calibra
         level = structure.of(port.signals.get("h", ""))
         for column, output in enumerate(first.outputs):
             if output in structure.members(level) and first.measured is not None:
-                seen = first.measured[:, column]
-                found[port.id] = float(np.mean(seen[np.isfinite(seen)][:FIRST]))
+                seen = np.flatnonzero(np.isfinite(first.measured[:, column]))[:FIRST]
+                if seen.size == FIRST:
+                    line = np.polyfit(first.time[seen] - first.time[0], first.measured[seen, column], 1)
+                    found[port.id] = float(line[-1])
     return found
 
 
