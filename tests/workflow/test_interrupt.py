@@ -36,8 +36,15 @@ def interrupted(folder: Path) -> tuple[int, list[str]]:
                     break
                 time.sleep(0.1)
             time.sleep(1.0)
-            os.killpg(run.pid, signal.SIGINT)
-            _, said = run.communicate(timeout=60)
+            said = ""
+            for _ in range(6):
+                # One that falls into a module being imported can be lost: a person presses again.
+                os.killpg(run.pid, signal.SIGINT)
+                try:
+                    _, said = run.communicate(timeout=10)
+                    break
+                except subprocess.TimeoutExpired:
+                    continue
         finally:
             if run.poll() is None:
                 os.killpg(run.pid, signal.SIGKILL)
