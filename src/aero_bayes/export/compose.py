@@ -203,10 +203,9 @@ def with_elements_apart(flat: FlatModel, element: str) -> FlatModel:
     shown = replace(v, attributes={k: t for k, t in v.attributes.items() if k != "fixed"}, binding=None)
     flat = replace_uses(flat, name, Name(inner))
     flat = replace(flat, variables=(*(shown if w.name == name else w for w in flat.variables), own))
-    for one in element_names(name, v.sizes):
-        there = reference(f"{inner}{one.removeprefix(name)}")
-        left, right = (there, reference(one)) if v.causality == "input" else (reference(one), there)
-        flat = replace(flat, equations=(*flat.equations, FlatEquation(left, right, "added")))
+    for pair in zip(element_names(name, v.sizes), element_names(inner, v.sizes), strict=True):
+        to, source = reversed(pair) if v.causality == "input" else pair
+        flat = equate(flat, to, reference(source))
     return flat
 
 

@@ -89,7 +89,7 @@ def series(s: Structure, state: str) -> Port | None:
 def beside_storage(s: Structure, state: str) -> Port | None:
     """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
     owner = state.rpartition(".")[0] + "."
-    if unit_in(s, state) != "V" or is_current(s, s.of(state)):
+    if unit_in(s, state) != "V":
         return None
     order = list(s.variables)
     pins = [(f, flows) for _, flows in _sets(s) for f in flows if f.startswith(owner) and len(flows) > 1]

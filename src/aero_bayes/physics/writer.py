@@ -239,8 +239,7 @@ class Writer:
             c = replace(c, type="Acting")
             self.draft.connectors["Acting"] = "output Real"
         self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
-        for outer in element_names(c.name, sizes):
-            own = outer.replace(c.name, inner, 1)
+        for outer, own in zip(element_names(c.name, sizes), element_names(inner, sizes), strict=True):
             self.draft.given |= {own: outer} if suffix == ACTING else {outer: own}
         return inner
 
