@@ -53,8 +53,7 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
             return told
     refused, hardly = "", None
     if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
-        named = _added(bench, found)
-        refused = CANNOT if named is None else _astray(bench, found, named)
+        named, refused = _added(bench, found)
         if named is not None and not refused:
             hardly = _what_carries_over(bench, found, named)
             if hardly.effects:
@@ -145,7 +144,7 @@ def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> C
     for _, held, after in sorted(_predicted(bench, fewer), key=lambda one: (len(one[1].effects), one[0])):
         worse = surely_worse(after, named.after, bench.recordings) or _plainly_better(after, named.after, MUCH)
         enough = _is_open(named) or surely_worse(named.after, after, bench.recordings)
-        if enough and not worse and (kept := _with(bench, found, held)) is not None:
+        if enough and not worse and (kept := _with(bench, found, held)[0]) is not None:
             return kept
     return named
 
@@ -153,8 +152,8 @@ def _no_more_than_needed(bench: Workbench, found: Found, named: Conclusion) -> C
 def _other(bench: Workbench, found: Found) -> Conclusion | None:
     """What explains what was fitted as well, or stood after an earlier round, and plainly carries over."""
     for held in _fits(found)[:MOST]:
-        named = _with(bench, found, held)
-        if named is None or _astray(bench, found, named):
+        named, refused = _with(bench, found, held)
+        if named is None or refused:
             continue
         if _plainly_better(found.before, named.after):
             return named
@@ -168,8 +167,8 @@ def _learned(bench: Workbench, found: Found, selection: Selection) -> Conclusion
     found = replace(found, selection=selection, left=found.base.report(selection.held))
     if _incomplete(found, bench.settings.left_over):
         return None
-    named = _added(bench, found)
-    if named is None or _astray(bench, found, named):
+    named, refused = _added(bench, found)
+    if named is None or refused:
         return None
     told = _what_carries_over(bench, found, named)
     return told if told.effects else None
@@ -183,7 +182,7 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     predicted = _predicted(bench, [found.selection.held, *_fits(found)][: MOST + 1])
     bar = _unseen(found.before) + math.log(PLAINLY)
     for _, held, _ in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
-        named = _added(bench, replace(found, selection=_only(found.selection, held)))
+        named, _ = _added(bench, replace(found, selection=_only(found.selection, held)))
         if named is None or not _follows(bench, named):
             continue
         if _plainly_better(found.before, named.after, PARTLY):
@@ -208,14 +207,14 @@ def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held
     return found
 
 
-def _added(bench: Workbench, found: Found) -> Conclusion | None:
-    """The model with the selected effects; None where it cannot be simulated over the whole recordings."""
+def _added(bench: Workbench, found: Found) -> tuple[Conclusion | None, str]:
+    """The model with the selected effects, and where it is astray; None where it cannot be simulated over all data."""
     try:
         named = add_effects(bench, found)
     except CannotFinishError:
-        return None
-    far = _far(bench, found, named)
-    return _said_sensitive(named, far) if far and not _astray(bench, found, named) else named
+        return None, CANNOT
+    far, refused = _far(bench, found, named), _astray(bench, found, named)
+    return (_said_sensitive(named, far) if far and not refused else named), refused
 
 
 def _fits(found: Found) -> list[Held]:
@@ -230,17 +229,18 @@ def _fits(found: Found) -> list[Held]:
     return sorted(others, key=lambda held: -held.log_evidence)
 
 
-def _with(bench: Workbench, found: Found, held: Held) -> Conclusion | None:
+def _with(bench: Workbench, found: Found, held: Held) -> tuple[Conclusion | None, str]:
     """Other effects named in place of those selected, where they explain what was fitted."""
     selection = found.selection
     part = replace(found, selection=_only(selection, held), left=found.base.report(held))
     if _incomplete(part, bench.settings.left_over):
-        return None
-    named, first = _added(bench, part), listed(selection.effects)
+        return None, ""
+    named, refused = _added(bench, part)
     if named is None:
-        return None
-    do = "do" if len(selection.effects) > 1 else "does"
-    return replace(named, sentence=f"{named.sentence} {first}, found first, {do} not surely carry over better.")
+        return None, refused
+    first, do = listed(selection.effects), "do" if len(selection.effects) > 1 else "does"
+    told = f"{named.sentence} {first}, found first, {do} not surely carry over better."
+    return replace(named, sentence=told), refused
 
 
 def _only(selection: Selection, held: Held) -> Selection:
