@@ -12,11 +12,13 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.loop.attribute import Search, prospect, score, threshold, with_odds
+from aero_bayes.loop.attribute import Search, threshold, with_odds
+from aero_bayes.loop.prospect import prospect, score
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Stand
 from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
 
 TIME = np.arange(600) * 0.05
@@ -74,11 +76,17 @@ class OneStand:
     """The stands of a model that has all its candidates at once."""
 
     def __init__(self, truth, seed, **given):
-        self.stand = Stand(study(truth, seed, **given), CANDIDATES, (0, 1))
+        self.stand = Stand(study(truth, seed, **given), CANDIDATES, (0, 1), open_simulator)
 
     def of(self, ids):
         assert set(ids) <= CANDIDATES.keys()
         return self.stand
+
+    def read_otherwise(self):
+        return None
+
+    def finer(self, held):
+        return None
 
 
 def selected(truth, seed, structured=False, require=(), finer=None, **given):
@@ -87,6 +95,35 @@ def selected(truth, seed, structured=False, require=(), finer=None, **given):
     base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
     ids = tuple(id_ for id_ in CANDIDATES if id_ not in finer)
     return search.select(base, ids, lambda held: structured, lambda what, share: None)
+
+
+class TwoReadings(OneStand):
+    """Stands whose inputs can be read the other way, in which the recording is another."""
+
+    def __init__(self, truth, other, seed):
+        super().__init__(truth, seed)
+        self.other = OneStand(other, seed)
+        self.other.forget = lambda: None
+
+    def read_otherwise(self):
+        return self.other
+
+    def forget(self):
+        self.forgotten = True
+
+
+def test_inputs_are_read_the_other_way_where_a_first_effect_shows_it():
+    rough = [1.0, 2.0, 3.0, 2.0, 0.0]
+    for truth, other, turned in ((rough, [1.0, 2.0, 3.0, 0.0, 0.0], True), (rough, [1.0, 2.0, 3.0, 6.0, 0.0], False)):
+        stands = TwoReadings(truth, other, 3)
+        ids = ("sine",)
+        search = Search(stands, [tuple(CANDIDATES)], {}, AttributeSettings(), ClimbSettings())
+        base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+        found = search.select(base, ids, lambda held: False, lambda what, share: None)
+        assert found.effects == ("sine",)
+        assert (found.base.stand is stands.other.stand) == turned == (search.stands is stands.other)
+        assert found.held.stand is search.stands.stand
+        assert len(found.rounds) == 2
 
 
 def test_climb_has_the_exact_posterior_and_evidence():
@@ -183,7 +220,7 @@ def formula_stand(formula, measured, candidate):
     """A stand with one candidate, on a model that is a formula of five parameters."""
     problem = closed_form.calibration([(TIME, measured[:, None])], ["y"], [parameter(name) for name in "abcde"])
     simulator = closed_form.FormulaSimulator(problem.problem(), formula)
-    return Stand(Objective(problem, simulator), {candidate.id: candidate}, (0, 1))
+    return Stand(Objective(problem, simulator), {candidate.id: candidate}, (0, 1), open_simulator)
 
 
 def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
@@ -252,6 +289,12 @@ def test_what_only_led_the_fit_out_of_a_wrong_valley_is_no_effect():
         def of(self, ids):
             return stand
 
+        def read_otherwise(self):
+            return None
+
+        def finer(self, held):
+            return None
+
     base = stand.fit({"a": 1.0, "b": 3.0}, (), {"y": noise}, ClimbSettings())
     assert abs(base.values["b"] - 3.7) > 0.1
     search = Search(Stands(), [("damping",)], {}, AttributeSettings(), ClimbSettings())
@@ -274,6 +317,12 @@ def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
     class Stands:
         def of(self, ids):
             return stand
+
+        def read_otherwise(self):
+            return None
+
+        def finer(self, held):
+            return None
 
     base = stand.fit({"a": 1.0, "b": 2.0}, (), {"y": noise}, ClimbSettings())
     settings = AttributeSettings(require=("wave",), max_effects=1)

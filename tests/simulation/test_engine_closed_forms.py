@@ -47,6 +47,17 @@ def run(
     return found.outputs[0][0], found.sensitivities[0][0]
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-5])
+def test_a_state_without_a_nominal_value_is_as_exact_however_small(test_fmu, here, size):
+    time = np.linspace(0.0, 4.0, 9)
+    experiment = Experiment(time, ("x",), (InputSignal("u", np.array([0.0]), np.array([2.0 * size])),))
+    targets, (k, b) = (ParameterTarget("k"), ParameterTarget("b"), StartTarget("x")), (1.3, 0.7)
+    with NativeSimulator(Problem(test_fmu("Dahlquist"), (experiment,), (targets,)), pool=here) as simulator:
+        x = simulator.simulate(np.array([[k, b, size]])).outputs[0][0, :, 0]
+    exact = np.exp(-k * time) + 2.0 * b / k * (1.0 - np.exp(-k * time))
+    np.testing.assert_allclose(x / size, exact, atol=1e-5)
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_decay_with_a_driven_input(test_fmu, here, variant):
     # x' = -k x + b u, u = 2 from 1 + d on: x = x0 e^(-k t) + 2 b / k (1 - e^(-k (t - 1 - d)))

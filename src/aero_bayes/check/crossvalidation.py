@@ -15,9 +15,9 @@ from aero_bayes.check.blocks import block_edges, block_log_likelihood
 from aero_bayes.check.comparison import Predictive, leave_future_out, leave_one_out, waic
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
-from aero_bayes.estimate.ascent import OpenSimulator
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import FitSettings, fit_calibration
+from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.search import search

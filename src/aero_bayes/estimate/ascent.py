@@ -7,7 +7,6 @@ take it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -15,23 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, pack, unpack
-from aero_bayes.data import floors_of
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb, noise_of
 from aero_bayes.estimate.coarse import hurried, leading
 from aero_bayes.estimate.delays import best_valleys, delay_columns, scan_delays
+from aero_bayes.estimate.growing import OpenSimulator, grown, over_floor
 from aero_bayes.estimate.interpolation import LEAST_GAIN, with_lines
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.target import Target
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
-from aero_bayes.simulation.interface import Outcome, Problem, Simulator
+from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
-OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
 Progress = Callable[[str, float, float], None]
 Cost = Literal["posterior", "weighted", "eq6"]
 
@@ -78,10 +76,6 @@ class AscentSettings:
     longest: float | None = None
     settle: bool = True
     enough: float = 0.0
-
-
-#: Shares of the recordings that are fitted one after the other where the whole has many valleys.
-HORIZONS = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +125,7 @@ class Climber:
     @property
     def by_squares(self) -> ClimbSettings:
         """As climbing, by the size of what is left."""
-        return replace(self.climbing, kinds=dict.fromkeys(self.kinds, "white"))
+        return self.climbing.by_squares(self.kinds)
 
     def first_noise(self) -> dict[str, OutputNoise]:
         """Weights before anything is known; those of Eq. 6 for good."""
@@ -256,7 +250,7 @@ class Climber:
             few = self.objective.on(cheap, simulator)
             first = self.first_noise()
             near = self._near(few, start, free)
-            if near is not None and self._is_enough(near, few):
+            if near is not None and over_floor(few, near.evaluation.residual) <= self.settings.enough:
                 return near.coordinates, None
             rows = few.noise_rows(first)
             low, high = target.box
@@ -278,31 +272,11 @@ class Climber:
                     at[list(free)] = x
                     starts.append(at)
             if self.settings.cost != "eq6":
-                starts.append(self._grown(few, start, free, open_simulator))
+                point, steps = grown(few, start, free, self.by_squares.rough(12, 0.1), open_simulator)
+                starts.append(point)
+                self.iterations += steps
             best = self._best(few, starts, free, first, near)
         return best.coordinates, swarm
-
-    def _grown(
-        self, whole: Objective, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator
-    ) -> FloatArray:
-        """Where the starting values lead if the beginning is fitted first, then ever more.
-
-        A motion that turns over, or anything that forgets its past slowly, has a wide valley only while it is short.
-        """
-
-        def growing() -> Arrays:
-            point, steps = start, 0
-            for share in HORIZONS:
-                part = whole.calibration.beginning(share)
-                with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
-                    objective = self.objective.on(part, simulator)
-                    found = climb(objective, point, free, settings=self.by_squares.rough(12, 0.1))
-                    point, steps = found.coordinates, steps + found.steps
-            return {"point": point, "steps": np.array(steps)}
-
-        grown = whole.once("grown", (start, tuple(free)), growing)
-        self.iterations += int(grown["steps"])
-        return grown["point"].astype(np.float64)
 
     def _near(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
         """Where the starting values lead; None where nobody asks."""
@@ -312,12 +286,6 @@ class Climber:
             return self._climb(start, free, None, self.by_squares.rough(25, 0.1), objective)
         except CannotFinishError:
             return None
-
-    def _is_enough(self, found: Optimum, objective: Objective) -> bool:
-        """Whether no other valley can be deeper: each output is followed to its noise floor."""
-        left = self._rms(found, objective)
-        floors = floors_of(self.objective.calibration.recordings, objective.outputs)
-        return all(left[output] <= self.settings.enough * floor for (_, output), floor in floors.items())
 
     def _best(
         self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],

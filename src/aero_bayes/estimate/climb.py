@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -87,6 +87,10 @@ class ClimbSettings:
     def rough(self, steps: int, tolerance: float) -> ClimbSettings:
         """The same with fewer steps and less care."""
         return replace(self, local=replace(self.local, max_iterations=steps, tolerance=tolerance))
+
+    def by_squares(self, outputs: Iterable[str]) -> ClimbSettings:
+        """The same by the size of what is left."""
+        return replace(self, kinds=dict.fromkeys(outputs, "white"))
 
 
 @dataclass(frozen=True, eq=False)

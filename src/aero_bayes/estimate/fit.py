@@ -17,10 +17,11 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, OpenSimulator, Progress, straighter
+from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, Progress, straighter
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
 from aero_bayes.estimate.objective import Objective

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aero_bayes.data.align import to_experiment
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.simulation.interface import Experiment, InputSignal
 
@@ -30,6 +31,20 @@ def with_lines(calibration: Calibration) -> Calibration | None:
             return None
         experiments.append(_lines(experiment, {n: (recording.time, recording.inputs[n]) for n in moving}))
     return replace(calibration, experiments=tuple(experiments), interpolation="linear")
+
+
+def read_otherwise(calibration: Calibration) -> Calibration | None:
+    """The calibration with its inputs read the other way between the samples; None where that makes no sense."""
+    return with_lines(calibration) if calibration.interpolation == "hold" else _with_steps(calibration)
+
+
+def _with_steps(calibration: Calibration) -> Calibration:
+    at_rest = calibration.model.declared.recording.zero_at_rest
+    experiments = [
+        replace(experiment, inputs=to_experiment(recording, (), zero_at_rest=at_rest).inputs)
+        for experiment, recording in zip(calibration.experiments, calibration.recordings, strict=True)
+    ]
+    return replace(calibration, experiments=tuple(experiments), interpolation="hold")
 
 
 def _lines(experiment: Experiment, signals: dict[str, tuple[np.ndarray, np.ndarray]]) -> Experiment:

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
-from aero_bayes.loop.kept import promised, starting_points
+from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.growing import over_floor
+from aero_bayes.estimate.interpolation import LEAST_GAIN
+from aero_bayes.loop.kept import promised
+from aero_bayes.loop.prospect import Scored, led_up, place_of, prospect, score
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.starting import Around, Start
@@ -25,22 +28,6 @@ from aero_bayes.physics.kin import Candidate
 from aero_bayes.show import listed
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A candidate beside those already chosen: its refit and its gain in log-evidence over the model without it.
-
-    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. A refit
-    that would not matter was given up, with a ``gain`` less than it could have. ``odds`` is its probability among all
-    that the round tried, nothing, and what was not tried.
-    """
-
-    candidate: Candidate
-    held: Held | None
-    gain: float
-    promise: float = 0.0
-    odds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +74,10 @@ class Selection:
 #: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
 #: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
 UNTRIED, TEMPER = 0.02, 0.5
-#: How far below what it has to reach a fit is still worth a climb, in log-evidence.
-SLACK = 20.0
 #: Least gain in log-evidence for which one effect takes the place of another.
 SWAP = 1.0
+#: How many times the noise floor the best of a round leaves where its rivals may stand in wrong valleys.
+FAR = 5.0
 #: Gain in log-evidence from which the model as it stands was in a wrong valley.
 BETTER = 4.0
 
@@ -111,87 +98,6 @@ def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, floa
     return tuple(replace(s, odds=float(p)) for s, p in zip(scores, shares[1:], strict=True)), float(shares[0]), UNTRIED
 
 
-@dataclass(frozen=True, eq=False)
-class Prospect:
-    """A candidate beside a fit, before any refit: the ``starts`` worth a climb and the most that one promises."""
-
-    base: Held
-    candidate: Candidate
-    starts: tuple[Start, ...]
-    promise: float
-
-
-def prospect(
-    base: Held,
-    candidate: Candidate,
-    settings: AttributeSettings,
-    fit: ClimbSettings,
-    beside: Around | None = None,
-) -> Prospect:
-    """The most promising starts of a candidate; none where all promise almost nothing.
-
-    ``beside`` is another place on the same stand that a start is looked for from as well.
-    """
-    few = fit.rough(6, 0.5)
-    points = starting_points(base.around, candidate, few)
-    first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
-    likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
-    own = [s for s in likely if not s.squares and not s.held][: settings.starts]
-    starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
-    # Ways of another kind are no reason to leave one of these out: they may lead to another valley.
-    starts += [s for s in likely if s.squares][:1] + [s for s in likely if s.held][:1]
-    if beside is not None:
-        starts += starting_points(beside, candidate, few)[:1]
-    return Prospect(base, candidate, tuple(starts), first)
-
-
-def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored:
-    """Refit the model with one more effect from each of its starts, as far as log-evidence ``aim`` is within reach."""
-    base, candidate = found.base, found.candidate
-    if not found.starts:
-        return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
-    best: Held | None = None
-    for start in found.starts:
-        aim = max(aim, best.log_evidence if best is not None else -math.inf)
-        held = _refit(base, (*base.effects, candidate.id), start, fit.aiming(_cost(base, aim) + SLACK))
-        if held is not None and (best is None or held.log_evidence > best.log_evidence):
-            best = held
-    gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
-    return Scored(candidate, best, float(gain), found.promise)
-
-
-def _cost(like: Held, log_evidence: float) -> float:
-    """The cost at which a fit as sharp as another has a log-evidence."""
-    sharpness = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
-    return sharpness - log_evidence
-
-
-def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
-    """A climb from a start; one by least squares goes a while that way first."""
-    study, free = base.stand.study, base.stand.free(effects)
-    point, noise = start.point, base.optimum.noise
-    try:
-        if start.squares:
-            plain = replace(fit.rough(12, 0.5), kinds=dict.fromkeys(study.outputs, "white"))
-            point = climb(study, point, free, settings=plain).coordinates
-            return Held(base.stand, effects, climb(study, point, free, settings=fit))
-        return Held(base.stand, effects, climb(study, point, free, noise=noise, settings=fit))
-    except CannotFinishError:
-        return None
-
-
-def _place(here: Held, instead: Held) -> Around | None:
-    """Where another fit stands, with only the effects of this one, on this one's stand."""
-    stand, noise = here.stand, instead.optimum.noise
-    at = stand.at(instead.values, here.effects)
-    evaluation = stand.study.evaluate(at, here.optimum.free)
-    if evaluation is None:
-        return None
-    whitened = stand.study.whiten(evaluation.residual, evaluation.slopes, noise)
-    place = replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
-    return Around(stand.study, place)
-
-
 class Search:
     """Forward selection, pairs where nothing alone pays, then drop and swap."""
 
@@ -204,6 +110,7 @@ class Search:
         fit: ClimbSettings,
     ) -> None:
         self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
+        self._first = stands
         self.rounds: list[Round] = []
         self.skipped: dict[str, None] = {}
         self._tell: Callable[[float], None] = lambda done: None
@@ -233,7 +140,7 @@ class Search:
                     # A law that is off can still be too stiff for this recording.
                     self.skipped |= dict.fromkeys(own)
                     continue
-                place = _place(here, instead) if instead is not None else None
+                place = place_of(here, instead) if instead is not None else None
                 beside += [(here, here.stand.candidates[id_], place) for id_ in own]
         if seen is not None:
             new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
@@ -245,8 +152,23 @@ class Search:
             self._tell(0.5 * len(prospects) / len(beside))
         scores: list[Scored] = []
         for found in sorted(prospects, key=lambda p: -p.promise):
-            scores.append(score(found, self.fit, self._aim(found.candidate.id, scores, instead)))
+            scored = score(found, self.fit, self._aim(found.candidate.id, scores, instead))
+            # Where the same fit did not come as far on this stand, coming as far is no gain.
+            behind = max(base.log_evidence - found.base.log_evidence, 0.0)
+            scores.append(replace(scored, gain=scored.gain - behind))
             self._tell(0.5 + 0.5 * len(scores) / len(beside))
+        scores.sort(key=lambda s: -s.gain)
+        return scores if instead is not None else self._led_up(base, scores)
+
+    def _led_up(self, base: Held, scores: list[Scored]) -> list[Scored]:
+        """The few best refitted from the beginning on, where even the best is far off; best first."""
+        best = scores[0].held if scores else None
+        if best is None or over_floor(best.stand.study, best.optimum.evaluation.residual) < FAR:
+            return scores
+        for k, found in enumerate(scores[: self.settings.near]):
+            if found.held is not None and (held := led_up(base, found.held, self.fit)) is not None:
+                further = held.log_evidence - found.held.log_evidence
+                scores[k] = replace(found, held=held, gain=found.gain + further)
         return sorted(scores, key=lambda s: -s.gain)
 
     def _aim(self, id_: str, scores: Sequence[Scored], instead: Held | None) -> float:
@@ -366,7 +288,9 @@ class Search:
             if found.held is None:
                 break
             current = found.held
-            if len(current.effects) == 1 and (better := self._from_there(base, current)) is not None:
+            if len(current.effects) > 1:
+                continue
+            if (better := self._settled(current) or self._from_there(base, current)) is not None:
                 base = current = better
                 self.rounds.clear()
         if len(current.effects) == 1 and self.settings.max_effects > 1 and not self.settings.require:
@@ -396,14 +320,42 @@ class Search:
         self.rounds.append(replace(found, number=len(self.rounds) + 1))
         return found.held
 
+    def _settled(self, current: Held) -> Held | None:
+        """The model as it stands, solved more finely or its inputs read the other way; None if neither is called for.
+
+        A fit without the first effect may be too far off to show either.
+        """
+        if self.stands is not self._first:
+            return None
+        if (finer := self.stands.finer(current)) is not None:
+            current = self._turned(finer, current, -math.inf)
+        if (other := self.stands.read_otherwise()) is not None:
+            current = self._turned(other, current, current.optimum.log_likelihood + LEAST_GAIN)
+        if self.stands is self._first:
+            return None
+        return current.stand.fit(current.values, (), current.optimum.noise, self.fit)
+
+    def _turned(self, other: Stands, current: Held, least: float) -> Held:
+        """The same effects on other stands, which take the place of these if they are likelier there than ``least``."""
+        try:
+            found = other.of(current.stand.candidates).fit(
+                current.values, current.effects, current.optimum.noise, self.fit
+            )
+        except CannotFinishError:
+            found = current
+        if found is current or found.optimum.log_likelihood <= least:
+            other.forget()
+            return current
+        self.stands.forget()
+        self.stands = other
+        return found
+
     def _from_there(self, base: Held, current: Held) -> Held | None:
         """The model as it stands, fitted anew from where its first effect led it; None if that is no better.
 
         A fit that stopped in a wrong valley is led out of it by whatever it is given, which must not pass for physics.
         """
         (effect,) = current.effects
-        if effect in self.settings.require:
-            return None
         without = self.without(base, current, effect)
         return without if without is not None and without.log_evidence > base.log_evidence + BETTER else None
 

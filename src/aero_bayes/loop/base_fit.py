@@ -19,6 +19,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum
 from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
+from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.starts import loosened
@@ -115,11 +116,16 @@ def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calib
     return plain, _again(bench, plain, values, fit)
 
 
-def fit_from_there(bench: Workbench, base: BaseFit, held: Held) -> BaseFit:
-    """The same from where a search was led that found the first fit in a wrong valley."""
-    values = np.array([held.values[name] for name in base.plain.parameters.names])
-    fit = _again(bench, base.plain, values, replace(base.fit, noise=held.optimum.noise))
-    return replace(base, fit=fit, held=held, reports=_reports(bench, base.plain, fit, base.floors))
+def fit_from_there(bench: Workbench, base: BaseFit, held: Held, stands: Stands) -> BaseFit:
+    """The same from where a search was led that found the first fit in a wrong valley, misread or ill solved."""
+    plain, now = base.plain, held.stand.study.calibration
+    if now.interpolation != plain.interpolation:
+        plain = read_otherwise(plain) or plain
+    plain = replace(plain, solver=now.solver)
+    values = np.array([held.values[name] for name in plain.parameters.names])
+    fit = _again(bench, plain, values, replace(base.fit, noise=held.optimum.noise))
+    reports = _reports(bench, plain, fit, base.floors)
+    return replace(base, plain=plain, fit=fit, held=held, stands=stands, reports=reports)
 
 
 def _again(bench: Workbench, calibration: Calibration, values: NDArray[np.float64], last: Optimum) -> Optimum:

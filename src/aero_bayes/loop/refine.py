@@ -15,7 +15,8 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import climb
-from aero_bayes.loop.attribute import Round, Scored, Search, Selection, threshold, with_odds
+from aero_bayes.loop.attribute import Round, Search, Selection, threshold, with_odds
+from aero_bayes.loop.prospect import Scored
 from aero_bayes.loop.stand import Held
 
 #: Refits of a finer law, from the likeliest of its starts.

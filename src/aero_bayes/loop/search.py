@@ -55,7 +55,7 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     )  # fmt: skip
     selection = refine(effort, selection, finer, len(ids))
     if selection.base is not base.held:
-        base = fit_from_there(bench, base, selection.base)
+        base = fit_from_there(bench, base, selection.base, effort.stands)
     bench.tally.lap("attribution")
     left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.loop.starting import Around
 from aero_bayes.loop.workbench import Workbench
@@ -18,6 +21,9 @@ from aero_bayes.physics.kin import Candidate
 from aero_bayes.sensors.noise import OutputNoise
 
 FloatArray = NDArray[np.float64]
+
+#: Tolerance of a finer solution over the present one, and how large the solver's error may be, in units of the noise.
+FINER, SHOWS = 1e-3, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +58,15 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """One model, ``candidates`` by id switched off, and the objective; ``own`` columns of the model itself are free."""
+    """One model, ``candidates`` by id switched off, and the objective; ``own`` columns of the model itself are free.
+
+    ``open`` opens a simulator of a part of the recordings.
+    """
 
     study: Objective
     candidates: Mapping[str, Candidate]
     own: tuple[int, ...]
+    open: OpenSimulator
 
     def free(self, effects: Collection[str]) -> tuple[int, ...]:
         """Columns of the model itself and of some candidates."""
@@ -107,9 +117,32 @@ class Stands:
         for candidate, count in offer.candidates:
             found[candidate.id] = replace(candidate, columns=tuple(range(first, first + count)))
             first += count
-        stand = Stand(self._bench.open_objective(calibration), found, self._own)
+        stand = Stand(self._bench.open_objective(calibration), found, self._own, self._bench.open)
         self._built[wanted] = stand
         return stand
+
+    def read_otherwise(self) -> Stands | None:
+        """Stands of the same candidates whose inputs are read the other way between the samples, if that is open."""
+        if self._bench.settings.calibration.interpolation != "auto":
+            return None
+        other = read_otherwise(self._plain)
+        return Stands(self._bench, other, self._own) if other is not None else None
+
+    def finer(self, held: Held) -> Stands | None:
+        """Stands of the same candidates, solved more finely, if the solver's error shows beside a fit's noise."""
+        tight = replace(
+            self._plain.solver, relative_tolerance=FINER * self._plain.solver.relative_tolerance,
+            absolute_tolerance=FINER * self._plain.solver.absolute_tolerance,
+        )  # fmt: skip
+        other = Stands(self._bench, replace(self._plain, solver=tight), self._own)
+        study, at, noise = other.of(held.stand.candidates).study, held.optimum.coordinates, held.optimum.noise
+        (there,) = study.residuals(at[np.newaxis, :])
+        if there is not None:
+            change = study.whiten(there, None, noise).residual - held.optimum.whitened.residual
+            if math.sqrt(float(np.mean(change**2))) > SHOWS:
+                return other
+        other.forget()
+        return None
 
     def forget(self, *keep: Stand) -> None:
         """Close all stands but some."""

@@ -132,7 +132,7 @@ class Unseen:
         kept = ParameterSet(tuple(p for p in shared if p not in new))
         own = replace(
             self.settings, outputs=self.recordings.outputs, most_readings=None, standing=True,
-            interpolation=calibration.interpolation,
+            interpolation=calibration.interpolation, solver=calibration.solver,
         )  # fmt: skip
         # Which states start at a reading is known of the model itself: a relative may read them through a law.
         fixed = {name: value for name, value in calibration.fixed.items() if name in known}

@@ -171,7 +171,7 @@ typedef struct Run {
     double rtol, atol;
     /* the step */
     double t, t_end, resolution;
-    double *x, *x1, *f, *f1, *ft, *u, *r, *settled, *nominal, *jac, *lu, *k, *dense;
+    double *x, *x1, *f, *f1, *ft, *u, *r, *settled, *nominal, *seen, *jac, *lu, *k, *dense;
     int *pivot;
     Sparse factors;
     double *seed, *column, *start_value;

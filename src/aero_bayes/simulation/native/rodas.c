@@ -102,11 +102,19 @@ void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
     }
 }
 
+/* Least size of a state of which no nominal value is known: what is smaller may be rounding. */
+#define LEAST_SIZE 1e-6
+
+/* In units of the tolerance. A nominal value of 1 is one that nobody declared: there the absolute tolerance follows what
+ * the state has been so far, which for a motion through millimetres is far less. */
 double scaled_norm(const Run *r, const double *v, const double *x, const double *x1)
 {
     double sum = 0.0;
     for (int i = 0; i < r->n; i++) {
-        const double e = v[i] / (r->atol * r->nominal[i] + r->rtol * larger(fabs(x[i]), fabs(x1[i])));
+        const double now = larger(fabs(x[i]), fabs(x1[i]));
+        const double known = r->nominal[i];
+        const double size = known == 1.0 ? fmin(known, larger(larger(r->seen[i], now), LEAST_SIZE)) : known;
+        const double e = v[i] / (r->atol * size + r->rtol * now);
         sum += e * e;
     }
     return sqrt(sum / (double)(r->n ? r->n : 1));

@@ -42,7 +42,7 @@ static void lay_out(Run *r, Pool *p)
     size_t grid = 0;
     for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
-    r->r = REALS(n), r->settled = REALS(n), r->nominal = REALS(n), r->column = REALS(n);
+    r->r = REALS(n), r->settled = REALS(n), r->nominal = REALS(n), r->seen = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
     r->pivot = PART(int, n);
     r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
@@ -139,6 +139,12 @@ static int depends_on_time(Run *r, double until, int times)
             if (r->u[i] != r->f[i]) return 1;
     }
     return 0;
+}
+
+/* The largest that each state has been so far. */
+static void look_at_size(Run *r)
+{
+    for (int i = 0; i < r->n; i++) r->seen[i] = larger(r->seen[i], fabs(r->x[i]));
 }
 
 static void remember_step(Run *r, double fraction)
@@ -331,6 +337,7 @@ static int integrate_segment(Run *r, Segment *g)
         r->taken++;
         r->t = reached;
         swap(&r->x, &r->x1);
+        look_at_size(r);
         g->have_f = g->have_jac = g->have_node = 0;
         if (have_f1) {
             swap(&r->f, &r->f1);
@@ -440,6 +447,8 @@ int run_once(Run *r)
     r->at_step = 0;
     if (r->record) r->n_steps = 0;
     if ((outcome = fmu_begin(r))) return outcome;
+    memset(r->seen, 0, sizeof *r->seen * (size_t)n);
+    look_at_size(r);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
         if ((outcome = sensitivity_begin(r))) return outcome;

@@ -1,0 +1,131 @@
+"""A candidate beside a fit: where a refit may start, and what the best refit gains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.growing import grown
+from aero_bayes.loop.kept import starting_points
+from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.loop.stand import Held
+from aero_bayes.loop.starting import Around, Start
+from aero_bayes.physics.kin import Candidate
+
+#: How far below what it has to reach a fit is still worth a climb, in log-evidence.
+SLACK = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A candidate beside those already chosen: its refit and its gain in log-evidence over the model without it.
+
+    ``promise`` is the gain in log-likelihood that one simulation foretold; where it is tiny there is no refit. A refit
+    that would not matter was given up, with a ``gain`` less than it could have. ``odds`` is its probability among all
+    that the round tried, nothing, and what was not tried.
+    """
+
+    candidate: Candidate
+    held: Held | None
+    gain: float
+    promise: float = 0.0
+    odds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """A candidate beside a fit, before any refit: the ``starts`` worth a climb and the most that one promises."""
+
+    base: Held
+    candidate: Candidate
+    starts: tuple[Start, ...]
+    promise: float
+
+
+def prospect(
+    base: Held,
+    candidate: Candidate,
+    settings: AttributeSettings,
+    fit: ClimbSettings,
+    beside: Around | None = None,
+) -> Prospect:
+    """The most promising starts of a candidate; none where all promise almost nothing.
+
+    ``beside`` is another place on the same stand that a start is looked for from as well.
+    """
+    few = fit.rough(6, 0.5)
+    points = starting_points(base.around, candidate, few)
+    first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
+    likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
+    own = [s for s in likely if not s.squares and not s.held][: settings.starts]
+    starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
+    # Ways of another kind are no reason to leave one of these out: they may lead to another valley.
+    starts += [s for s in likely if s.squares][:1] + [s for s in likely if s.held][:1]
+    if beside is not None:
+        starts += starting_points(beside, candidate, few)[:1]
+    return Prospect(base, candidate, tuple(starts), first)
+
+
+def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored:
+    """Refit the model with one more effect from each of its starts, as far as log-evidence ``aim`` is within reach."""
+    base, candidate = found.base, found.candidate
+    if not found.starts:
+        return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
+    best: Held | None = None
+    for start in found.starts:
+        aim = max(aim, best.log_evidence if best is not None else -math.inf)
+        held = _refit(base, (*base.effects, candidate.id), start, fit.aiming(_cost(base, aim) + SLACK))
+        if held is not None and (best is None or held.log_evidence > best.log_evidence):
+            best = held
+    gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
+    return Scored(candidate, best, float(gain), found.promise)
+
+
+def _cost(like: Held, log_evidence: float) -> float:
+    """The cost at which a fit as sharp as another has a log-evidence."""
+    sharpness = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
+    return sharpness - log_evidence
+
+
+def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
+    """A climb from a start; one by least squares goes a while that way first."""
+    study, free = base.stand.study, base.stand.free(effects)
+    point, noise = start.point, base.optimum.noise
+    try:
+        if start.squares:
+            point = climb(study, point, free, settings=fit.rough(12, 0.5).by_squares(study.outputs)).coordinates
+            return Held(base.stand, effects, climb(study, point, free, settings=fit))
+        return Held(base.stand, effects, climb(study, point, free, noise=noise, settings=fit))
+    except CannotFinishError:
+        return None
+
+
+def led_up(base: Held, found: Held, fit: ClimbSettings) -> Held | None:
+    """A refit of the beginning first, then of ever more; None where that leads no further than what was found.
+
+    From the base's values, with the effect as large as it was found.
+    """
+    stand, known = found.stand, found.optimum.coordinates
+    free, start = stand.free(found.effects), stand.at(base.values, base.effects)
+    new = [j for id_ in found.effects if id_ not in base.effects for j in stand.candidates[id_].columns]
+    start[new] = known[new]
+    try:
+        point, _ = grown(stand.study, start, free, fit.rough(25, 0.01), stand.open, known)
+        end = Held(stand, found.effects, climb(stand.study, point, free, settings=fit))
+    except CannotFinishError:
+        return None
+    return end if end.log_evidence > found.log_evidence else None
+
+
+def place_of(here: Held, instead: Held) -> Around | None:
+    """Where another fit stands, with only the effects of this one, on this one's stand."""
+    stand, noise = here.stand, instead.optimum.noise
+    at = stand.at(instead.values, here.effects)
+    evaluation = stand.study.evaluate(at, here.optimum.free)
+    if evaluation is None:
+        return None
+    whitened = stand.study.whiten(evaluation.residual, evaluation.slopes, noise)
+    place = replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
+    return Around(stand.study, place)

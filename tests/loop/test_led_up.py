@@ -1,0 +1,95 @@
+"""A candidate far from the model as it stands is found from the beginning of the recording on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import closed_form
+import numpy as np
+import pytest
+
+from aero_bayes.data import Recording
+from aero_bayes.data.align import to_experiment
+from aero_bayes.estimate.interpolation import read_otherwise
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+
+SOURCE = """model Spring "A mass on a spring"
+  parameter Real m(unit = "kg", min = 0) = 2;
+  parameter Real c(unit = "N.s/m", min = 0) = 10;
+  parameter Real k(unit = "N/m", min = 0) = 5e4;
+  input Real F(unit = "N");
+  output Real y(unit = "m");
+protected
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(x) = v;
+  m*der(v) = F - c*v - k*x;
+  y = x;
+end Spring;
+"""
+M, C, K, K_3, RATE, NOISE = 2.0, 10.0, 5e4, 1.2e10, 750.0, 1e-6
+
+
+def recording(name: str, seed: int, samples: int) -> Recording:
+    """A resonance whose hardening force is larger than the linear one: fourth-order Runge-Kutta, the force held."""
+    rng = np.random.default_rng(seed)
+    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
+    band = (frequency >= 5.0) & (frequency <= 150.0)
+    spectrum = np.where(band, np.exp(2j * np.pi * rng.random(frequency.size)), 0.0)
+    force = np.fft.irfft(spectrum, samples)
+    force *= 20.0 / force.std()
+    x, h, y = np.zeros(2), 1.0 / RATE / 20.0, np.zeros(samples)
+
+    def slope(x, f):
+        return np.array([x[1], (f - C * x[1] - K * x[0] - K_3 * x[0] ** 3) / M])
+
+    for n in range(samples - 1):
+        for _ in range(20):
+            a = slope(x, force[n])
+            b = slope(x + h / 2.0 * a, force[n])
+            c = slope(x + h / 2.0 * b, force[n])
+            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, force[n]))
+        y[n + 1] = x[0]
+    assert K_3 * np.max(y**2) > 1.2 * K
+    return Recording(name, np.arange(samples) / RATE, {"F": force}, {"y": y + rng.normal(0.0, NOISE, samples)})
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("spring")
+    (folder / "Spring.mo").write_text(SOURCE, encoding="utf-8")
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=1), free=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
+        sources=(folder / "Spring.mo",), cache=folder / "fmus",
+        calibration=replace(LoopSettings().calibration, start="estimated"),
+    )  # fmt: skip
+    train, test = recording("train", 1, 4000), recording("test", 2, 1500)
+    return close_loop([train], [test], model="Spring", settings=settings, workers=0)
+
+
+def test_a_hardening_spring_is_told_from_a_stop_though_the_first_fit_is_far_off(result) -> None:
+    assert result.before.test["test", "y"].rms > 100.0 * NOISE
+    assert [effect.id for effect in result.effects] == ["cubic_stiffness@v"]
+    for name, truth in {"m": M, "c": C, "k": K}.items():
+        assert result.parameters[name].value == pytest.approx(truth, rel=1e-2)
+    # what the last digits of the parameters make of an unseen run at a resonance
+    assert result.after.test["test", "y"].rms < 0.05 * result.before.test["test", "y"].rms
+
+
+def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:
+    run = recording("run", 3, 200)
+    held = replace(
+        closed_form.calibration([(run.time, run.outputs["y"][:, None])], ["y"], []), recordings=(run,),
+        experiments=(to_experiment(run),),
+    )  # fmt: skip
+    lines = read_otherwise(held)
+    assert lines is not None
+    assert lines.interpolation == lines.experiments[0].inputs[0].interpolation == "linear"
+    again = read_otherwise(lines)
+    assert again is not None
+    assert again.interpolation == "hold"
+    before, after = held.experiments[0].inputs[0], again.experiments[0].inputs[0]
+    assert (after.name, after.interpolation) == (before.name, "hold")
+    np.testing.assert_array_equal(after.time, before.time)
+    np.testing.assert_array_equal(after.values, before.values)
