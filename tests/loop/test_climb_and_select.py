@@ -13,6 +13,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.loop.attribute import Search, threshold, with_odds
+from aero_bayes.loop.pairs import likely_pairs
 from aero_bayes.loop.prospect import prospect, score
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Stand
@@ -160,10 +161,27 @@ def test_two_take_the_place_of_one_that_does_a_little_of_both():
     for seed in range(4):
         found = selected([1.0, 2.0, 0.45, 0.45, 0.0], 200 + seed, structured=True, basis=basis, low=0.0)
         assert found.rounds[0].chosen.candidate.id == "twin"
-        assert found.rounds[1].chosen is None
         assert set(found.effects) == {"sine", "square"}
         alone = selected([1.0, 2.0, 0.45, 0.45, 0.0], 200 + seed, structured=False, basis=basis, low=0.0)
         assert alone.effects == ("twin",)
+
+
+def test_a_pair_that_does_little_alone_is_foretold_in_closed_form():
+    """Each of two is mostly what the other takes away; what is missing is what both have in common."""
+    basis = BASIS.copy()
+    missing, strange = np.cos(2.3 * TIME), np.sin(TIME)
+    basis[2], basis[3], basis[4] = strange + 0.1 * missing, -strange + 0.1 * missing, np.sign(np.sin(1.7 * TIME))
+    stand = OneStand([1.0, 2.0, 2.0, 2.0, 0.0], 5, basis=basis, low=0.0).stand
+    base = stand.fit({}, (), {"y": NOISE}, ClimbSettings(hold_noise=True))
+    alone = score(prospect(base, stand.candidates["sine"], AttributeSettings(), EXACT), EXACT)
+    (best, *_) = likely_pairs([(base.around, list(stand.candidates.values()))], 5)
+    assert set(best.ids) == {"sine", "square"}
+    point = best.start(stand, base.around)
+    both = climb(stand.study, point, stand.free(best.ids), noise={"y": NOISE}, settings=EXACT)
+    gain = both.log_likelihood - base.optimum.log_likelihood
+    assert gain > 10.0 * max(alone.gain, 1.0)
+    assert best.promise == pytest.approx(gain, rel=0.02)
+    np.testing.assert_allclose(point, both.coordinates, atol=0.3)
 
 
 def test_nothing_is_found_where_nothing_is_missing():

@@ -119,6 +119,16 @@ def test_bad_configuration(text: str, words: tuple[str, ...], tmp_path: Path, fm
     assert_refused(result, out, words)
 
 
+def test_recordings_of_one_name(tmp_path: Path, fmu: Path, recording: Path) -> None:
+    result, out = run(tmp_path, "fit", "--data", str(recording), "--data", str(recording), "--model", str(fmu))
+    assert_refused(result, out, (recording.name, "given twice"))
+    namesake = tmp_path / "other" / recording.name
+    namesake.parent.mkdir()
+    namesake.write_bytes(recording.read_bytes())
+    result, out = run(tmp_path, "fit", "--data", str(recording), "--data", str(namesake), "--model", str(fmu))
+    assert_refused(result, out, (str(namesake), str(recording), "different names"))
+
+
 def test_corrupted_fmu(tmp_path: Path, fmu: Path, recording: Path) -> None:
     broken = tmp_path / "broken.fmu"
     broken.write_bytes(fmu.read_bytes()[: fmu.stat().st_size // 2])

@@ -8,9 +8,10 @@ of the best are equivalent on this data.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.growing import over_floor
 from aero_bayes.estimate.interpolation import LEAST_GAIN
 from aero_bayes.loop.kept import promised
-from aero_bayes.loop.prospect import Scored, led_up, place_of, prospect, score
+from aero_bayes.loop.pairs import likely_pairs
+from aero_bayes.loop.prospect import Scored, led_up, place_of, prospect, refit, score
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.starting import Around, Start
@@ -242,32 +244,62 @@ class Search:
         equal = [s for s in scores if s.held is not None and s.gain >= best.gain - self.settings.equivalence]
         return next((s for s in equal if s.held is not None and s.held.shows_shape(s.candidate.id)), best)
 
-    def _pair(self, base: Held, alone: Round, least: float = 0.0) -> Round:
-        """Nothing alone pays, or only ``least``: the most promising two by two, at the price of so many pairs."""
+    def _pair(self, base: Held, alone: Round, least: float = 0.0, best_of_round: bool = True) -> Round:
+        """Nothing alone pays, or only ``least``: the most promising two by two, at the price of so many pairs.
+
+        Beside the best of the round, if they are asked for, those that promise much together only.
+        """
         count = len(alone.scores)
+        bar = least + math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
+        best: Held | None = None
+        tries = [self._likely_pairs(base, alone)]
+        if best_of_round:
+            tries.append(self._best_in_pairs(alone, base.log_evidence + bar))
+        for both in chain(*tries):
+            if best is None or both.log_evidence > best.log_evidence:
+                best = both
+        if best is None or best.log_evidence - base.log_evidence < bar:
+            return alone
+        second = best.stand.candidates[best.effects[-1]]
+        chosen = Scored(second, best, best.log_evidence - base.log_evidence)
+        names = " and ".join(best.effects[len(base.effects) :])
+        why = f"{alone.why}; together {names} gain {chosen.gain:.1f} (needed {bar:.1f})"
+        return replace(alone, threshold=bar, chosen=chosen, equivalent=(), why=why)
+
+    def _best_in_pairs(self, alone: Round, aim: float) -> Iterator[Held]:
+        """Refits with each two of the best of a round, as far as log-evidence ``aim`` is within reach."""
         others = [s for s in alone.scores if s.held is not None and s is not alone.chosen]
         likely = sorted(others, key=lambda s: -s.gain)[: self.settings.pairs]
-        bar = least + math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
-        best: Scored | None = None
-        for k, first in enumerate(likely):
-            for second in likely[k + 1 :]:
-                if first.candidate.id == second.candidate.id or first.held is None:
-                    continue
-                try:
-                    here = self.moved(first.held, [second.candidate.id])
-                except CannotFinishError:
-                    continue
+        for first, second in combinations(likely, 2):
+            if first.held is None:
+                continue
+            with suppress(CannotFinishError):
+                here = self.moved(first.held, [second.candidate.id])
                 found = prospect(here, here.stand.candidates[second.candidate.id], self.settings, self.fit)
-                both = score(found, self.fit, base.log_evidence + (bar if best is None else max(bar, best.gain)))
-                if both.held is not None:
-                    gain = both.held.log_evidence - base.log_evidence
-                    if best is None or gain > best.gain:
-                        best = replace(both, gain=gain)
-        if best is None or best.held is None or best.gain < bar:
-            return alone
-        names = " and ".join(best.held.effects[len(base.effects) :])
-        why = f"{alone.why}; together {names} gain {best.gain:.1f} (needed {bar:.1f})"
-        return replace(alone, threshold=bar, chosen=best, equivalent=(), why=why)
+                if (held := score(found, self.fit, aim).held) is not None:
+                    aim = max(aim, held.log_evidence)
+                    yield held
+
+    def _likely_pairs(self, base: Held, alone: Round) -> Iterator[Held]:
+        """Refits with each two of a round's candidates that promise much together and little alone."""
+        for pair in likely_pairs(self._surroundings(base, alone), self.settings.pairs):
+            with suppress(CannotFinishError):
+                here = self.moved(base, pair.ids)
+                around = here.around.by_squares or here.around
+                start = Start(pair.promise, pair.start(here.stand, around), squares=around is not here.around)
+                if (held := refit(here, (*base.effects, *pair.ids), start, self.fit)) is not None:
+                    yield held
+
+    def _surroundings(self, base: Held, alone: Round) -> list[tuple[Around, list[Candidate]]]:
+        """Candidates of a round by stand, with how the base's parameters readjust there."""
+        ids: set[str] = {s.candidate.id for s in alone.scores}
+        found: list[tuple[Around, list[Candidate]]] = []
+        for group in self.groups:
+            own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
+            with suppress(CannotFinishError):
+                here = self.moved(base, group) if own else base
+                found.append((here.around.by_squares or here.around, [here.stand.candidates[id_] for id_ in own]))
+        return found
 
     def select(
         self, base: Held, ids: Sequence[str], structured: Callable[[Held], bool], told: Callable[[str, float], None]
@@ -293,7 +325,7 @@ class Search:
             if (better := self._settled(current) or self._from_there(base, current)) is not None:
                 base = current = better
                 self.rounds.clear()
-        if len(current.effects) == 1 and self.settings.max_effects > 1 and not self.settings.require:
+        if current.effects and self.settings.max_effects > 1 and not self.settings.require:
             current = self._instead(base, current, structured, told)
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
         if len(current.effects) > 1:
@@ -306,15 +338,17 @@ class Search:
     def _instead(
         self, base: Held, current: Held, structured: Callable[[Held], bool], told: Callable[[str, float], None]
     ) -> Held:
-        """Two others in place of one effect that leaves structure and has found no second.
+        """Two others in place of effects that leave structure.
 
-        Where two things are missing, a third that does a little of both may gain more than either.
+        Where two things are missing, a third that does a little of both may gain more than either; where it has found
+        no second the best of the first round are tried in pairs, too.
         """
         if not structured(current):
             return current
         self._begin(told, f"pairs in place of {listed(current.effects)}", len(self.rounds))
         first = self.rounds[0]
-        found = self._pair(base, first, current.log_evidence - base.log_evidence)
+        gain = current.log_evidence - base.log_evidence
+        found = self._pair(base, first, gain, best_of_round=len(current.effects) == 1)
         if found is first or found.held is None:
             return current
         self.rounds.append(replace(found, number=len(self.rounds) + 1))

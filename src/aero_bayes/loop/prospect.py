@@ -76,20 +76,20 @@ def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored
     best: Held | None = None
     for start in found.starts:
         aim = max(aim, best.log_evidence if best is not None else -math.inf)
-        held = _refit(base, (*base.effects, candidate.id), start, fit.aiming(_cost(base, aim) + SLACK))
+        held = refit(base, (*base.effects, candidate.id), start, fit.aiming(cost_of(base, aim) + SLACK))
         if held is not None and (best is None or held.log_evidence > best.log_evidence):
             best = held
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), found.promise)
 
 
-def _cost(like: Held, log_evidence: float) -> float:
+def cost_of(like: Held, log_evidence: float) -> float:
     """The cost at which a fit as sharp as another has a log-evidence."""
     sharpness = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
     return sharpness - log_evidence
 
 
-def _refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
+def refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
     """A climb from a start; one by least squares goes a while that way first."""
     study, free = base.stand.study, base.stand.free(effects)
     point, noise = start.point, base.optimum.noise

@@ -164,8 +164,8 @@ class Around:
         step: FloatArray = np.linalg.pinv(curvature * both, 1e-10, hermitian=True) * both
         self._step = np.zeros((len(free), len(free)))
         self._step[np.ix_(steady, steady)] = step
-        self._own: FloatArray = self._step @ (slopes @ residual + first)
-        self._left: FloatArray = residual - self._own @ slopes
+        self.own: FloatArray = self._step @ (slopes @ residual + first)
+        self.left: FloatArray = residual - self.own @ slopes
 
     @cached_property
     def by_squares(self) -> Around | None:
@@ -225,8 +225,8 @@ class Around:
         back = self._step @ (whitened.slopes @ change)
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
-        along = float(direction @ self._left) / power if power > 0.0 else 0.0
-        return _Line(row, self._own, back, power, math.sqrt(float(change @ change)), along)
+        along = float(direction @ self.left) / power if power > 0.0 else 0.0
+        return _Line(row, self.own, back, power, math.sqrt(float(change @ change)), along)
 
     def points(self, candidate: Candidate, lines: Sequence[_Line], closely: bool) -> list[Start]:
         """Both ends of the likeliest lines; looked at ``closely``, with what a simulation of each gains."""
@@ -246,26 +246,36 @@ class Around:
             points += self._simulated([self._end(candidate, bare, 1.0 / line.alone)])
         return points
 
+    def across(self, point: FloatArray, columns: Sequence[int]) -> tuple[FloatArray, FloatArray] | None:
+        """What some columns change to first order, in units of the noise, once the base's parameters have readjusted.
+
+        The changes (q, n) and how far the parameters readjust to each (q, f); None where that cannot be simulated.
+        """
+        free, own = list(self.base.free), self.base.whitened.slopes
+        found = self.study.evaluate(point, [*free, *columns])
+        if found is None or found.slopes is None:
+            return None
+        new = self.study.whiten(found.residual, found.slopes, self.base.noise).slopes[len(free) :]
+        back = (new @ own.T) @ self._step
+        return new - back @ own, back
+
     def tangent(self, candidate: Candidate) -> list[Start]:
         """One step along all columns of a linear candidate together, and half of it."""
         base, parameters = self.base, self.study.parameters
         columns, free = list(candidate.columns), list(base.free)
-        found = self.study.evaluate(base.coordinates, [*free, *columns])
-        if found is None or found.slopes is None:
+        slopes = self.across(base.coordinates, columns)
+        if slopes is None:
             return []
-        new = self.study.whiten(found.residual, found.slopes, base.noise).slopes[len(free) :]
-        own, (first, second) = base.whitened.slopes, parameters.prior_derivatives(base.coordinates)
-        across = new - (new @ own.T) @ self._step @ own
+        (across, back), (first, second) = slopes, parameters.prior_derivatives(base.coordinates)
         curvature = across @ across.T + np.diag(np.maximum(-second[columns], 1e-9))
-        slope = across @ self._left + first[columns]
+        slope = across @ self.left + first[columns]
         step = np.linalg.solve(curvature, slope)
-        back = self._step @ (own @ (step @ new))
         low, high = parameters.box
         points = []
         for reach in (1.0, 0.5):
             point = base.coordinates.copy()
             point[columns] = np.clip(point[columns] + reach * step, low[columns], high[columns])
-            point[free] = np.clip(point[free] + self._own - reach * back, low[free], high[free])
+            point[free] = np.clip(point[free] + self.own - reach * (step @ back), low[free], high[free])
             points.append(Start(0.5 * float(slope @ step), point))
         return sorted(self._simulated(points), key=lambda s: -s.gain)
 

@@ -88,6 +88,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     InputError
         For anything the user gave that is wrong.
     """
+    _different(files)
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     sources, libraries = config.model.sources, config.model.libraries
@@ -116,6 +117,15 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         check_duration(recordings, model, fixed)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+
+
+def _different(files: Sequence[Path]) -> None:
+    """Parameters of a recording are told by its name."""
+    for k, path in enumerate(files):
+        for other in files[:k]:
+            if path.stem == other.stem:
+                what = "given twice" if path.resolve() == other.resolve() else f"has the name of {other}"
+                raise InputError(f"{path}: {what}; expected recordings of different names")
 
 
 def built_model(config: Config, name: str, fmu: Path | None) -> Model:
