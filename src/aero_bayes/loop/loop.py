@@ -95,7 +95,7 @@ def close_loop(
         found = search(bench, base)
         conclusion = decide(bench, found)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        base.stands.forget()
+        found.base.stands.forget()
         result = result_of(bench, conclusion)
         progress("done", 1.0)
         return result
