@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
     DelayTarget,
     Experiment,
@@ -290,3 +291,44 @@ def test_outputs_between_the_points_of_a_long_step(test_fmu, here, tolerance):
     scale = np.abs(expected).max(axis=0)
     scale[scale == 0.0] = 1.0
     assert (np.abs(slopes - expected) / scale)[sure].max() < 3e4 * tolerance
+
+
+CHAIN = """model Chain "Two lags, one far faster than the other"
+  parameter Real T_1 = 0.5;
+  parameter Real T_2 = 0.003;
+  input Real u;
+  Real x(start = 0, fixed = true);
+  output Real y(start = 0, fixed = true);
+equation
+  T_1 * der(x) = u - x;
+  T_2 * der(y) = x - y;
+end Chain;
+"""
+
+
+def test_sensitivities_that_die_away_take_no_more_steps_than_the_states(tmp_path, here):
+    """Where the input rests all that is left of them is rounding, which no step is short enough for."""
+    source = tmp_path / "Chain.mo"
+    source.write_text(CHAIN, encoding="utf-8")
+    fmu = Model.load(export_fmu("Chain", tmp_path / "Chain.fmu", compiler="embedded", sources=[source]))
+    time, jumps = np.linspace(0.0, 1000.0, 8001), np.arange(0.0, 1000.0, 100.0)
+    levels = np.random.default_rng(1).uniform(0.1, 0.3, jumps.size)
+    experiment = Experiment(time, ("y",), (InputSignal("u", jumps, levels),))
+    few, one, two = SolverSettings(1e-5, 1e-5, max_steps=1000), 0.5, 0.003
+    targets = (ParameterTarget("T_1"), ParameterTarget("T_2"))
+    with NativeSimulator(Problem(fmu, (experiment,), (targets,), {}, few), pool=here) as simulator:
+        found = simulator.simulate(np.array([[one, two]]), active=[0, 1])
+    assert found.outcomes[0, 0] == Outcome.OK
+    assert found.sensitivities is not None
+
+    def exact(one: float, two: float) -> np.ndarray:
+        after = np.maximum(time[:, None] - jumps, 0.0)
+        rest = (one * np.exp(-after / one) - two * np.exp(-after / two)) / (one - two)
+        return (1.0 - rest) @ np.diff(levels, prepend=0.0)
+
+    slopes = [
+        (exact(one + 1e-6, two) - exact(one - 1e-6, two)) / 2e-6,
+        (exact(one, two + 1e-8) - exact(one, two - 1e-8)) / 2e-8,
+    ]
+    for column, slope in enumerate(slopes):
+        np.testing.assert_allclose(found.sensitivities[0][0, :, 0, column], slope, atol=1e-3 * np.abs(slope).max())

@@ -196,6 +196,7 @@ typedef struct Run {
     double *column_from;
     double *s, *s1, *sv, *su, *sdense, *s0;
     double *a_node, *b_node, *b_now, *g_dot, *a_packed;
+    double *s_seen; /* the largest that each column has been */
     Sparse a_now;
     /* samples */
     int64_t sample;

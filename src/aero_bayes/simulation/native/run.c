@@ -65,6 +65,7 @@ static void lay_out(Run *r, Pool *p)
     r->s0 = REALS(n * q);
     if (q) {
         r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);
+        r->s_seen = REALS(ld);
         r->sv = REALS(8 * n * ld), r->sdense = REALS(5 * n * ld);
         r->a_node = REALS(4 * n * n), r->b_node = REALS(4 * n * ld), r->b_now = REALS(n * ld);
         r->a_packed = REALS(4 * n * n);
