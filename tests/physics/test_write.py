@@ -34,6 +34,7 @@ from aero_bayes.simulation import (
     SolverSettings,
     WorkerPool,
 )
+from aero_bayes.simulation.interface import Interpolation
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "i_n": 1.4, "t_n": 0.3}
 
@@ -429,17 +430,24 @@ def test_an_actuator_starts_where_its_input_does(law: str, tmp_path: Path) -> No
     assert found[-1] == pytest.approx(3.25 if law.startswith(("Rate", "Hyst")) else 3.5, abs=0.03)
 
 
-def test_a_play_is_pushed_by_its_ends(tmp_path: Path) -> None:
-    """Against the operator by its definition: max(u - w, min(u + w, what it was))."""
-    corners = np.array([(0.0, 0.0), (1.0, 2.0), (2.5, -1.0), (3.5, 1.0), (4.0, 0.6), (6.0, 3.0)])
-    time = np.linspace(0.0, 6.0, 6001)
+@pytest.mark.parametrize("between", ["linear", "hold"])
+def test_a_play_is_pushed_by_its_ends(between: Interpolation, tmp_path: Path) -> None:
+    """Against the operator by its definition: max(u - w, min(u + w, what it was)); long within its ends, too."""
+    rng = np.random.default_rng(4)
+    pushed, within = rng.uniform(-2.0, 2.0, 60), rng.uniform(-0.35, 0.35, 2000)
+    # a sampling interval of a tenth of the typical time
+    levels = np.concatenate(([0.0], pushed, pushed[-1] + np.sign(pushed[-1]) * 0.1 + within, pushed))
+    corners = 0.05 * np.arange(levels.size)
+    time = np.arange(0.0, corners[-1], 0.01)
+    at = np.interp(time, corners, levels) if between == "linear" else levels[np.searchsorted(corners, time + 1e-9) - 1]
     inner, expected = 0.0, []
-    for u in np.interp(time, *corners.T):
+    for u in at:
         inner = max(u - 0.5, min(u + 0.5, inner))
         expected.append(0.3 * u + 0.7 * inner)
-    found = acted("Hysteresis(s_p = 0.7, u_p = 0.5)", InputSignal("u", *corners.T, "linear"), time, tmp_path)
-    # trackers of 2.5 ms, behind a slope of 2: 0.005, and rounded ends
-    np.testing.assert_allclose(found, expected, atol=0.007)
+    signal = InputSignal("u", corners, levels, between)
+    found = acted("Hysteresis(s_p = 0.7, u_p = 0.5)", signal, time, tmp_path)
+    # ends rounded by 0.004, of which 0.7 count; where lines turn the play is 2.5 ms behind
+    np.testing.assert_allclose(found, expected, atol=0.004 if between == "hold" else 0.08)
 
 
 def acted(law: str, signal: InputSignal, time: NDArray[np.float64], folder: Path) -> NDArray[np.float64]:

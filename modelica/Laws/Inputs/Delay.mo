@@ -5,8 +5,8 @@ model Delay "Actuator that answers after a delay"
   Real z(nominal = u_n) "Input after two lags";
   Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of z in units of its time";
 protected
-  final parameter Real T_min = 1e-2 * t_n "Delay below which the shape of the approximation is kept";
-  parameter Real T = if T_d > 0 then sqrt(T_d ^ 2 + T_min ^ 2) else 1e6 * t_n "Delay in use; without one nothing moves";
+  final parameter Real T_min = 2e-2 * t_n "Delay below which the shape of the approximation is kept";
+  parameter Real T = if T_d > 0 then (T_d ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Delay in use; without one nothing moves";
 initial equation
   z = u;
 equation

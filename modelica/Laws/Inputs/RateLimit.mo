@@ -2,22 +2,20 @@ within Laws.Inputs;
 model RateLimit "Actuator that changes only so fast"
   extends Laws.Interfaces.InputLaw;
   parameter Real r(min = 0, max = 100 * t_n / (w_n * u_n), nominal = t_n / (w_n * u_n)) = 0 "Inverse of the largest rate of change";
-  Real z_0(nominal = u_n) "Input as a fast tracker follows it";
   Real z(nominal = u_n) "Input as a tracker of limited rate follows it";
 protected
-  parameter Real T = if r > 0 then 1e-3 * t_n else 1e6 * t_n "Time constant of the trackers; without a limit nothing moves";
+  parameter Real T = if r > 0 then 1e-3 * t_n else 1e6 * t_n "Time constant of the tracker; without a limit nothing moves";
   final parameter Real u_smooth = 1e-6 * u_n "Width of the rounding of the absolute value";
+  Real e "How far the tracker goes in that time";
 initial equation
-  z_0 = u;
   z = u;
 equation
-  T * der(z_0) = u - z_0;
-  der(z) = ((u - z) / T) / (1 + r * (sqrt((u - z) ^ 2 + u_smooth ^ 2) - u_smooth) / T);
-  y = u - (z_0 - z);
+  e = (u - z) / (1 + r * (sqrt((u - z) ^ 2 + u_smooth ^ 2) - u_smooth) / T);
+  T * der(z) = e;
+  y = z + e;
   annotation (__aero_bayes(threshold = "r"), Documentation(info = "<html>
-<p>The output follows the input at no more than <code>1 / r</code> a second, so that zero means no limit. It is the input less what a tracker of
-limited rate lags behind one without limit, which leaves nothing where the limit is not reached. Before the start the input was what it is
-there.</p>
+<p>The output follows the input at no more than <code>1 / r</code> a second, so that zero means no limit. It is where a tracker
+of limited rate goes next, which is the input itself where the limit is not reached. Before the start the input was what it is there.</p>
 <p>Source: L. Rundqwist, K. Stahl-Gunnarsson, Phase compensation of rate limiters in unstable aircraft, IEEE CCA (1996).</p>
 </html>"));
 end RateLimit;
