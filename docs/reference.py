@@ -89,6 +89,7 @@ KEYS: Mapping[str, str] = {
     "prediction.refits": "compute posteriors anew where re-weighting is unreliable; left out: for short recordings",
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
     "loop.max_effects": "most effects that are added",
+    "loop.max_minutes": "most time for the search, in min; what it has found by then is judged",
     "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
     "loop.effects": "ids of declared effects to consider; for other models the laws",
     "loop.exclude": "ids, ports or laws that are not considered",

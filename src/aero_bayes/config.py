@@ -135,6 +135,7 @@ class LoopSection(Section):
     """``[loop]``: the search for the effect that the model lacks."""
 
     max_effects: Count = 3
+    max_minutes: Positive = 20.0
     held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
     effects: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()

@@ -154,6 +154,26 @@ def test_two_missing_effects_are_both_found():
     assert set(found.effects) in ({"square", "sine"}, {"square", "twin"})
 
 
+def test_when_the_time_is_up_what_was_found_by_then_is_kept():
+    """Two effects are missing; whenever the clock stops the search, it says where, and never has more than they."""
+    ended, counts = {}, {}
+    for limit in (*range(1, 24), 1000):
+        stands, asked = OneStand([1.0, 2.0, 0.0, 0.5, 0.7], 3), iter(range(limit))
+        late = lambda asked=asked: next(asked, None) is None  # noqa: E731
+        search = Search(stands, [tuple(CANDIDATES)], {}, AttributeSettings(), ClimbSettings(), late)
+        base = stands.stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+        found = search.select(base, tuple(CANDIDATES), lambda held: False, lambda what, share: None)
+        ended[limit], counts[limit] = found.ended, len(found.effects)
+        assert len(found.rounds) <= 3
+    assert ended[1000] == ""
+    assert counts[1000] == 2
+    assert ended[1] == "round 1"
+    assert counts[1] == 0
+    assert {"round 1", "drop and swap"} <= set(ended.values())
+    assert any(where.startswith("round 2 beside ") for where in ended.values())
+    assert set(counts.values()) == {0, 1, 2}
+
+
 def test_two_take_the_place_of_one_that_does_a_little_of_both():
     """The third is the sum of both and of something else, and nothing can be less than zero."""
     basis = BASIS.copy()

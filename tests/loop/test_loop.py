@@ -55,6 +55,13 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert abs(found.effects[0].width_influence) < 3.0
 
 
+def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
+    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
+    found = close_loop([train], [test], settings=replace(SETTINGS, cache=fmus, max_minutes=1e-6), workers=0)
+    assert not any(r.scores for r in found.rounds)
+    assert "The search had 1e-06 min, which were over in the first round: there may be more to find." in found.sentence
+
+
 def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
     truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
     train, test = recordings(15, white(1.0), 0.0, truth)

@@ -97,6 +97,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "prediction.refits": (True, False),
     "prediction.max_seconds": (1.0, 2.0),
     "loop.max_effects": (1, 2),
+    "loop.max_minutes": (1.0, 2.0),
     "loop.held_out": (0.2, 0.3),
     "loop.effects": (["offset"], ["gain@u"]),
     "loop.exclude": (["offset"], ["u"]),

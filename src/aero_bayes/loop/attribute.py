@@ -59,7 +59,8 @@ class Round:
 class Selection:
     """The effects that earned their place, in the order in which they were found, and how they were.
 
-    ``skipped`` could not be tried: the model cannot be simulated with them.
+    ``skipped`` could not be tried: the model cannot be simulated with them. ``ended`` is where the search was when its
+    time was up; empty where it came to its end.
     """
 
     held: Held
@@ -67,6 +68,7 @@ class Selection:
     rounds: tuple[Round, ...]
     equivalent: tuple[tuple[str, ...], ...]
     skipped: tuple[str, ...] = ()
+    ended: str = ""
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -101,7 +103,10 @@ def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, floa
 
 
 class Search:
-    """Forward selection, pairs where nothing alone pays, then drop and swap."""
+    """Forward selection, pairs where nothing alone pays, then drop and swap.
+
+    Once ``late`` says so nothing further is tried: what has been found by then is what there is.
+    """
 
     def __init__(
         self,
@@ -110,12 +115,20 @@ class Search:
         finer: Mapping[str, str],
         settings: AttributeSettings,
         fit: ClimbSettings,
+        late: Callable[[], bool] = lambda: False,
     ) -> None:
         self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
         self._first = stands
         self.rounds: list[Round] = []
         self.skipped: dict[str, None] = {}
         self._tell: Callable[[float], None] = lambda done: None
+        self.doing, self.ended, self._late = "the first round", "", late
+
+    def late(self) -> bool:
+        """Whether the time is up; where the search was then is kept."""
+        if self._late() and not self.ended:
+            self.ended = self.doing
+        return bool(self.ended)
 
     def moved(self, held: Held, extra: Collection[str]) -> Held:
         """The same fit on a stand that has further candidates."""
@@ -150,10 +163,14 @@ class Search:
             beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
         prospects = []
         for here, candidate, other in beside:
+            if self.late():
+                break
             prospects.append(prospect(here, candidate, self.settings, self.fit, other))
             self._tell(0.5 * len(prospects) / len(beside))
         scores: list[Scored] = []
         for found in sorted(prospects, key=lambda p: -p.promise):
+            if scores and self.late():
+                break
             scored = score(found, self.fit, self._aim(found.candidate.id, scores, instead))
             # Where the same fit did not come as far on this stand, coming as far is no gain.
             behind = max(base.log_evidence - found.base.log_evidence, 0.0)
@@ -168,6 +185,8 @@ class Search:
         if best is None or over_floor(best.stand.study, best.optimum.evaluation.residual) < FAR:
             return scores
         for k, found in enumerate(scores[: self.settings.near]):
+            if self.late():
+                break
             if found.held is not None and (held := led_up(base, found.held, self.fit)) is not None:
                 further = held.log_evidence - found.held.log_evidence
                 scores[k] = replace(found, held=held, gain=found.gain + further)
@@ -256,6 +275,8 @@ class Search:
         if best_of_round:
             tries.append(self._best_in_pairs(alone, base.log_evidence + bar))
         for both in chain(*tries):
+            if self.late():
+                break
             if best is None or both.log_evidence > best.log_evidence:
                 best = both
         if best is None or best.log_evidence - base.log_evidence < bar:
@@ -310,7 +331,7 @@ class Search:
         ``structured`` says whether a fit leaves structure, in which case pairs are tried.
         """
         current = self._required(base)
-        while len(current.effects) < self.settings.max_effects:
+        while len(current.effects) < self.settings.max_effects and not self.late():
             beside = f" beside {listed(current.effects)}" if current.effects else ""
             self._begin(told, f"round {len(self.rounds) + 1}{beside}", len(self.rounds))
             room = self.settings.max_effects - len(current.effects) > 1
@@ -320,19 +341,24 @@ class Search:
             if found.held is None:
                 break
             current = found.held
-            if len(current.effects) > 1:
+            if len(current.effects) > 1 or self.late():
                 continue
             if (better := self._settled(current) or self._from_there(base, current)) is not None:
                 base = current = better
                 self.rounds.clear()
-        if current.effects and self.settings.max_effects > 1 and not self.settings.require:
+        if current.effects and self.settings.max_effects > 1 and not self.settings.require and not self.late():
             current = self._instead(base, current, structured, told)
         equivalent = [found.equivalent for found in self.rounds if found.chosen is not None]
-        if len(current.effects) > 1:
+        if len(current.effects) > 1 and not self.late():
             self._begin(told, "drop and swap", self.settings.max_effects)
             current, equivalent = self._swapped(base, current, ids)
         return Selection(
-            current, base, tuple(self.rounds), tuple(e for e in equivalent if len(e) > 1), tuple(self.skipped)
+            current,
+            base,
+            tuple(self.rounds),
+            tuple(e for e in equivalent if len(e) > 1),
+            tuple(self.skipped),
+            self.ended,
         )
 
     def _instead(
@@ -399,7 +425,7 @@ class Search:
         def tell(done: float) -> None:
             told(what, (step + min(done, 1.0)) / (self.settings.max_effects + 1))
 
-        self._tell = tell
+        self._tell, self.doing = tell, what
         tell(0.0)
 
     def _required(self, base: Held) -> Held:
@@ -433,9 +459,11 @@ class Search:
         equivalent: list[tuple[str, ...]] = []
         missed: dict[str, float] = {}
         for _ in range(2):
+            if self.late():
+                break
             changed, equivalent = False, []
             for effect in current.effects:
-                if effect not in current.effects or effect in self.settings.require:
+                if effect not in current.effects or effect in self.settings.require or self.late():
                     continue
                 without = self.without(base, current, effect)
                 if without is None:

@@ -43,17 +43,21 @@ def listed_alone(bench: Workbench, base: BaseFit) -> list[str]:
 def search(bench: Workbench, base: BaseFit) -> Found:
     """Try every candidate, then look beyond them."""
     bench.progress("trying every effect", 0.2)
+    bench.tally.allow(60.0 * bench.settings.max_minutes)
     ids, curves = listed_alone(bench, base), bench.family.learned()
     finer = {id_: coarse for id_, coarse in bench.family.finer().items() if id_ not in curves}
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:
             raise InputError(f"[loop] require: no recorded output can show {id_}")
-    effort = Search(base.stands, bench.family.groups(), finer, bench.settings.attribute, base.settings)
+    effort = Search(
+        base.stands, bench.family.groups(), finer, bench.settings.attribute, base.settings, bench.tally.late
+    )
     selection = effort.select(
         base.held, ids, lambda held: leaves_structure(base, held),
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),
     )  # fmt: skip
-    selection = refine(effort, selection, finer, len(ids))
+    if not effort.late():
+        selection = refine(effort, selection, finer, len(ids))
     if selection.base is not base.held:
         base = fit_from_there(bench, base, selection.base, effort.stands)
     bench.tally.lap("attribution")

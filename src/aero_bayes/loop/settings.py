@@ -75,6 +75,8 @@ class LoopSettings(Settings):
     left_over : float
         What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
         beyond it they are not named.
+    max_minutes : float
+        Time for the search; what it has found by then is what is judged, and it is said where it ended.
     astray : float
         How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
         named.
@@ -109,6 +111,7 @@ class LoopSettings(Settings):
     free: tuple[str, ...] | None = None
     locate: bool = True
     search_samples: int = 5000
+    max_minutes: float = 20.0
     left_over: float = 0.3
     astray: float = 3.0
 

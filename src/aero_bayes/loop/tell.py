@@ -49,7 +49,7 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     return LoopResult(
         outcome=conclusion.outcome,
-        sentence=conclusion.sentence,
+        sentence=conclusion.sentence + _ended(bench.settings, found),
         base=bench.family.base,
         model=written.name if written is not None else bench.family.base,
         effects=effects,
@@ -82,6 +82,14 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
         recordings=bench.recordings,
         plain=bench.family.plain(),
     )
+
+
+def _ended(settings: LoopSettings, found: Found) -> str:
+    """Where the search ended before its end, and why; empty where it came to its end."""
+    where = found.selection.ended
+    if not where:
+        return ""
+    return f" The search had {settings.max_minutes:g} min, which were over in {where}: there may be more to find."
 
 
 def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -22,13 +23,23 @@ Progress = Callable[[str, float], None]
 
 
 class Tally:
-    """Seconds spent by stage, simulations run and models written so far: the one thing on the bench that changes."""
+    """Seconds spent by stage, how many are left, simulations run and models written so far: the one thing on the bench
+    that changes."""
 
     def __init__(self) -> None:
         self.written: list[Path] = []
         self.seconds: dict[str, float] = {}
         self.simulations = self.failures = 0
         self._clock = time.perf_counter()
+        self._until = math.inf
+
+    def allow(self, seconds: float) -> None:
+        """Give what follows so many seconds."""
+        self._until = time.perf_counter() + seconds
+
+    def late(self) -> bool:
+        """Whether they are over."""
+        return time.perf_counter() > self._until
 
     def lap(self, stage: str) -> None:
         """Book the time since the last lap on a stage."""

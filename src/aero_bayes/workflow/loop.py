@@ -84,6 +84,7 @@ def loop_settings(job: Job) -> LoopSettings:
         laws=section.laws,
         ripple=fitting.ripple == "subtract",
         held_out=section.held_out,
+        max_minutes=section.max_minutes,
         sources=job.config.model.sources,
         cache=job.options.cache,
         libraries=job.config.model.libraries,

@@ -19,13 +19,13 @@ def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
     ------
     InputError
         If it was left by a run on other data, another model or with other settings. How long a posterior is sampled
-        may change.
+        and an effect is searched for may change.
     """
     options = job.options
     path = options.out / CHECKPOINT
     if not options.resume:
         path.unlink(missing_ok=True)
     data = [recording.to_dict() for recording in (*job.recordings, *job.tests)]
-    settings = job.config.model_dump(exclude={"posterior"})
+    settings = job.config.model_dump(exclude={"posterior": True, "loop": {"max_minutes"}})
     yield Checkpoint(path, digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings))
     path.unlink(missing_ok=True)
