@@ -6,6 +6,7 @@ All happens on one FMU that carries every effect switched off, so that a search 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.data import floors_of
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum
@@ -23,6 +24,7 @@ from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.starts import loosened
+from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.simulation import Model
@@ -54,6 +56,9 @@ class BaseFit:
         What it leaves.
     floors : mapping of (recording, output) to float
         Noise floors of all recordings.
+    close : (Calibration, Optimum)
+        The first fit, whose starts are held close to their readings; in ``fit`` a tenth of what the output moves is
+        open, since its sensor may be off.
     """
 
     plain: Calibration
@@ -64,13 +69,27 @@ class BaseFit:
     settings: ClimbSettings
     reports: tuple[ResidualReport, ...]
     floors: Mapping[tuple[str, str], float]
+    close: tuple[Calibration, Optimum]
 
     def on(
         self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against a relative of the model; ``new`` parameters replace the effects'."""
-        moved = bench.family.on(self.plain, model)
+        plain = self.plain
+        open_ = replace(plain, parameters=loosened(plain.parameters, plain.experiments, plain.model))
+        moved = bench.family.on(open_, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
+
+    def at_its_best(self, bench: Workbench) -> tuple[BaseFit, Prediction]:
+        """The model as it stands with starts close to their readings, if that predicts the unseen better, and what it
+        predicts: a start that made up for what is missing must not count against the model as its user knows it."""
+        before = bench.unseen.predict(self.plain, self.fit)
+        with suppress(CannotFinishError):
+            found = bench.unseen.predict(*self.close, close=True)
+            if found.log_unseen < before.log_unseen:
+                plain, fit = self.close
+                return replace(self, plain=plain, fit=fit, reports=_reports(bench, plain, fit, self.floors)), found
+        return self, before
 
     def report(self, held: Held) -> tuple[ResidualReport, ...]:
         """What a fit leaves."""
@@ -90,7 +109,8 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     recordings, settings = bench.recordings, bench.settings
-    plain, fit = _loosened(bench, *_fitted(bench, bench.calibrate(model, _shared(bench, model))))
+    close = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
+    plain, fit = _loosened(bench, *close)
     bench.tally.lap("base fit")
     quick = plain
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) > 2 * settings.search_samples:
@@ -103,7 +123,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     held = stands.of(bench.family.groups()[0]).fit(values, (), fit.noise, climbing)
     bench.tally.lap("models")
     floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
-    return BaseFit(plain, fit, held, stands, ids, climbing, _reports(bench, plain, fit, floors), floors)
+    return BaseFit(plain, fit, held, stands, ids, climbing, _reports(bench, plain, fit, floors), floors, close)
 
 
 def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calibration, Optimum]:

@@ -180,7 +180,7 @@ def _partial(bench: Workbench, found: Found) -> Conclusion | None:
     That is a discovery: such a gain is not had by chance. What it leaves is said.
     """
     predicted = _predicted(bench, [found.selection.held, *_fits(found)][: MOST + 1])
-    bar = _unseen(found.before) + math.log(PLAINLY)
+    bar = found.before.log_unseen + math.log(PLAINLY)
     for _, held, _ in sorted((one for one in predicted if one[0] < bar), key=lambda one: one[0]):
         named, _ = _added(bench, replace(found, selection=_only(found.selection, held)))
         if named is None or not _follows(bench, named):
@@ -203,7 +203,7 @@ def _predicted(bench: Workbench, fits: Sequence[Held]) -> list[tuple[float, Held
     for held in fits:
         with suppress(CannotFinishError):
             after = bench.unseen.predict(held.stand.study.calibration, held.optimum)
-            found.append((_unseen(after), held, after))
+            found.append((after.log_unseen, held, after))
     return found
 
 
@@ -238,8 +238,10 @@ def _with(bench: Workbench, found: Found, held: Held) -> tuple[Conclusion | None
     named, refused = _added(bench, part)
     if named is None:
         return None, refused
-    first, do = listed(selection.effects), "do" if len(selection.effects) > 1 else "does"
-    told = f"{named.sentence} {first}, found first, {do} not surely carry over better."
+    more = [effect for effect in selection.effects if effect not in held.effects]
+    beside = " beside" if len(held.effects) + len(more) == len(selection.effects) else ""
+    do = "do" if len(more) > 1 else "does"
+    told = f"{named.sentence} {listed(more)}, found{beside} at first, {do} not surely carry over better."
     return replace(named, sentence=told), refused
 
 
@@ -247,11 +249,6 @@ def _only(selection: Selection, held: Held) -> Selection:
     """Another fit selected, with what the data cannot tell from its effects."""
     same = tuple(ids for ids in selection.equivalent if set(ids) & set(held.effects))
     return replace(selection, held=held, equivalent=same)
-
-
-def _unseen(prediction: Prediction) -> float:
-    """Logarithm of the errors on data that was not fitted, summed over outputs."""
-    return sum(math.log(max(rms, 1e-300)) for rms in prediction.pooled("test").values())
 
 
 def _plainly_better(before: Prediction, after: Prediction, share: float = PLAINLY) -> bool:

@@ -49,6 +49,11 @@ class Prediction:
             squares.setdefault(output, []).append((error.rms**2 * error.readings, error.readings))
         return {o: math.sqrt(sum(s for s, _ in items) / sum(n for _, n in items)) for o, items in squares.items()}
 
+    @property
+    def log_unseen(self) -> float:
+        """Logarithm of the errors on data that was not fitted, summed over outputs."""
+        return sum(math.log(max(rms, 1e-300)) for rms in self.pooled("test").values())
+
     def uncertainty(self, role: str) -> dict[str, float]:
         """Standard deviation of :meth:`pooled`."""
         errors = self.train if role == "train" else self.test

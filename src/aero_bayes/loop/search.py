@@ -64,5 +64,5 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     left = base.report(selection.held)
     rival = find_rival(bench, base, selection, left)
     bench.tally.lap("beyond the catalogue")
-    before = bench.unseen.predict(base.plain, base.fit)
+    base, before = base.at_its_best(bench)
     return Found(base, selection, left, rival, before)

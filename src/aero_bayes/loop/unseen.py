@@ -53,18 +53,24 @@ class Unseen:
         return len(self.recordings.train)
 
     def predict(
-        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
+        self,
+        calibration: Calibration,
+        fit: Optimum,
+        extra: Mapping[int, InputSignal] | None = None,
+        *,
+        close: bool = False,
     ) -> Prediction:
         """Run a fitted model, or a fitted relative of it.
 
-        ``extra`` is an input beside the recorded ones, by the index of a training recording.
+        ``extra`` is an input beside the recorded ones, by the index of a training recording. ``close`` holds starts
+        close to their readings.
 
         Raises
         ------
         CannotFinishError
             If it cannot be simulated.
         """
-        whole, row, starts = self._laid_out(calibration, fit, extra)
+        whole, row, starts = self._laid_out(calibration, fit, extra, close)
         rows, _ = self._settled(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(rows)
@@ -121,7 +127,11 @@ class Unseen:
         return spread
 
     def _laid_out(
-        self, calibration: Calibration, fit: Optimum, extra: Mapping[int, InputSignal] | None = None
+        self,
+        calibration: Calibration,
+        fit: Optimum,
+        extra: Mapping[int, InputSignal] | None = None,
+        close: bool = False,
     ) -> tuple[Calibration, FloatArray, list[int]]:
         """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._everything))
@@ -137,7 +147,9 @@ class Unseen:
         # Which states start at a reading is known of the model itself: a relative may read them through a law.
         fixed = {name: value for name, value in calibration.fixed.items() if name in known}
         known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
-        starts = loosened(known_as.parameters, known_as.experiments, plain)
+        starts = known_as.parameters
+        if not close:
+            starts = loosened(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
         whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
         if extra:

@@ -12,6 +12,9 @@ from scipy.optimize import minimize
 
 FloatArray = NDArray[np.float64]
 
+#: Updates of white and drift, in turn, for each of a row of correlation times.
+ROUNDS = 40
+
 
 @dataclass(frozen=True, eq=False)
 class BinnedPower:
@@ -109,13 +112,16 @@ def likeliest(
     shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * cosine)
     whites = np.full((taus.size, 1), max(min(fast, total), smallest))
     drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
-    for _ in range(40):
-        model = whites + drifts * shapes
-        push, pull = count * observed / model**2, count / model
-        whites = np.maximum(whites * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), smallest)
-        model = whites + drifts * shapes
-        push, pull = count * observed / model**2 * shapes, count / model * shapes
-        drifts = np.maximum(drifts * np.sum(push, 1, keepdims=True) / np.sum(pull, 1, keepdims=True), 1e-7 * total)
+    one, power = np.ones((count.size, 1)), count * observed
+    for step in range(ROUNDS):
+        inverse = 1.0 / (whites + drifts * shapes)
+        push, pull = power * inverse * inverse, count * inverse
+        # In turn: a step of both at once goes too far.
+        if step % 2:
+            push, pull = push * shapes, pull * shapes
+            drifts = np.maximum(drifts * ((push @ one) / (pull @ one)), 1e-7 * total)
+        else:
+            whites = np.maximum(whites * ((push @ one) / (pull @ one)), smallest)
     model = whites + drifts * shapes
     costs = np.sum(count * (np.log(model) + observed / model), axis=1)
     k = int(np.argmin(costs))
