@@ -3,9 +3,9 @@ model Delay "Reading that comes late"
   extends Laws.Interfaces.OutputLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real q(start = 0, fixed = true, nominal = u_n) "Filtered rate of change in units of its time";
-  Real p(start = 0, fixed = true, nominal = u_n) "That of q";
-  Real r(start = 0, fixed = true, nominal = u_n) "That of p";
-  Real s(start = 0, fixed = true, nominal = u_n) "That of r";
+  Real p(start = 0, fixed = true, nominal = 6 * u_n) "That of q";
+  Real r(start = 0, fixed = true, nominal = 40 * u_n) "That of p";
+  Real s(start = 0, fixed = true, nominal = 260 * u_n) "That of r";
 protected
   final parameter Real T_min = 2e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = if T_d > 0 then (T_d ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Delay in use; without one nothing moves";

@@ -3,9 +3,9 @@ model Delay "Reading that comes late"
   extends Laws.Interfaces.ReadingLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real z(nominal = u_n) "Quantity after four lags";
-  Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of z in units of its time";
-  Real r(start = 0, fixed = true, nominal = u_n) "That of w";
-  Real s(start = 0, fixed = true, nominal = u_n) "That of r";
+  Real w(start = 0, fixed = true, nominal = 6 * u_n) "Rate of change of z in units of its time";
+  Real r(start = 0, fixed = true, nominal = 40 * u_n) "That of w";
+  Real s(start = 0, fixed = true, nominal = 260 * u_n) "That of r";
 protected
   final parameter Real T_min = 2e-2 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = if T_d > 0 then (T_d ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Delay in use; without one nothing moves";

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.loop.judge import Prediction
+from aero_bayes.loop.judge import Prediction, gain_text
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.workbench import Workbench
@@ -49,10 +51,23 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     if moment is not None:
         after = bench.unseen.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
     adequate = moment is None and not selection.effects and not those_structured(base.reports)
+    sentence = _sentence(found, refused)
+    if moment is None and selection.effects and refused != CANNOT:
+        sentence += _what_they_gain(bench, found)
     return Conclusion(
-        found, "adequate" if adequate else "unexplained", _sentence(found, refused), None, (), base.plain, base.fit,
-        base.reports, after,
-    )  # fmt: skip
+        found, "adequate" if adequate else "unexplained", sentence, None, (), base.plain, base.fit, base.reports, after
+    )
+
+
+def _what_they_gain(bench: Workbench, found: Found) -> str:
+    """What effects that are not named gain all the same where nothing was fitted; empty if nothing."""
+    held = found.selection.held
+    with suppress(CannotFinishError):
+        after = bench.unseen.predict(held.stand.study.calibration, held.optimum)
+        if after.log_unseen < found.before.log_unseen:
+            them = "them" if len(held.effects) > 1 else "it"
+            return f" With {them} all the same, {gain_text(found.before, after, bench.units)}"
+    return ""
 
 
 def _how(report: ResidualReport) -> str:

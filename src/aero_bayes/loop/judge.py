@@ -13,11 +13,14 @@ from aero_bayes.check.structure import autocorrelation
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.recordings import Recordings
+from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 
 #: Standard deviations by which one prediction is surely worse than another.
 SURE = 2.0
+#: Share by which an error that grows is said to.
+GROWN = 1.05
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,22 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
     return any(extra > SURE * math.sqrt(variance[output]) for output, extra in more.items())
+
+
+def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
+    """By how much the error falls, of the output where it falls most; and of which outputs it grows plainly."""
+    role = "test" if before.test else "train"
+    first, second = before.pooled(role), after.pooled(role)
+    most = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
+    where = "data that was not fitted" if role == "test" else "the fitted data"
+
+    def change(output: str, verb: str) -> str:
+        after_it = with_unit(f"{second[output]:.3g}", units.get(output, ""))
+        return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
+
+    verb = "falls" if second[most] < first[most] else "goes"
+    grown = [change(o, "grows") for o in first if o != most and second[o] > GROWN * first[o]]
+    return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 
 
 def shifts(

@@ -15,7 +15,7 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.conclusion import Conclusion
-from aero_bayes.loop.judge import Prediction, shifts
+from aero_bayes.loop.judge import shifts
 from aero_bayes.loop.result import LoopResult, NewParameter
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.settings import LoopSettings
@@ -31,8 +31,6 @@ FloatArray = NDArray[np.float64]
 
 #: How far a loop looks for an experiment, among signals of few jumps; the command for designs looks further.
 EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
-#: Share by which an error that grows is said to.
-GROWN = 1.05
 
 
 def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
@@ -108,22 +106,6 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
             item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
         )
     return found
-
-
-def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
-    """By how much the error falls, of the output where it falls most; and of which outputs it grows plainly."""
-    role = "test" if before.test else "train"
-    first, second = before.pooled(role), after.pooled(role)
-    most = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    where = "data that was not fitted" if role == "test" else "the fitted data"
-
-    def change(output: str, verb: str) -> str:
-        after_it = with_unit(f"{second[output]:.3g}", units.get(output, ""))
-        return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
-
-    verb = "falls" if second[most] < first[most] else "goes"
-    grown = [change(o, "grows") for o in first if o != most and second[o] > GROWN * first[o]]
-    return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:

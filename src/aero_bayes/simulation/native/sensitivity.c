@@ -131,7 +131,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
 
 /* Share of the largest that a column has been so far which it counts for at least: what it has died away to, where an
  * input rests, is rounding, and no step is small enough for that. */
-#define LEAST_SHARE 1e-2
+#define LEAST_SHARE 0.1
 
 /* Error of the worst column, each in units of its own size. */
 static double column_error(Run *r, const double *v)
