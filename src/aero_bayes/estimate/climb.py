@@ -286,7 +286,9 @@ def climb(
     here = found.ground
     values, vectors = np.linalg.eigh(here.hessian)
     values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0)) if len(values) else values
-    occam = 0.5 * len(values) * math.log(2.0 * math.pi) - 0.5 * float(np.sum(np.log(values)))
+    # The posterior is nowhere wider than the box: in a direction that the data do not see it has the box's width.
+    _, volume = np.linalg.slogdet((vectors * values) @ vectors.T + np.diag(2.0 * math.pi / (high - low) ** 2))
+    occam = 0.5 * len(values) * math.log(2.0 * math.pi) - 0.5 * float(volume)
     likelihood = here.whitened.log_likelihood
     return Optimum(
         tuple(free), terrain.full(found.point), dict(here.noise), likelihood, here.log_prior,

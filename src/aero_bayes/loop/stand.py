@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 #: Tolerance of a finer solution over the present one, and how large the solver's error may be, in units of the noise.
 FINER, SHOWS = 1e-3, 0.3
+#: Share of the range of a law's shape that its standard deviation stays below where the data tell it.
+TOLD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +52,13 @@ class Held:
         return Around(self.stand.study, self.optimum)
 
     def shows_shape(self, id_: str) -> bool:
-        """Whether no shape of a law is on its bound, where it may be another law; some may vanish."""
-        candidate = self.stand.candidates[id_]
+        """Whether every shape of a law is told by the data, and not on its bound, where it may be another law; some may
+        vanish."""
+        candidate, parameters = self.stand.candidates[id_], self.stand.study.parameters
         shapes = [j for k, j in enumerate(candidate.columns) if k and k not in candidate.vanishing]
-        return not np.any(self.stand.study.parameters.on_bound(self.optimum.coordinates)[shapes])
+        low, high = parameters.box
+        told = all(self.optimum.sd(j) < TOLD * (high[j] - low[j]) for j in shapes if j in self.optimum.free)
+        return told and not np.any(parameters.on_bound(self.optimum.coordinates)[shapes])
 
 
 @dataclass(frozen=True, eq=False)
