@@ -28,8 +28,31 @@ Arrays = Mapping[str, NDArray[np.generic]]
 EVERY, SPARING = 1.0, 50.0
 
 
-class Checkpoint:
-    """Answers by what was asked, kept in a file.
+class Answers:
+    """Answers by what was asked."""
+
+    def __init__(self) -> None:
+        self._answers: dict[str, dict[str, NDArray[np.generic]]] = {}
+
+    def get(self, key: str) -> Arrays | None:
+        """What was put under a key."""
+        return self._answers.get(key)
+
+    def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
+        """Keep arrays under a key; ``now``, if they are kept on disk, at once."""
+        self._answers[key] = dict(arrays)
+
+    def known(self) -> frozenset[str]:
+        """What has been asked so far."""
+        return frozenset(self._answers)
+
+    def beyond(self, known: frozenset[str]) -> dict[str, Arrays]:
+        """Answers to what was asked since."""
+        return {key: arrays for key, arrays in self._answers.items() if key not in known}
+
+
+class Checkpoint(Answers):
+    """Answers by what was asked, kept in a file by the process that opened it.
 
     Parameters
     ----------
@@ -45,11 +68,11 @@ class Checkpoint:
     """
 
     def __init__(self, path: Path, identity: str = "") -> None:
-        self.path, self._identity = path, identity
+        super().__init__()
+        self.path, self._identity, self._owner = path, identity, os.getpid()
         stored = read_arrays(path)
         if stored is not None and str(stored.pop("identity", "")) != identity:
             raise InputError(f"{path} is of a run with other data, model or settings: without --resume it begins anew")
-        self._answers: dict[str, dict[str, NDArray[np.generic]]] = {}
         for name, values in (stored or {}).items():
             key, _, field = name.partition("/")
             self._answers.setdefault(key, {})[field] = values
@@ -60,15 +83,11 @@ class Checkpoint:
         """The checkpoint in a file."""
         return cls(place) if isinstance(place, Path) else place
 
-    def get(self, key: str) -> Arrays | None:
-        """What was put under a key."""
-        return self._answers.get(key)
-
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
         """Keep arrays under a key; on disk at once, or before long."""
-        self._answers[key] = dict(arrays)
+        super().put(key, arrays)
         began = time.monotonic()
-        if not now and began < self._next:
+        if os.getpid() != self._owner or (not now and began < self._next):
             return
         rows = {f"{key}/{field}": values for key, own in self._answers.items() for field, values in own.items()}
         write_arrays(self.path, rows | {"identity": np.array(self._identity)})

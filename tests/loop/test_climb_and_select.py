@@ -12,9 +12,10 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.loop.attribute import Search, threshold, with_odds
+from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.pairs import likely_pairs
 from aero_bayes.loop.prospect import prospect, score
+from aero_bayes.loop.rounds import threshold, with_odds
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Stand
 from aero_bayes.physics.kin import Candidate

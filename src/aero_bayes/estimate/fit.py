@@ -178,7 +178,7 @@ def _with_sensors(
         cleaned, ripple = without_ripple(calibration, first.fitted)
         if ripple and subtract:
             with opened(cleaned.problem()) as simulator:
-                objective = Objective(cleaned, simulator, checkpoint=kept)
+                objective = Objective(cleaned, simulator, answers=kept)
                 found = _again(first, Climber(objective, settings.ascent, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
@@ -241,7 +241,7 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        climber = Climber(Objective(calibration, simulator, checkpoint=checkpoint), settings.ascent, progress)
+        climber = Climber(Objective(calibration, simulator, answers=checkpoint), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.to_optimum(free, open_simulator, rng)
         lines = (

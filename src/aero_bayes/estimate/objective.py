@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.checkpoint import Arrays, Checkpoint, digest
+from aero_bayes.checkpoint import Answers, Arrays, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.sensors.innovations import LOG_2PI
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
@@ -76,7 +76,7 @@ class Objective:
         Outputs that count; all by default.
     outcomes : Counter, optional
         Where simulations are counted, shared with the objective that this one is a part of.
-    checkpoint : Checkpoint, optional
+    answers : Answers, optional
         Where the ends of searches are kept.
     """
 
@@ -87,9 +87,9 @@ class Objective:
         *,
         outputs: Sequence[str] | None = None,
         outcomes: Counter[Outcome] | None = None,
-        checkpoint: Checkpoint | None = None,
+        answers: Answers | None = None,
     ) -> None:
-        self.calibration, self.simulator, self.checkpoint = calibration, simulator, checkpoint
+        self.calibration, self.simulator, self.answers = calibration, simulator, answers
         self.parameters = calibration.parameters
         self.outputs = tuple(o for o in calibration.outputs if outputs is None or o in outputs)
         self.series = tuple(s for s in _series(calibration) if s.output in self.outputs)
@@ -101,22 +101,22 @@ class Objective:
 
     def on(self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None) -> Objective:
         """Another calibration, its simulations counted and its searches kept where those of this one are."""
-        return Objective(calibration, simulator, outputs=outputs, outcomes=self.outcomes, checkpoint=self.checkpoint)
+        return Objective(calibration, simulator, outputs=outputs, outcomes=self.outcomes, answers=self.answers)
 
     def once(self, kind: str, asked: Sequence[object], work: Callable[[], Arrays]) -> Arrays:
         """What work finds that asks for nothing else than what is given; known already if it was kept.
 
         Its simulations count either way.
         """
-        if self.checkpoint is None:
+        if self.answers is None:
             return work()
         key = digest(kind, self.calibration.identity, self.outputs, asked)
-        found = self.checkpoint.get(key)
+        found = self.answers.get(key)
         if found is None:
             before = Counter(self.outcomes)
             found = work()
             spent = [(int(outcome), count) for outcome, count in (self.outcomes - before).items()]
-            self.checkpoint.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
+            self.answers.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
         else:
             self.outcomes.update({Outcome(outcome): count for outcome, count in found["spent"].tolist()})
         return found

@@ -8,217 +8,38 @@ of the best are equivalent on this data.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import chain, combinations
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings
-from aero_bayes.estimate.growing import over_floor
 from aero_bayes.estimate.interpolation import LEAST_GAIN
-from aero_bayes.loop.kept import promised
-from aero_bayes.loop.pairs import likely_pairs
-from aero_bayes.loop.prospect import Scored, led_up, place_of, prospect, refit, score
-from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.loop.prospect import Scored, prospect, score
+from aero_bayes.loop.rounds import Round, Selection, threshold, with_odds
 from aero_bayes.loop.stand import Held, Stands
-from aero_bayes.loop.starting import Around, Start
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.loop.starting import Start
+from aero_bayes.loop.tries import Tries
 from aero_bayes.show import listed
 
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """One round of the search: the candidates, best first, and what was made of them.
-
-    ``nothing`` and ``untried`` are the odds of no effect and of one that no candidate is.
-    """
-
-    number: int
-    base: Held
-    scores: tuple[Scored, ...]
-    threshold: float
-    chosen: Scored | None
-    equivalent: tuple[str, ...]
-    why: str
-    nothing: float = 0.0
-    untried: float = 0.0
-
-    @property
-    def held(self) -> Held | None:
-        """The fit with what was chosen."""
-        return self.chosen.held if self.chosen is not None else None
-
-
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """The effects that earned their place, in the order in which they were found, and how they were.
-
-    ``skipped`` could not be tried: the model cannot be simulated with them. ``ended`` is where the search was when its
-    time was up; empty where it came to its end.
-    """
-
-    held: Held
-    base: Held
-    rounds: tuple[Round, ...]
-    equivalent: tuple[tuple[str, ...], ...]
-    skipped: tuple[str, ...] = ()
-    ended: str = ""
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        return self.held.effects
-
-
-#: Prior odds that what is missing is something that no candidate is, and the share of a gain in log-evidence that a
-#: candidate's odds are built on (the evidence of correlated residuals is surer of itself than it should be).
-UNTRIED, TEMPER = 0.02, 0.5
 #: Least gain in log-evidence for which one effect takes the place of another.
 SWAP = 1.0
-#: How many times the noise floor the best of a round leaves where its rivals may stand in wrong valleys.
-FAR = 5.0
 #: Gain in log-evidence from which the model as it stands was in a wrong valley.
 BETTER = 4.0
 
 
-def threshold(candidates: int, settings: AttributeSettings) -> float:
-    """Least gain in log-evidence that counts as a discovery among so many candidates."""
-    return math.log(max(candidates, 1)) + settings.margin
-
-
-def with_odds(scores: Sequence[Scored]) -> tuple[tuple[Scored, ...], float, float]:
-    """Scores with their odds, then the odds of nothing and of what was not tried; they add up to one."""
-    if not scores:
-        return (), 1.0 - UNTRIED, UNTRIED
-    prior = math.log(0.5 / len(scores))
-    logs = np.array([math.log(0.5), *(prior + TEMPER * s.gain if math.isfinite(s.gain) else -np.inf for s in scores)])
-    logs -= logs.max()
-    shares = np.exp(logs) / np.exp(logs).sum() * (1.0 - UNTRIED)
-    return tuple(replace(s, odds=float(p)) for s, p in zip(scores, shares[1:], strict=True)), float(shares[0]), UNTRIED
-
-
-class Search:
+@dataclass(eq=False)
+class Search(Tries):
     """Forward selection, pairs where nothing alone pays, then drop and swap.
 
     Once ``late`` says so nothing further is tried: what has been found by then is what there is.
     """
 
-    def __init__(
-        self,
-        stands: Stands,
-        groups: Sequence[Sequence[str]],
-        finer: Mapping[str, str],
-        settings: AttributeSettings,
-        fit: ClimbSettings,
-        late: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self.stands, self.groups, self.finer, self.settings, self.fit = stands, groups, finer, settings, fit
-        self._first = stands
-        self.rounds: list[Round] = []
-        self.skipped: dict[str, None] = {}
-        self._tell: Callable[[float], None] = lambda done: None
-        self.doing, self.ended, self._late = "the first round", "", late
+    rounds: list[Round] = field(init=False, default_factory=list)
 
-    def late(self) -> bool:
-        """Whether the time is up; where the search was then is kept."""
-        if self._late() and not self.ended:
-            self.ended = self.doing
-        return bool(self.ended)
-
-    def moved(self, held: Held, extra: Collection[str]) -> Held:
-        """The same fit on a stand that has further candidates."""
-        stand = self.stands.of((*held.effects, *extra))
-        if stand is held.stand:
-            return held
-        return stand.fit(held.values, held.effects, held.optimum.noise, self.fit)
-
-    def scored(
-        self, base: Held, ids: Collection[str], instead: Held | None = None, seen: Collection[str] | None = None
-    ) -> list[Scored]:
-        """Candidates beside what the model has, each group on its own stand; best first.
-
-        ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
-        that were not ``seen``, if given, only the few most promising are looked at closely.
-        """
-        beside: list[tuple[Held, Candidate, Around | None]] = []
-        for group in self.groups:
-            own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
-            if own:
-                try:
-                    here = self.moved(base, group)
-                except CannotFinishError:
-                    # A law that is off can still be too stiff for this recording.
-                    self.skipped |= dict.fromkeys(own)
-                    continue
-                place = place_of(here, instead) if instead is not None else None
-                beside += [(here, here.stand.candidates[id_], place) for id_ in own]
-        if seen is not None:
-            new = {c.id: promised(here.around, c) for here, c, _ in beside if c.id not in seen}
-            likely = sorted(new, key=lambda id_: -new[id_])[: self.settings.near]
-            beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
-        prospects = []
-        for here, candidate, other in beside:
-            if self.late():
-                break
-            prospects.append(prospect(here, candidate, self.settings, self.fit, other))
-            self._tell(0.5 * len(prospects) / len(beside))
-        scores: list[Scored] = []
-        for found in sorted(prospects, key=lambda p: -p.promise):
-            if scores and self.late():
-                break
-            scored = score(found, self.fit, self._aim(found.candidate.id, scores, instead))
-            # Where the same fit did not come as far on this stand, coming as far is no gain.
-            behind = max(base.log_evidence - found.base.log_evidence, 0.0)
-            scores.append(replace(scored, gain=scored.gain - behind))
-            self._tell(0.5 + 0.5 * len(scores) / len(beside))
-        scores.sort(key=lambda s: -s.gain)
-        return scores if instead is not None else self._led_up(base, scores)
-
-    def _led_up(self, base: Held, scores: list[Scored]) -> list[Scored]:
-        """The few best refitted from the beginning on, where even the best is far off; best first."""
-        best = scores[0].held if scores else None
-        if best is None or over_floor(best.stand.study, best.optimum.evaluation.residual) < FAR:
-            return scores
-        for k, found in enumerate(scores[: self.settings.near]):
-            if self.late():
-                break
-            if found.held is not None and (held := led_up(base, found.held, self.fit)) is not None:
-                further = held.log_evidence - found.held.log_evidence
-                scores[k] = replace(found, held=held, gain=found.gain + further)
-        return sorted(scores, key=lambda s: -s.gain)
-
-    def _aim(self, id_: str, scores: Sequence[Scored], instead: Held | None) -> float:
-        """Log-evidence that a candidate must reach to matter: that of what it would replace, or of the few best.
-
-        What a simple law gains is asked for where a finer one is weighed.
-        """
-        if instead is not None:
-            return instead.log_evidence - self.settings.equivalence
-        if id_ in self.finer.values():
-            return -math.inf
-        best = sorted((s.held.log_evidence for s in scores if s.held is not None), reverse=True)
-        return best[self.settings.near - 1] if len(best) >= self.settings.near else -math.inf
-
-    def _finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
-        """Finer laws that explain far more than what they refine, which shows little by itself.
-
-        Where the simple law explains most of it, whether a finer one is worth its parameters is asked at the end.
-        """
-        coarse = {s.candidate.id: s.gain for s in scores}
-        found = self.scored(base, [id_ for id_, of in self.finer.items() if of in coarse])
-        bar = threshold(len(scores) + len(found), self.settings)
-        return [
-            s
-            for s in found
-            if s.held is not None
-            and s.gain > 2.0 * max(coarse[self.finer[s.candidate.id]], 0.0) + bar
-            and s.held.shows_shape(s.candidate.id)
-        ]
+    def __post_init__(self) -> None:
+        self._first = self.stands
 
     def round(
         self,
@@ -237,7 +58,7 @@ class Search:
         """
         tried = self.scored(base, ids, instead, seen)
         if wide:
-            tried = sorted([*tried, *self._finer(base, tried)], key=lambda s: -s.gain)
+            tried = sorted([*tried, *self.tried_finer(base, tried)], key=lambda s: -s.gain)
         scores, nothing, untried = with_odds(tried)
         bar = threshold(len(scores), self.settings)
         number = len(self.rounds) + 1
@@ -271,9 +92,10 @@ class Search:
         count = len(alone.scores)
         bar = least + math.log(max(count * (count - 1) / 2.0, 1.0)) + self.settings.margin
         best: Held | None = None
-        tries = [self._likely_pairs(base, alone)]
+        tries = [self.likely_pairs(base, alone.scores)]
         if best_of_round:
-            tries.append(self._best_in_pairs(alone, base.log_evidence + bar))
+            others = [s for s in alone.scores if s is not alone.chosen]
+            tries.append(self.best_in_pairs(others, base.log_evidence + bar))
         for both in chain(*tries):
             if self.late():
                 break
@@ -286,41 +108,6 @@ class Search:
         names = " and ".join(best.effects[len(base.effects) :])
         why = f"{alone.why}; together {names} gain {chosen.gain:.1f} (needed {bar:.1f})"
         return replace(alone, threshold=bar, chosen=chosen, equivalent=(), why=why)
-
-    def _best_in_pairs(self, alone: Round, aim: float) -> Iterator[Held]:
-        """Refits with each two of the best of a round, as far as log-evidence ``aim`` is within reach."""
-        others = [s for s in alone.scores if s.held is not None and s is not alone.chosen]
-        likely = sorted(others, key=lambda s: -s.gain)[: self.settings.pairs]
-        for first, second in combinations(likely, 2):
-            if first.held is None:
-                continue
-            with suppress(CannotFinishError):
-                here = self.moved(first.held, [second.candidate.id])
-                found = prospect(here, here.stand.candidates[second.candidate.id], self.settings, self.fit)
-                if (held := score(found, self.fit, aim).held) is not None:
-                    aim = max(aim, held.log_evidence)
-                    yield held
-
-    def _likely_pairs(self, base: Held, alone: Round) -> Iterator[Held]:
-        """Refits with each two of a round's candidates that promise much together and little alone."""
-        for pair in likely_pairs(self._surroundings(base, alone), self.settings.pairs):
-            with suppress(CannotFinishError):
-                here = self.moved(base, pair.ids)
-                around = here.around.by_squares or here.around
-                start = Start(pair.promise, pair.start(here.stand, around), squares=around is not here.around)
-                if (held := refit(here, (*base.effects, *pair.ids), start, self.fit)) is not None:
-                    yield held
-
-    def _surroundings(self, base: Held, alone: Round) -> list[tuple[Around, list[Candidate]]]:
-        """Candidates of a round by stand, with how the base's parameters readjust there."""
-        ids: set[str] = {s.candidate.id for s in alone.scores}
-        found: list[tuple[Around, list[Candidate]]] = []
-        for group in self.groups:
-            own = [id_ for id_ in group if id_ in ids and id_ not in base.effects]
-            with suppress(CannotFinishError):
-                here = self.moved(base, group) if own else base
-                found.append((here.around.by_squares or here.around, [here.stand.candidates[id_] for id_ in own]))
-        return found
 
     def select(
         self, base: Held, ids: Sequence[str], structured: Callable[[Held], bool], told: Callable[[str, float], None]
@@ -422,10 +209,14 @@ class Search:
     def _begin(self, told: Callable[[str, float], None], what: str, step: int) -> None:
         """Say what is done from now on, and say how far it is with each candidate."""
 
-        def tell(done: float) -> None:
-            told(what, (step + min(done, 1.0)) / (self.settings.max_effects + 1))
+        furthest = 0.0
 
-        self._tell, self.doing = tell, what
+        def tell(done: float) -> None:
+            nonlocal furthest
+            furthest = max(furthest, min(done, 1.0))
+            told(what, (step + furthest) / (self.settings.max_effects + 1))
+
+        self.tell, self.doing = tell, what
         tell(0.0)
 
     def _required(self, base: Held) -> Held:
@@ -508,8 +299,11 @@ class Search:
         off = {held.stand.study.parameters.names[j] for j in held.stand.candidates[effect].columns}
         first = {name: value for name, value in start.items() if name not in off}
         before = next((r.base for r in self.rounds if r.chosen is not None and r.chosen.candidate.id == effect), base)
+        starts = ((first, held.optimum.noise), ({**first, **before.values}, before.optimum.noise))
+        fits = [partial(held.stand.fit, values, rest, noise, self.fit) for values, noise in starts]
+        self.ahead(fits, 0.0, 0.0)
         tries: list[Held] = []
-        for values, noise in ((first, held.optimum.noise), ({**first, **before.values}, before.optimum.noise)):
+        for fit in fits:
             with suppress(CannotFinishError):
-                tries.append(held.stand.fit(values, rest, noise, self.fit))
+                tries.append(fit())
         return max(tries, key=lambda h: h.log_evidence, default=None)

@@ -11,11 +11,11 @@ import numpy as np
 
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import CANNOT, Conclusion, nothing_added
 from aero_bayes.loop.extend import add_curve, add_effects
 from aero_bayes.loop.judge import Prediction, surely_worse
 from aero_bayes.loop.learn import learn
+from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench

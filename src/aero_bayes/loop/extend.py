@@ -15,10 +15,10 @@ from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.export import FreeForm
-from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.judge import gain_text
 from aero_bayes.loop.result import FoundEffect, LearnedCurve
+from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.tell import fitted_parameters
 from aero_bayes.loop.workbench import Workbench

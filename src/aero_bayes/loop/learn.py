@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from aero_bayes.loop.attribute import Search, Selection
+from aero_bayes.loop.attribute import Search
+from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.search import Found, leaves_structure, listed_alone
 from aero_bayes.loop.workbench import Workbench
 
@@ -21,7 +22,8 @@ def learn(bench: Workbench, found: Found) -> Selection | None:
     if not curves or bench.tally.late() or not leaves_structure(base, base.held):
         return None
     bench.progress("learning a curve", 0.7)
-    search = Search(base.stands, family.groups(), {}, bench.settings.attribute, base.settings, bench.tally.late)
+    settings = bench.settings.attribute
+    search = Search(base.stands, family.groups(), {}, settings, base.settings, bench.tally.late, bench.ahead)
     search.doing = "learning a curve"
     listed = listed_alone(bench, base)
     rounds = [search.round(base.held, curves)]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.checkpoint import Checkpoint
+from aero_bayes.checkpoint import Answers, Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -90,7 +90,8 @@ def close_loop(
         family = _family(model, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
-        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), Checkpoint.at(checkpoint))
+        answers = Checkpoint.at(checkpoint) or Answers()
+        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), answers)
         base = fit_as_it_stands(bench)
         found = search(bench, base)
         conclusion = decide(bench, found)

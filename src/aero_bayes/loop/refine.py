@@ -15,8 +15,9 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import climb
-from aero_bayes.loop.attribute import Round, Search, Selection, threshold, with_odds
+from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.prospect import Scored
+from aero_bayes.loop.rounds import Round, Selection, threshold, with_odds
 from aero_bayes.loop.stand import Held
 
 #: Refits of a finer law, from the likeliest of its starts.

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, reports_table
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.loop.attribute import Round
 from aero_bayes.loop.judge import Prediction, Shift
 from aero_bayes.loop.recordings import Recordings
+from aero_bayes.loop.rounds import Round
 from aero_bayes.physics.locate import Moment, PortSignal
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import table_html

@@ -10,8 +10,8 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.loop.attribute import Selection
 from aero_bayes.loop.base_fit import BaseFit
+from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.beyond import (
     CurveFit,

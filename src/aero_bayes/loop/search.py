@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.errors import InputError
-from aero_bayes.loop.attribute import Search, Selection
+from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.base_fit import BaseFit, fit_from_there
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
 from aero_bayes.loop.rival import Rival, find_rival
+from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
 
@@ -49,9 +50,8 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     for id_ in bench.settings.attribute.require:
         if id_ not in base.ids:
             raise InputError(f"[loop] require: no recorded output can show {id_}")
-    effort = Search(
-        base.stands, bench.family.groups(), finer, bench.settings.attribute, base.settings, bench.tally.late
-    )
+    groups, settings = bench.family.groups(), bench.settings.attribute
+    effort = Search(base.stands, groups, finer, settings, base.settings, bench.tally.late, bench.ahead)
     selection = effort.select(
         base.held, ids, lambda held: leaves_structure(base, held),
         lambda what, share: bench.progress(what, 0.2 + 0.4 * share),

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from aero_bayes.checkpoint import Checkpoint
+from aero_bayes.ahead import Ahead
+from aero_bayes.checkpoint import Answers
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
@@ -63,7 +64,8 @@ class Tally:
 class Workbench:
     """What the stages share.
 
-    ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1).
+    ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1);
+    ``answers`` are what searches have found so far.
     """
 
     family: Family
@@ -73,7 +75,7 @@ class Workbench:
     folder: Path
     progress: Progress
     tally: Tally
-    checkpoint: Checkpoint | None = None
+    answers: Answers
 
     @property
     def units(self) -> dict[str, str]:
@@ -96,7 +98,12 @@ class Workbench:
 
     def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
         """A calibration on a simulator that is open; what its searches find is kept."""
-        return Objective(calibration, simulator, checkpoint=self.checkpoint)
+        return Objective(calibration, simulator, answers=self.answers)
+
+    @property
+    def ahead(self) -> Ahead:
+        """Helpers, one a worker, that find answers before they are asked for."""
+        return Ahead(self.answers, self.pool, self.tally.late)
 
     @property
     def unseen(self) -> Unseen:

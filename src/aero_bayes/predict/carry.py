@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording
+from aero_bayes.data import Recording, floors_of
+from aero_bayes.data.beginning import first_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.starts import state_of
 from aero_bayes.simulation.interface import StartTarget, Target
@@ -40,20 +41,12 @@ def typical(calibration: Calibration, values: FloatArray, recordings: Sequence[R
 
 
 def first_reading(recording: Recording, target: Target, calibration: Calibration) -> float | None:
-    """Mean of the readings of a state before the input first changes, over at most one second; None for what is no
-    start, or was not read."""
+    """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
     if not isinstance(target, StartTarget):
         return None
     states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
     output = next((o for o, s in states.items() if s == target.state), None)
-    values = recording.outputs.get(output) if output is not None else None
-    if values is None:
+    if output is None or (values := recording.outputs.get(output)) is None:
         return None
-    until = recording.time[0] + 1.0
-    for signal in recording.inputs.values():
-        changed = np.flatnonzero(np.diff(signal) != 0.0)
-        before = recording.time[changed[0] + 1] if changed.size else until
-        until = min(until, before if signal[0] == 0.0 else recording.time[0])
-    chosen = values[(recording.time < until) | (np.arange(values.size) < 3)]
-    chosen = chosen[np.isfinite(chosen)]
-    return float(chosen.mean()) if chosen.size else None
+    (floor,) = floors_of([recording], [output]).values()
+    return first_level(values, recording.time, floor)

@@ -157,6 +157,10 @@ class WorkerPool:
         """Process ids of the workers that run."""
         return tuple(worker.process.pid for worker in self._workers if worker is not None)
 
+    def alone(self) -> None:
+        """In a forked child: one worker from now on."""
+        self.size = min(self.size, 1)
+
     # -- files ---------------------------------------------------------------------------------------------------------
 
     def binary(self, model: Model) -> Path:

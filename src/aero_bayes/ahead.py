@@ -1,0 +1,131 @@
+"""Work done ahead by forked helpers, for a program that asks one question after the other.
+
+What a search finds is kept by what was asked (:mod:`aero_bayes.checkpoint`). Helpers do what is asked next and send
+the answers that they came by; the program then goes on as if it were alone, and finds them. So its numbers are the
+same however many helpers there are, and a helper that dies costs time only.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import TypeVar
+
+from aero_bayes.checkpoint import Answers
+from aero_bayes.simulation import WorkerPool
+
+T = TypeVar("T")
+Task = Callable[[], object]
+#: Seconds that a helper may take to end.
+PATIENCE = 5.0
+
+
+def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
+    """Items in pieces that double in size: what one piece tells the next is the same however many work on it."""
+    begin, size = 0, max(first, 1)
+    while begin < len(items):
+        yield items[begin : begin + size]
+        begin, size = begin + size, 2 * size
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """Helpers that find answers before they are asked for; none where there is one core or no safe fork.
+
+    Parameters
+    ----------
+    answers : Answers, optional
+        Where they are looked for.
+    pool : WorkerPool
+        As many helpers as it has workers; each simulates in a worker of its own.
+    late : callable
+        Whether no further task is to be begun.
+    """
+
+    answers: Answers | None
+    pool: WorkerPool
+    late: Callable[[], bool] = lambda: False
+
+    def __call__(self, tasks: Sequence[Task], told: Callable[[float], None] = lambda done: None) -> None:
+        """Do tasks, in any order, of which some are about to be done; ``told`` is the share that is done."""
+        helpers = min(self.pool.size, len(tasks))
+        if self.answers is None or helpers < 2 or not _may_fork():
+            return
+        crew = dict(self._hire(tasks) for _ in range(helpers))
+        try:
+            self._watch(crew, len(tasks), told)
+        except BaseException:
+            for helper in crew.values():
+                helper.kill()
+            raise
+        finally:
+            # All first: those hired later have copies of the earlier lines.
+            for line in crew:
+                line.close()
+            for helper in crew.values():
+                helper.join(PATIENCE)
+                helper.kill()
+                helper.join()
+
+    def _hire(self, tasks: Sequence[Task]) -> tuple[Connection, BaseProcess]:
+        ours, theirs = multiprocessing.Pipe()
+        helper = multiprocessing.get_context("fork").Process(target=self._help, args=(tasks, ours, theirs), daemon=True)
+        with warnings.catch_warnings():
+            # A helper takes no lock that another thread may hold: it neither draws progress nor writes a file.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            helper.start()
+        theirs.close()
+        return ours, helper
+
+    def _help(self, tasks: Sequence[Task], ours: Connection, theirs: Connection) -> None:
+        """Do what is asked for until nobody asks any more."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        ours.close()
+        self.pool.alone()
+        assert self.answers is not None
+        with suppress(EOFError, BrokenPipeError):
+            while True:
+                task, known = theirs.recv(), self.answers.known()
+                # What goes wrong here goes wrong again where it is asked for.
+                with suppress(Exception):
+                    tasks[task]()
+                theirs.send(self.answers.beyond(known))
+
+    def _watch(self, crew: dict[Connection, BaseProcess], count: int, told: Callable[[float], None]) -> None:
+        """Hand out the tasks and keep what comes back, until all are done or nobody is left."""
+        assert self.answers is not None
+        waiting, busy, done = iter(range(count)), set[Connection](), 0
+
+        def hand_out(line: Connection) -> None:
+            task = None if self.late() else next(waiting, None)
+            if task is not None:
+                line.send(task)
+                busy.add(line)
+
+        for line in crew:
+            hand_out(line)
+        while busy:
+            ready = wait(list(busy))
+            for line in [line for line in busy if line in ready]:
+                busy.remove(line)
+                with suppress(EOFError, ConnectionResetError, BrokenPipeError):
+                    for key, arrays in line.recv().items():
+                        self.answers.put(key, arrays)
+                    hand_out(line)
+                done += 1
+                told(done / count)
+
+
+def _may_fork() -> bool:
+    """Whether a copy of this process can be trusted: elsewhere libraries keep threads that a copy lacks."""
+    alone = threading.current_thread() is threading.main_thread()
+    return sys.platform == "linux" and hasattr(os, "fork") and alone and not multiprocessing.current_process().daemon

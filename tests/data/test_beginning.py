@@ -1,0 +1,41 @@
+"""Where readings begin, against what was simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.data.beginning import first_level
+
+TIME = 2.0 + 0.01 * np.arange(600)
+SHAPES = {
+    "rest": lambda t: 0.0 * t + 3.0,
+    "ramp": lambda t: 3.0 - 5.0 * t,
+    "fall": lambda t: 3.0 - 0.5 * 9.81 * t**2,
+    "rise": lambda t: 4.0 - np.exp(-t / 0.05),
+    "swing": lambda t: 3.0 * np.cos(9.0 * t),
+}
+
+
+#: Most error of each, in noise widths: a single reading is off by one, and 200 tries tell it to 5 %.
+MOST = {"rest": 0.15, "ramp": 0.25, "fall": 0.35, "rise": 1.3, "swing": 1.3}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_beginning_is_told_better_than_by_the_first_reading_where_it_is_slow(shape):
+    rng = np.random.default_rng(5)
+    noise = 0.02
+    truth = SHAPES[shape](TIME - TIME[0])
+    off = [first_level(truth + rng.normal(0.0, noise, TIME.size), TIME, noise) - truth[0] for _ in range(200)]
+    rms = float(np.sqrt(np.mean(np.square(off))))
+    assert rms < MOST[shape] * noise
+
+
+def test_without_noise_the_first_reading_is_the_beginning_and_gaps_are_bridged():
+    truth = SHAPES["swing"](TIME - TIME[0])
+    assert first_level(truth, TIME, 0.0) == truth[0]
+    line = 1.0 + 2.0 * (TIME - TIME[0])
+    line[:2] = np.nan
+    assert first_level(line, TIME, 1e-6) == pytest.approx(1.0, abs=1e-5)
+    assert first_level(np.full(600, np.nan), TIME, 1.0) is None
+    assert first_level(np.array([4.0]), TIME[:1], 1.0) == 4.0
