@@ -143,6 +143,14 @@ class ParameterSet:
         low, high = self.box
         return np.asarray(np.minimum(coordinates - low, high - coordinates) <= ON_BOUND * (high - low))
 
+    def revived(self, coordinates: FloatArray, columns: Sequence[int]) -> FloatArray:
+        """Search coordinates (p,) with those of ``columns`` that lie on a bound back at their start.
+
+        What a fit has put out of action, a factor near zero say, has no slope by which another fit could call it back.
+        """
+        ended = self.on_bound(coordinates) & np.isin(np.arange(len(self)), columns)
+        return np.where(ended, self.to_search(self.start), coordinates)
+
     def to_search(self, values: FloatArray) -> FloatArray:
         """Search coordinates of SI values, shape (..., p)."""
         values = np.asarray(values, dtype=np.float64)

@@ -105,10 +105,11 @@ def refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings
 def led_up(base: Held, found: Held, fit: ClimbSettings) -> Held | None:
     """A refit of the beginning first, then of ever more; None where that leads no further than what was found.
 
-    From the base's values, with the effect as large as it was found.
+    From the base's values, those on a bound back at their start, with the effect as large as it was found.
     """
     stand, known = found.stand, found.optimum.coordinates
-    free, start = stand.free(found.effects), stand.at(base.values, base.effects)
+    free = stand.free(found.effects)
+    start = stand.study.parameters.revived(stand.at(base.values, base.effects), stand.own)
     new = [j for id_ in found.effects if id_ not in base.effects for j in stand.candidates[id_].columns]
     start[new] = known[new]
     try:

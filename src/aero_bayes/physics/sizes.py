@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +32,9 @@ MOST = 0.995
 NOTHING = 1e-200
 #: Readings whose straight line tells where a level starts.
 FIRST = 5
+#: How many times a recording's length a model is left alone to find its surroundings, and the share of its range by
+#: which a level may still move in the second half of that.
+LONG, AT_REST = 20.0, 0.01
 _NOTHING = Call("*", (Number(1e-300), Name("time")))
 #: Units in which a level is a temperature.
 _KELVIN = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
@@ -49,10 +53,47 @@ def port_sizes(
     for port in ports:
         seen[port.id] = {signal: watched.of(reference(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
-    found = watched.run(calibration, fit, open_simulator)
+    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in _KELVIN}
+    found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
     time = typical_time(calibration, fit)
     starts = _first_readings(flat, ports, calibration)
+    for id_ in warm:
+        ends = rest.get(seen[id_]["h"], [])
+        if ends and all(_settled(end, found[seen[id_]["h"]]) for end in ends):
+            starts[id_] = float(np.mean([end[-1] for end in ends]))
     return {p.id: _sizes(p, found, seen[p.id], acting[p.id], time, calibration, starts.get(p.id)) for p in ports}
+
+
+def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
+    """Whether a level that was left alone has come to rest."""
+    return abs(float(end[-1] - end[-2])) < AT_REST * float(np.ptp(np.concatenate(over)))
+
+
+def _near(
+    calibration: Calibration, outputs: Mapping[str, list[FloatArray]], signals: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Signals of each recording while every output is within reach of its readings."""
+    kept = []
+    for e, (experiment, signal) in enumerate(zip(calibration.experiments, signals, strict=True)):
+        near = np.ones(signal.size, dtype=np.bool_)
+        for column, name in enumerate(experiment.outputs if experiment.measured is not None else ()):
+            assert experiment.measured is not None
+            low, high = np.nanmin(experiment.measured[:, column]), np.nanmax(experiment.measured[:, column])
+            near &= np.abs(outputs[name][e] - 0.5 * (low + high)) <= high - low
+        kept.append(signal[near])
+    return kept
+
+
+def _left_alone(calibration: Calibration) -> Calibration:
+    """The same recordings without what is fed in, for long: what is a temperature stays at its mean."""
+    warm = {v.name for v in calibration.model.inputs if v.unit in _KELVIN}
+    experiments = []
+    for e in calibration.experiments:
+        means = {s.name: float(np.mean(s.values)) if s.name in warm else 0.0 for s in e.inputs}
+        inputs = tuple(replace(s, time=s.time[:1], values=np.array([means[s.name]])) for s in e.inputs)
+        time = e.time[0] + (e.time[-1] - e.time[0]) * np.array([0.0, 0.5, 1.0]) * LONG
+        experiments.append(replace(e, time=time, inputs=inputs))
+    return replace(calibration, experiments=tuple(experiments))
 
 
 def _first_readings(flat: FlatModel, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
@@ -82,8 +123,13 @@ class _Watched:
             self.names[expression] = f"watched_{len(self.names)}"
         return self.names[expression]
 
-    def run(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> dict[str, list[FloatArray]]:
-        """Each expression over the recordings, by its name; those that cannot be exported are left out."""
+    def run(
+        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, left_alone: bool
+    ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
+        """Each expression over the recordings, by its name, and if asked for where the model is ``left_alone``.
+
+        Those that cannot be exported are left out.
+        """
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "watched.fmu"
             try:
@@ -91,7 +137,17 @@ class _Watched:
             except InputError:
                 model = self._export([e for e in self.names if self._can_be_watched(e, path)], path)
             names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
-            return signals_of(replace(calibration, model=model), names, fit, open_simulator)
+            own = replace(calibration, model=model)
+            found, rest = signals_of(own, names, fit, open_simulator), {}
+            alive = calibration.parameters.revived(fit.coordinates, fit.free)
+            if not np.array_equal(alive, fit.coordinates):
+                with suppress(InputError):
+                    there = signals_of(own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator)
+                    found = {name: [*found[name], *_near(own, there, there[name])] for name in names}
+            if left_alone:
+                with suppress(InputError):
+                    rest = signals_of(_left_alone(own), names, fit, open_simulator)
+            return found, rest
 
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
         flat = self.flat
@@ -199,7 +255,7 @@ def _sizes(
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
     if port.kind == "storage" and port.units.get("h") in _KELVIN and "h" in own:
-        # counted from where it starts, so that a rig has the same laws in K as in degC
+        # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
         first = start if start is not None else float(found[seen["h"]][0][0])
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
         sizes |= {"h_n": above, "h_0": first, "h_z": _KELVIN[port.units["h"]]}
