@@ -25,6 +25,8 @@ _SAME = frozenset({"abs", "min", "max", "noEvent", "smooth", "homotopy", "diagon
 _NAMED = (
     "N", "N.m", "V", "A", "W", "Pa", "Ohm", "C", "m3/s", "kg/s", "N.s/m", "N/m", "H", "F",
 )  # fmt: skip
+#: Temperatures that are counted from elsewhere: their differences are in K, or in shares of it.
+_DEGREES = re.compile(r"\b(degC|degF|Cel)(?![A-Za-z])")
 
 Dimension = Mapping[str, float]
 
@@ -209,8 +211,11 @@ def _clean(total: Mapping[str, float]) -> Dimension:
 
 
 def dimension_of_unit(unit: str) -> Dimension | None:
-    """Exponents of the base units of a unit expression; None where it is empty or not understood."""
-    known = base_units(unit) if unit else None
+    """Exponents of the base units of a unit expression; None where it is empty or not understood.
+
+    A temperature in degC is one.
+    """
+    known = base_units(_DEGREES.sub("K", unit)) if unit else None
     return None if known is None else {k: float(v) for k, v in known[1].items()}
 
 
