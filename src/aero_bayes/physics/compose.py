@@ -23,7 +23,7 @@ from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt, reference
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Candidate, Port
+from aero_bayes.physics.ports import Candidate, Port, signal_of
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
@@ -114,7 +114,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
             given = {"h_1": port.signals["h"], "h_2": use.neighbour.signals["h"]}
         for signal in use.law.shape.given:
             if signal in known:
-                flat = equate(flat, f"{at}.{signal}", reference(given[signal]) if signal in given else Number(0.0))
+                flat = equate(flat, f"{at}.{signal}", signal_of(given[signal]) if signal in given else Number(0.0))
     flat = _with_sizes(flat, at, use.all_sizes)
     for p in use.parameters():
         about = f"{p.description} at {port.id}"
@@ -123,7 +123,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     if port.entrance is not None:
         flat = _enter(flat, port, acts, 1.0)
     if use.neighbour is not None:
-        out = acts if use.law.kind == "exchange" else Name(f"{at}.q_2")
+        out = Name(f"{at}.q_2") if use.law.kind == "overflow" else acts
         flat = _enter(flat, use.neighbour, out, -1.0)
     return flat
 
@@ -217,4 +217,6 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
             flat = equate(flat, signal, Call("+", (Name(inner), Name(name))))
         else:
             flat = _enter(flat, port, Name(name), -1.0)
+            if port.kind == "motion" and port.neighbours:
+                flat = _enter(flat, next(p for p in ports if p.id == port.neighbours[0]), Name(name), 1.0)
     return flat, names

@@ -12,6 +12,7 @@ from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
+from aero_bayes.physics.between import between
 from aero_bayes.physics.connections import beside_storage, node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.laws import Law
@@ -48,6 +49,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
+    ports += between(s, balances)
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.export.flat import Place
+from aero_bayes.export.syntax import Call, Expression, reference
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import Law
 
@@ -41,7 +42,8 @@ class Port:
     states : tuple of str
         Names of the states that act there.
     signals : mapping
-        What a law is given there by the names of its partial model, as variables of the flat model.
+        What a law is given there by the names of its partial model, as variables of the flat model, or as the
+        difference of two (:func:`signal_of`).
     entrance : Entrance, optional
         The equation in which an opposing term enters, and with which factor.
     connectors : tuple of str
@@ -49,7 +51,8 @@ class Port:
     flow, potential : str
         Names of the connectors' flow variable and potential.
     neighbours : tuple of str
-        Ids of the storages of the same unit, those first whose balance has a state in common.
+        Of a storage the ids of those of the same unit, those first whose balance has a state in common; of a place
+        between two motions the other one, whose balance takes the reaction.
     laws : tuple of str
         Ids of the laws that fit.
     """
@@ -68,6 +71,21 @@ class Port:
     potential: str = ""
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
+
+
+#: What stands between the two variables of a difference.
+MINUS = " - "
+
+
+def signal_of(given: str) -> Expression:
+    """What a law is given: a variable, or the difference of two."""
+    one, minus, other = given.partition(MINUS)
+    return Call("-", (reference(one), reference(other))) if minus else reference(one)
+
+
+def reacts(law: Law, port: Port) -> bool:
+    """Whether a law at a port acts on a neighbour, too."""
+    return law.kind in ("overflow", "exchange") or port.kind == "motion"
 
 
 def fits(law: Law, port: Port) -> bool:
@@ -89,7 +107,7 @@ def _is_unit(unit: str, asked: str) -> bool:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law that may act at a port; ``neighbour`` is where what is lost may go."""
+    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction."""
 
     law: Law
     port: Port
@@ -112,7 +130,7 @@ def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, .
     for port in ports:
         first = by_id.get(port.neighbours[0]) if port.neighbours else None
         for law in (law for law in laws if fits(law, port)):
-            neighbour = first if law.kind in ("overflow", "exchange") else None
+            neighbour = first if reacts(law, port) else None
             if law.kind == "exchange":
                 pair = frozenset((port.id, *port.neighbours[:1]))
                 if pair in joined:

@@ -17,9 +17,9 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Call, Expression, Name, Number, reference
+from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
-from aero_bayes.physics.ports import Port
+from aero_bayes.physics.ports import Port, signal_of
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
@@ -51,7 +51,7 @@ def port_sizes(
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     for port in ports:
-        seen[port.id] = {signal: watched.of(reference(variable)) for signal, variable in port.signals.items()}
+        seen[port.id] = {signal: watched.of(signal_of(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in _KELVIN}
     found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))

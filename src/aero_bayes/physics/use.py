@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
 from aero_bayes.physics.laws import Attribute, Law, LawParameter
-from aero_bayes.physics.ports import Port
+from aero_bayes.physics.ports import Port, reacts
 
 _LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 
@@ -29,7 +29,7 @@ class Use:
     values : mapping
         Values by the law's own names; the default, which leaves nothing of the law, where missing.
     neighbour : Port, optional
-        Where what is lost may go.
+        Where what is lost may go, or what takes the reaction.
     """
 
     law: Law
@@ -87,7 +87,7 @@ def use_of(
     taken : collection of str
         Names that the model has already; paths count by their first part.
     neighbour : Port, optional
-        For an exchange and for what overflows; other laws have none.
+        For an exchange, for what overflows and for what acts between two motions; other laws have none.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def use_of(
     """
     if law.kind == "exchange" and neighbour is None:
         raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
-    neighbour = neighbour if law.kind in ("exchange", "overflow") else None
+    neighbour = neighbour if reacts(law, port) else None
     used = {n.partition(".")[0] for n in taken}
     suffix = plain_name(port.id)
 

@@ -17,7 +17,7 @@ from aero_bayes.physics.edit import Edit, insert_before_connector, text_of
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.find import driver_names, is_driver
 from aero_bayes.physics.law_class import formula
-from aero_bayes.physics.ports import Port
+from aero_bayes.physics.ports import MINUS, Port
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
@@ -62,7 +62,7 @@ class Writer:
         if exchange and use.neighbour is not None:
             given = {"h_1": use.port.signals["h"], "h_2": use.neighbour.signals["h"]}
         # a reading that is a state has a name of its own for what it was
-        given = {signal: self.draft.read.get(name, name) for signal, name in given.items()}
+        given = {signal: self._read(name) for signal, name in given.items()}
         near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
         text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
         if text is None or len(text) > LONGEST_FORMULA:
@@ -70,7 +70,12 @@ class Writer:
             text = f"{use.instance}.{use.law.shape.acts}"
         self._term(use.port, text, 1)
         if use.neighbour is not None:
-            self._term(use.neighbour, text if exchange else f"{use.instance}.q_2", -1)
+            self._term(use.neighbour, f"{use.instance}.q_2" if use.law.kind == "overflow" else text, -1)
+
+    def _read(self, given: str) -> str:
+        """A variable, or a difference of two, as it is called beside laws at outputs."""
+        parts = [self.draft.read.get(name, name) for name in given.split(MINUS)]
+        return f"({MINUS.join(parts)})" if len(parts) > 1 else parts[0]
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
@@ -114,7 +119,8 @@ class Writer:
         values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
         constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
         whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
-        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, next(iter(port.signals.values())))]
+        first = next(iter(port.signals.values())).partition(MINUS)[0]
+        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, first)]
         wanted = self._words(port)
         row = port.entrance.row if port.entrance is not None else None
         found: list[tuple[bool, int, Entry]] = []

@@ -23,10 +23,10 @@ from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import in_library
-from aero_bayes.export.syntax import Call, Expression, Name, Number, reference
+from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.compose import probe
 from aero_bayes.physics.fmu_family import FmuFamily
-from aero_bayes.physics.ports import Port, PortKind, port_table
+from aero_bayes.physics.ports import Port, PortKind, port_table, signal_of
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.sizes import port_sizes
 from aero_bayes.physics.use import plain_name
@@ -167,7 +167,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
         # an output as it was before the probe
-        tree = Name(f"{plain_name(variable)}_without_{probe_name}") if port.via == "output" else reference(variable)
+        tree = Name(f"{plain_name(variable)}_without_{probe_name}") if port.via == "output" else signal_of(variable)
         level: Expression = Call("-", (tree, Number(sizes["h_0"]))) if "h_0" in sizes else tree
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append(share)

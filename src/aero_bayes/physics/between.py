@@ -1,0 +1,83 @@
+"""Places between two motions: what acts on both, and depends on how they move against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+from aero_bayes.export.flat import FlatEquation
+from aero_bayes.export.syntax import Call, Name, names_in
+from aero_bayes.physics.ports import MINUS, Port
+from aero_bayes.physics.quantities import unit_in
+from aero_bayes.physics.structure import Structure, derived_names, is_derivative
+
+
+def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+    """A port for every two motions of one unit that the model's own class couples, by force or by friction."""
+    moving = [p for p in balances if p.kind == "motion" and p.via == "equation" and p.entrance is not None]
+    reached = {p.id: _reached(s, p) for p in moving}
+    for first, second in combinations(moving, 2):
+        distance = _distance(s, first, second)
+        one, other = (second, first) if distance and distance[1] else (first, second)
+        shared = one.signals.keys() & other.signals.keys()
+        alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
+        coupled = distance or (_own(s, other) & reached[one.id] and _own(s, one) & reached[other.id])
+        if not alike or not coupled or _inside(s, one) or _inside(s, other):
+            continue
+        signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
+        units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
+        if distance and "x" not in signals:
+            signals["x"], units["x"] = distance[0], unit_in(s, s.of(distance[0]))
+        yield replace(
+            one, id=f"{one.id}-{other.id}", signals=signals, units=units, neighbours=(other.id,),
+            states=tuple(dict.fromkeys((*one.states, *other.states))),
+        )  # fmt: skip
+
+
+def _distance(s: Structure, one: Port, other: Port) -> tuple[str, bool] | None:
+    """A state whose rate is the difference of two speeds, if there is one, and whether it counts from the second."""
+    speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
+    for e in s.flat.equations:
+        for rate, difference in ((e.left, e.right), (e.right, e.left)):
+            match difference:
+                case Call("-", (Name(a, ()), Name(b, ()))) if state := is_derivative(rate):
+                    if {s.of(a), s.of(b)} == {*speeds}:
+                        return state, s.of(a) != speeds[0]
+    return None
+
+
+def _balance(s: Structure, port: Port) -> FlatEquation:
+    assert port.entrance is not None
+    return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.entrance.equation)
+
+
+def _inside(s: Structure, port: Port) -> bool:
+    return bool(_balance(s, port).component)
+
+
+def _own(s: Structure, port: Port) -> set[str]:
+    """The speed and the position of a port."""
+    return {s.of(name) for name in port.signals.values()}
+
+
+def _reached(s: Structure, port: Port) -> set[str]:
+    """States and inputs that a balance depends on, by way of what is only given a name."""
+    found: set[str] = set()
+    waiting = _names(s, _balance(s, port))
+    driven = {s.of(n) for e in s.flat.equations for side in (e.left, e.right) for n in derived_names(side)}
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        found.add(name)
+        if name not in driven:
+            for e in s.flat.equations:
+                names = _names(s, e)
+                if name in names and not any(True for side in (e.left, e.right) for _ in derived_names(side)):
+                    waiting |= names - found
+    return found & driven
+
+
+def _names(s: Structure, e: FlatEquation) -> set[str]:
+    return {s.of(n) for n in names_in(e.left) | names_in(e.right) if n in s.same}

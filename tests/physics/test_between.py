@@ -1,0 +1,121 @@
+"""What acts between two motions: where it may be missing, and what is written into both balances."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.data import Recording
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.physics.find import ports_of
+from aero_bayes.physics.laws import general_laws
+from aero_bayes.physics.ports import Port
+from aero_bayes.physics.ports import candidates as all_candidates
+
+CAR = """model Car "A quarter of a car"
+  parameter Real m_b(unit = "kg", min = 0) = 250;
+  parameter Real m_w(unit = "kg", min = 0) = 40;
+  parameter Real k_s(unit = "N/m", min = 0) = 20000;
+  parameter Real c_s(unit = "N.s/m", min = 0) = 1000;
+  parameter Real k_t(unit = "N/m", min = 0) = 160000;
+  input Real road(unit = "m");
+  output Real body(unit = "m", start = 0, fixed = true);
+  output Real wheel(unit = "m", start = 0, fixed = true);
+protected
+  Real v_b(unit = "m/s", start = 0, fixed = true);
+  Real v_w(unit = "m/s", start = 0, fixed = true);
+  Real f(unit = "N") "Force of the suspension";
+equation
+  f = k_s*(body - wheel) + c_s*(v_b - v_w);
+  der(body) = v_b;
+  der(wheel) = v_w;
+  m_b*der(v_b) = -f;
+  m_w*der(v_w) = f - k_t*(wheel - road);
+end Car;
+"""
+SHAFT = """model Shaft "Three inertias, the last one on its own"
+  parameter Real J(unit = "kg.m2") = 1;
+  input Real tau(unit = "N.m");
+  output Real w_1(unit = "rad/s", start = 0, fixed = true);
+  Real w_2(unit = "rad/s", start = 0, fixed = true);
+  Real w_3(unit = "rad/s", start = 0, fixed = true);
+  Real phi(unit = "rad", start = 0, fixed = true);
+equation
+  der(phi) = w_2 - w_1;
+  J*der(w_1) = tau + 30*phi;
+  J*der(w_2) = -30*phi - 0.1*w_2;
+  J*der(w_3) = tau - 0.2*w_3;
+end Shaft;
+"""
+
+
+def found(tmp_path: Path, source: str) -> dict[str, Port]:
+    name = source.split()[1]
+    (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
+    return {p.id: p for p in ports_of(load_flat(name, [tmp_path / f"{name}.mo"]), general_laws())}
+
+
+def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
+    ports = found(tmp_path, CAR)
+    between = ports["v_b-v_w"]
+    assert between.signals == {"v": "v_b - v_w", "x": "body - wheel"}
+    assert (between.unit, between.neighbours) == ("N", ("v_w",))
+    assert set(between.laws) == set(ports["v_b"].laws)
+    (damper,) = (c for c in all_candidates(tuple(ports.values()), general_laws()) if c.id == "quadratic_drag@v_b-v_w")
+    assert damper.neighbour is not None
+    assert damper.neighbour.id == "v_w"
+
+
+def test_a_twist_that_is_a_state_is_the_displacement_between_and_who_is_alone_has_none(tmp_path):
+    ports = found(tmp_path, SHAFT)
+    assert [id_ for id_ in ports if "-" in id_] == ["w_2-w_1"]
+    assert ports["w_2-w_1"].signals == {"v": "w_2 - w_1", "x": "phi"}
+    assert ports["w_2-w_1"].units["x"] == "rad"
+
+
+M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
+
+
+def drive(name: str, seed: int) -> Recording:
+    """A suspension whose spring stiffens: fourth-order Runge-Kutta, the road in straight lines."""
+    rng = np.random.default_rng(seed)
+    road = 1.5 * np.convolve(np.cumsum(rng.normal(0.0, 0.004, 700)), np.ones(10) / 10.0, "same")
+    steps = 20
+
+    def slope(x, height):
+        apart = x[0] - x[2]
+        force = K_S * apart + C_S * (x[1] - x[3]) + K_3 * apart**3
+        return np.array([x[1], -force / M_B, x[3], (force - K_T * (x[2] - height)) / M_W])
+
+    x, h, read = np.zeros(4), 0.01 / steps, [np.zeros(4)]
+    for begin, end in itertools.pairwise(road):
+        for k in range(steps):
+            at = [begin + (end - begin) * (k + part) / steps for part in (0.0, 0.5, 1.0)]
+            a = slope(x, at[0])
+            b = slope(x + h / 2.0 * a, at[1])
+            c = slope(x + h / 2.0 * b, at[1])
+            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, at[2]))
+        read.append(x)
+    seen = np.array(read)[:, [0, 2]] + rng.normal(0.0, 2e-4, (700, 2))
+    return Recording(name, 0.01 * np.arange(700), {"road": road}, {"body": seen[:, 0], "wheel": seen[:, 1]})
+
+
+def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_balances(tmp_path):
+    (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Car.mo",), free=("k_s", "c_s"),
+        laws=("cubic_stiffness", "coulomb_friction", "quadratic_drag"), cache=tmp_path / "fmu",
+        calibration=replace(LoopSettings().calibration, interpolation="linear"),
+    )  # fmt: skip
+    result = close_loop([drive("a", 51)], [drive("b", 52)], model="Car", settings=settings, workers=0)
+    assert [effect.id for effect in result.effects] == ["cubic_stiffness@v_b-v_w"]
+    assert result.effects[0].parameters[0].value == pytest.approx(K_3, rel=0.02)
+    assert result.parameters["k_s"].value == pytest.approx(K_S, rel=0.02)
+    assert all(rms < 1.1 * 2e-4 for rms in result.after.pooled("test").values())
+    assert result.before.pooled("test")["body"] > 3.0 * 2e-4
+    assert result.modelica.count("k_3 * (body - wheel) ^ 3") == 2
