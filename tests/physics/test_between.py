@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
@@ -79,6 +80,15 @@ def test_a_twist_that_is_a_state_is_the_displacement_between_and_who_is_alone_ha
 
 
 M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
+
+
+@pytest.mark.parametrize("ids", [("quadratic_drag@v_b-v_w", "presliding_friction@v_b-v_w"), ("backlash@w_2-w_1",)])
+def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(ids, laws, models, tmp_path, rng):
+    source = CAR if "v_b" in ids[0] else SHAFT
+    name = source.split()[1]
+    (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
+    flat = load_flat(name, [tmp_path / f"{name}.mo"])
+    agree(name, [tmp_path / f"{name}.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
 
 
 def drive(name: str, seed: int) -> Recording:

@@ -104,6 +104,8 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     if port.via in ("input", "output"):
         flat = with_elements_apart(flat, port.signals["u"])
         flat = replace_uses(flat, port.signals["u"], acts if port.via == "input" else Name(f"{at}.u"))
+    if port.given is not None:
+        flat = replace_uses(flat, port.signals["u"], acts, [port.given])
     flat = instantiate(flat, law, at)
     known = {v.name for v in law.variables}
     if port.via == "output":
@@ -210,6 +212,8 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
             flat = with_elements_apart(flat, signal)
         if port.via == "input":
             flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))))
+        elif port.given is not None:
+            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))), [port.given])
         elif port.via == "output":
             inner = f"{plain_name(signal)}_without_{name}"
             flat = replace_uses(flat, signal, Name(inner))

@@ -43,8 +43,9 @@ class Draft:
         self.variables: list[str] = []
         self.equations: list[str] = []
         self.edits: list[Edit] = []
-        #: what the rest of the class reads in place of a signal
+        #: what the rest of the class reads in place of a signal, and signals that the class itself computes
         self.read: dict[str, str] = {}
+        self.computed: set[str] = set()
         #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
         #: stood that an output was given
         self.given: dict[str, str] = {}
@@ -183,6 +184,8 @@ class Draft:
             edits.append(Edit(equals, tokens[-1].end, ""))
         for s in cls.statements:
             names = {c.name_token.start for c in self.components.values() if c.statement is s}
+            if s.section == "equation" and [t.word for t in s.core[1:2]] == ["="] and s.core[0].word in self.computed:
+                names.add(s.core[0].start)
             if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved:
                 names.add(s.core[0].start)
             edits += [

@@ -12,7 +12,7 @@ from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import Law
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
-Via = Literal["input", "output", "equation", "node", "series"]
+Via = Literal["input", "output", "signal", "equation", "node", "series"]
 
 #: Units of a temperature.
 KELVIN = ("K", "degC", "Cel")
@@ -31,8 +31,8 @@ class Port:
         What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
         ``storage`` or ``electrical``.
     via : str
-        How a law is tied in: at an ``input`` or ``output``, as a term in an ``equation``, as an element at a ``node``
-        or in ``series`` in a connection.
+        How a law is tied in: at an ``input``, an ``output`` or a ``signal`` within, as a term in an ``equation``, as an
+        element at a ``node`` or in ``series`` in a connection.
     unit : str
         Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
     units : mapping
@@ -55,6 +55,8 @@ class Port:
         between two motions the other one, whose balance takes the reaction.
     laws : tuple of str
         Ids of the laws that fit.
+    given : int, optional
+        Of a signal, the equation that gives it.
     """
 
     id: str
@@ -71,6 +73,7 @@ class Port:
     potential: str = ""
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
+    given: int | None = None
 
 
 #: What stands between the two variables of a difference.

@@ -244,7 +244,7 @@ def _sizes(
     if port.kind in ("input", "output", "reading"):
         sizes = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
-            inputs = recorded(calibration, port.id)
+            inputs = recorded(calibration, port.id) if port.via == "input" else _drawn(calibration, found, seen["u"])
             sizes = {"u_n": signal_size([s.values for s in inputs]), "w_n": pace(inputs, time)}
     elif port.kind == "motion":
         speed = own.get("v", 0.0)
@@ -260,6 +260,11 @@ def _sizes(
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
         sizes |= {"h_n": above, "h_0": first, "h_z": _KELVIN[port.units["h"]]}
     return sizes | {"t_n": time}
+
+
+def _drawn(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
+    """A signal within a model as if it were fed in, of the fit's own simulations."""
+    return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
 
 
 #: Readings in a typical time: what laws take for short beside it is short beside the sampling too.

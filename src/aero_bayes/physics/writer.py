@@ -48,7 +48,7 @@ class Writer:
     def text(self) -> str:
         """The whole file."""
         ways: Mapping[str, Callable[[Use], None]] = {
-            "input": self._at_input, "output": self._at_output, "equation": self._in_equation,
+            "input": self._at_input, "signal": self._at_input, "output": self._at_output, "equation": self._in_equation,
             "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
         for use in self.uses:
@@ -222,6 +222,8 @@ class Writer:
     def _at_input(self, use: Use) -> None:
         name = use.port.signals["u"]
         c = self._declared(name)
+        if use.port.via == "signal":
+            self.draft.computed.add(name)
         self.draft.declare(use, {"u": name}, {})
         given, inner = self.draft.read, name
         if c.name != name:
@@ -303,7 +305,7 @@ class Writer:
         own = {c.name for c in cls.components()}
         for use in self.uses:
             for port in (use.port, *([use.neighbour] if use.neighbour else ())):
-                if port.via in ("input", "output") and reference(port.signals["u"]).name not in own:
+                if port.via in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
                     return True
                 if port.via == "equation":
                     equation = self._equation_of(port)

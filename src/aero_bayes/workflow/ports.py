@@ -122,7 +122,7 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
     folder : Path
         Where the FMU with the probes is built.
     """
-    ports = [p for p in family.ports if p.via in ("input", "output") or p.entrance is not None]
+    ports = [p for p in family.ports if p.via in ("input", "output", "signal") or p.entrance is not None]
     sizes = port_sizes(family.flat, ports, found.calibration, found.optimum, open_simulator)
     flat, names = _probed(family.flat, ports, sizes)
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
@@ -171,7 +171,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
         level: Expression = Call("-", (tree, Number(sizes["h_0"]))) if "h_0" in sizes else tree
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append(share)
-        if port.via == "input":
+        if port.kind == "input":
             found.append(Call("*", (share, Call("abs", (share,)))))
         elif signal in ("v", "i"):
             found.append(Call("tanh", (Call("/", (share, Number(TURN))),)))

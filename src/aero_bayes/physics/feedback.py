@@ -1,0 +1,57 @@
+"""Signals of a control loop inside a model: what is computed from both an input and a state, and acts on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from aero_bayes.export.flat import FlatEquation, FlatModel
+from aero_bayes.export.syntax import Name, names_in
+from aero_bayes.physics.ports import Port
+from aero_bayes.physics.structure import Structure, derived_names
+
+
+def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
+    """A port for every signal that the model's own class gives from an input and a state, such as a controller's.
+
+    It acts as an input does: what follows reads what a law makes of it.
+    """
+    given = _given(s, flat)
+    inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
+    for name, index in given.items():
+        e = flat.equations[index]
+        reached = _reached(s, flat, name, given)
+        others = (o for o in flat.equations if o is not e and name in names_in(o.left) | names_in(o.right))
+        if reached & inputs and reached & {*s.states} and next(others, None) is not None:
+            unit = flat.variable(name).unit
+            states = tuple(x for x in s.states if x in reached)
+            yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
+
+
+def _gives(e: FlatEquation, name: str) -> bool:
+    derived = [*derived_names(e.left), *derived_names(e.right)]
+    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived
+
+
+def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
+    """Local variables that one equation gives a value which is not that of another variable, with its index."""
+    local = {
+        v.name for v in flat.variables
+        if v.causality == "local" and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
+        and s.of(v.name) not in s.states and len(s.members(s.of(v.name))) == 1
+    }  # fmt: skip
+    found: dict[str, list[int]] = {}
+    for index, e in enumerate(flat.equations):
+        if isinstance(e.left, Name) and e.left.name in local and _gives(e, e.left.name):
+            found.setdefault(e.left.name, []).append(index)
+    return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
+
+
+def _reached(s: Structure, flat: FlatModel, name: str, given: Mapping[str, int]) -> set[str]:
+    """What a signal is computed from, by way of others that are."""
+    found: set[str] = set()
+    waiting = [name]
+    while waiting:
+        names = names_in(flat.equations[given[waiting.pop()]].right)
+        waiting += [n for n in names if n in given and s.of(n) not in found]
+        found |= {s.of(n) for n in names}
+    return found

@@ -1,0 +1,99 @@
+"""A control loop inside a model: its controller's output is a place where something may be missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_write import agree, uses_at
+
+from aero_bayes.data import Recording
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.physics.find import ports_of
+from aero_bayes.physics.laws import general_laws
+
+AXIS = """model Axis "A position loop"
+  parameter Real J(unit = "kg", min = 0) = 0.6;
+  parameter Real b(unit = "N.s/m", min = 0) = 1;
+  parameter Real K_p(unit = "N/m") = 40;
+  parameter Real K_i(unit = "N/(m.s)") = 10;
+  parameter Real K_d(unit = "N.s/m") = 4;
+  input Real r(unit = "m") "Set point";
+  output Real y(unit = "m", start = 0, fixed = true);
+  output Real watched(unit = "N") "What acts on the axis";
+protected
+  Real v(unit = "m/s", start = 0, fixed = true);
+  Real z(unit = "m.s", start = 0, fixed = true) "Integral of the error";
+  Real e(unit = "m") = r - y;
+  Real u(unit = "N") "What the controller asks for";
+  Real twice(unit = "m");
+equation
+  twice = 2*r;
+  der(z) = e;
+  u = K_p*e + K_i*z - K_d*v;
+  der(y) = v;
+  J*der(v) = u - b*v;
+  watched = u - 0*twice;
+end Axis;
+"""
+
+
+def written(tmp_path: Path) -> Path:
+    (tmp_path / "Axis.mo").write_text(AXIS, encoding="utf-8")
+    return tmp_path / "Axis.mo"
+
+
+def test_signals_of_a_loop_are_ports_and_what_is_only_fed_in_is_none(tmp_path):
+    ports = {p.id: p for p in ports_of(load_flat("Axis", [written(tmp_path)]), general_laws())}
+    assert {id_ for id_, p in ports.items() if p.via == "signal"} == {"e", "u"}
+    assert (ports["u"].kind, ports["u"].unit) == ("input", "N")
+    assert set(ports["u"].states) == {"y", "v", "z"}
+    assert ports["u"].laws == ports["r"].laws
+
+
+@pytest.mark.parametrize(
+    "ids", [("saturation@u",), ("dead_zone@u", "gain@u", "coulomb_friction@v"), ("offset@y", "lag@e", "rate_limit@u")]
+)
+def test_what_is_written_at_a_signal_acts_like_what_was_judged(ids, laws, models, tmp_path, rng):
+    source = written(tmp_path)
+    made = agree("Axis", [source], uses_at(load_flat("Axis", [source]), laws, *ids), models, tmp_path, rng)
+    # what is asked for stays as it was written, at least its equation
+    assert "u = K_p*" in made.text
+
+
+LIMIT, NOISE = 15.0, 0.002
+
+
+def motion(name: str, seed: int) -> Recording:
+    """An axis whose force is limited, the controller's integral going on: fourth-order Runge-Kutta."""
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.choice([-1.0, -0.4, 0.0, 0.4, 1.0], 8), 80)
+    x, y, h = np.zeros(3), np.zeros(r.size), 0.01 / 20.0
+
+    def slope(x, aim):
+        error = aim - x[0]
+        force = np.clip(40.0 * error + 10.0 * x[2] - 4.0 * x[1], -LIMIT, LIMIT)
+        return np.array([x[1], (force - 2.0 * x[1]) / 0.5, error])
+
+    for n in range(r.size - 1):
+        for _ in range(20):
+            a = slope(x, r[n])
+            b = slope(x + h / 2.0 * a, r[n])
+            c = slope(x + h / 2.0 * b, r[n])
+            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, r[n]))
+        y[n + 1] = x[0]
+    return Recording(name, 0.01 * np.arange(r.size), {"r": r}, {"y": y + rng.normal(0.0, NOISE, r.size)})
+
+
+def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=2), sources=(written(tmp_path),), free=("J", "b"),
+        laws=("saturation", "dead_zone", "coulomb_friction"), cache=tmp_path / "fmu",
+    )  # fmt: skip
+    result = close_loop([motion("a", 61)], [motion("b", 62)], model="Axis", settings=settings, workers=0)
+    assert [effect.id for effect in result.effects] == ["saturation@u"]
+    assert 1.0 / result.effects[0].parameters[0].value == pytest.approx(LIMIT, rel=0.02)
+    assert result.after.pooled("test")["y"] < 1.1 * NOISE
+    assert result.before.pooled("test")["y"] > 5.0 * NOISE
