@@ -39,6 +39,42 @@ equation
 end Axis;
 """
 
+BLOCKS = """package Blocks
+  connector In = input Real;
+  connector Out = output Real;
+  block PI
+    In r;
+    In y;
+    Out u;
+    parameter Real K_p = 5;
+    parameter Real K_i(unit = "1/s") = 2;
+    Real z(start = 0, fixed = true);
+  equation
+    der(z) = r - y;
+    u = K_p*(r - y) + K_i*z;
+  end PI;
+  block Plant
+    In u;
+    Out y(start = 0, fixed = true);
+    parameter Real K = 1.2;
+    parameter Real T(unit = "s") = 3;
+  equation
+    T*der(y) = K*u - y;
+  end Plant;
+  model Rig "A plant with its controller"
+    In r;
+    Out y;
+    PI pi;
+    Plant plant;
+  equation
+    connect(r, pi.r);
+    connect(plant.y, pi.y);
+    connect(pi.u, plant.u) annotation (Line(points = {{0, 0}, {10, 0}}));
+    connect(plant.y, y);
+  end Rig;
+end Blocks;
+"""
+
 
 def written(tmp_path: Path) -> Path:
     (tmp_path / "Axis.mo").write_text(AXIS, encoding="utf-8")
@@ -61,6 +97,17 @@ def test_what_is_written_at_a_signal_acts_like_what_was_judged(ids, laws, models
     made = agree("Axis", [source], uses_at(load_flat("Axis", [source]), laws, *ids), models, tmp_path, rng)
     # what is asked for stays as it was written, at least its equation
     assert "u = K_p*" in made.text
+
+
+@pytest.mark.parametrize("ids", [("saturation@plant.u",), ("dead_zone@plant.u", "gain@plant.u"), ("lag@pi.y",)])
+def test_what_blocks_pass_on_is_a_port_and_its_connection_is_parted(ids, laws, models, tmp_path, rng):
+    (tmp_path / "Blocks.mo").write_text(BLOCKS, encoding="utf-8")
+    flat = load_flat("Blocks.Rig", [tmp_path / "Blocks.mo"])
+    assert {p.id for p in ports_of(flat, laws) if p.via == "signal"} == {"plant.u", "pi.y"}
+    made = agree("Blocks.Rig", [tmp_path / "Blocks.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
+    inner = ids[0].partition("@")[2]
+    assert f"  {inner} = {ids[0].partition('@')[0]}.y;" in made.text
+    assert "connect(r, pi.r);" in made.text
 
 
 LIMIT, NOISE = 15.0, 0.002

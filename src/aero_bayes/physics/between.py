@@ -7,22 +7,22 @@ from dataclasses import replace
 from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Name, names_in
+from aero_bayes.export.syntax import Call, Expression, Name, children
 from aero_bayes.physics.ports import MINUS, Port
 from aero_bayes.physics.quantities import unit_in
-from aero_bayes.physics.structure import Structure, derived_names, is_derivative
+from aero_bayes.physics.structure import Structure, is_derivative
 
 
 def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
-    """A port for every two motions of one unit that the model's own class couples, by force or by friction."""
+    """A port for every two motions whose difference, of positions or speeds, stands in the model's own class."""
     moving = [p for p in balances if p.kind == "motion" and p.via == "equation" and p.entrance is not None]
-    reached = {p.id: _reached(s, p) for p in moving}
+    apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _differences(s, side)}
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
         shared = one.signals.keys() & other.signals.keys()
         alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
-        coupled = distance or (_own(s, other) & reached[one.id] and _own(s, one) & reached[other.id])
+        coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
         if not alike or not coupled or _inside(s, one) or _inside(s, other):
             continue
         signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
@@ -56,28 +56,10 @@ def _inside(s: Structure, port: Port) -> bool:
     return bool(_balance(s, port).component)
 
 
-def _own(s: Structure, port: Port) -> set[str]:
-    """The speed and the position of a port."""
-    return {s.of(name) for name in port.signals.values()}
-
-
-def _reached(s: Structure, port: Port) -> set[str]:
-    """States and inputs that a balance depends on, by way of what is only given a name."""
-    found: set[str] = set()
-    waiting = _names(s, _balance(s, port))
-    driven = {s.of(n) for e in s.flat.equations for side in (e.left, e.right) for n in derived_names(side)}
-    while waiting:
-        name = waiting.pop()
-        if name in found:
-            continue
-        found.add(name)
-        if name not in driven:
-            for e in s.flat.equations:
-                names = _names(s, e)
-                if name in names and not any(True for side in (e.left, e.right) for _ in derived_names(side)):
-                    waiting |= names - found
-    return found & driven
-
-
-def _names(s: Structure, e: FlatEquation) -> set[str]:
-    return {s.of(n) for n in names_in(e.left) | names_in(e.right) if n in s.same}
+def _differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
+    """Two variables each whose difference stands in an expression."""
+    match tree:
+        case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:
+            yield frozenset((s.of(a), s.of(b)))
+    for inner in children(tree):
+        yield from _differences(s, inner)

@@ -21,6 +21,7 @@ from aero_bayes.export.compose import (
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt, reference
+from aero_bayes.physics.feedback import giving
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Candidate, Port, signal_of
@@ -105,7 +106,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
         flat = with_elements_apart(flat, port.signals["u"])
         flat = replace_uses(flat, port.signals["u"], acts if port.via == "input" else Name(f"{at}.u"))
     if port.given is not None:
-        flat = replace_uses(flat, port.signals["u"], acts, [port.given])
+        flat = replace_uses(flat, port.signals["u"], acts, giving(flat, port))
     flat = instantiate(flat, law, at)
     known = {v.name for v in law.variables}
     if port.via == "output":
@@ -213,7 +214,7 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
         if port.via == "input":
             flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))))
         elif port.given is not None:
-            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))), [port.given])
+            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))), giving(flat, port))
         elif port.via == "output":
             inner = f"{plain_name(signal)}_without_{name}"
             flat = replace_uses(flat, signal, Name(inner))

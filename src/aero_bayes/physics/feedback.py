@@ -1,4 +1,4 @@
-"""Signals of a control loop inside a model: what is computed from both an input and a state, and acts on."""
+"""Signals inside a model: what is computed from an input and a state and acts on, and what blocks pass on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.export.syntax import Name, names_in
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.structure import Structure, derived_names
+from aero_bayes.physics.structure import Structure, derived_names, is_derivative
 
 
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
@@ -20,11 +20,51 @@ def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
     for name, index in given.items():
         e = flat.equations[index]
         reached = _reached(s, flat, name, given)
-        others = (o for o in flat.equations if o is not e and name in names_in(o.left) | names_in(o.right))
-        if reached & inputs and reached & {*s.states} and next(others, None) is not None:
+        acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
+        if reached & inputs and reached & {*s.states} and acts:
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
+
+
+def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
+    """A port for every input of a component that the model's own class connects to another component's output."""
+    for index, e in enumerate(flat.equations):
+        match e.left, e.right:
+            case Name(one, ()), Name(two, ()) if e.origin == "connection" and not e.component:
+                for inner, outer in ((one, two), (two, one)):
+                    if _passed(s, inner, "input") and _passed(s, outer, "output"):
+                        unit = s.variables[inner].unit or s.variables[outer].unit
+                        states = tuple(s.states_in(Name(outer)))
+                        signals = {"u": unit, "y": unit}
+                        yield Port(
+                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner}, given=index
+                        )  # fmt: skip
+
+
+def _passed(s: Structure, name: str, causality: str) -> bool:
+    """Whether a variable is a component's own input or output."""
+    v = s.variables.get(name)
+    return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
+
+
+def giving(flat: FlatModel, port: Port) -> list[int]:
+    """The equations that give a signal, before any law: one, or where it is connected all that connections say."""
+    if port.given is None:
+        return []
+    if flat.equations[port.given].origin != "connection":
+        return [port.given]
+    return [i for i, e in enumerate(flat.equations) if e.origin == "connection"]
+
+
+def _acts(s: Structure, e: FlatEquation, name: str) -> bool:
+    """Whether an equation makes something of a signal: it is no mere name for a rate, and nothing that is only read."""
+    for one, other in ((e.left, e.right), (e.right, e.left)):
+        if other == Name(name) and is_derivative(one):
+            return False
+        if isinstance(one, Name) and s.variables[one.name].causality == "output" and "." not in one.name:
+            return False
+    return name in names_in(e.left) | names_in(e.right)
 
 
 def _gives(e: FlatEquation, name: str) -> bool:

@@ -15,7 +15,7 @@ from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.between import between
 from aero_bayes.physics.connections import beside_storage, node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
-from aero_bayes.physics.feedback import feedback
+from aero_bayes.physics.feedback import connected, feedback
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port, PortKind, fits
 from aero_bayes.physics.quantities import (
@@ -50,7 +50,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
-    ports += [*feedback(s, flat), *between(s, balances)]
+    ports += [*feedback(s, flat), *connected(s, flat), *between(s, balances)]
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
 
 

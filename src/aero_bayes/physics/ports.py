@@ -56,7 +56,7 @@ class Port:
     laws : tuple of str
         Ids of the laws that fit.
     given : int, optional
-        Of a signal, the equation that gives it.
+        Of a signal, the equation that gives it, or the connection.
     """
 
     id: str

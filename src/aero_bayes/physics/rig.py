@@ -129,8 +129,8 @@ class RigFamily:
     def tried(self) -> tuple[Trial, ...]:
         """Every law at every port where the source has a place for one."""
         every = candidates(self.ports, self.laws)
-        balances = {c.port.id: c for c in every if c.port.via == "equation"}.values()
-        barred = {c.port.id for c in balances if not self._can_be_written(c)}
+        edited = {c.port.id: c for c in every if c.port.via in ("equation", "signal")}.values()
+        barred = {c.port.id for c in edited if not self._can_be_written(c)}
         return tuple(c for c in every if c.port.id not in barred)
 
     def _can_be_written(self, c: Trial) -> bool:

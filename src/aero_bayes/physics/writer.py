@@ -48,8 +48,8 @@ class Writer:
     def text(self) -> str:
         """The whole file."""
         ways: Mapping[str, Callable[[Use], None]] = {
-            "input": self._at_input, "signal": self._at_input, "output": self._at_output, "equation": self._in_equation,
-            "node": self._at_node, "series": self._in_series,
+            "input": self._at_input, "output": self._at_output, "signal": self._at_signal,
+            "equation": self._in_equation, "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
         for use in self.uses:
             self.draft.declare_parameters(use)
@@ -222,8 +222,6 @@ class Writer:
     def _at_input(self, use: Use) -> None:
         name = use.port.signals["u"]
         c = self._declared(name)
-        if use.port.via == "signal":
-            self.draft.computed.add(name)
         self.draft.declare(use, {"u": name}, {})
         given, inner = self.draft.read, name
         if c.name != name:
@@ -235,6 +233,38 @@ class Writer:
             self.draft.instances[given[inner].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
         else:
             given[inner] = f"{use.instance}.y"
+
+    def _at_signal(self, use: Use) -> None:
+        name = use.port.signals["u"]
+        if "." not in name:
+            self.draft.computed.add(name)
+            self._at_input(use)
+            return
+        connects = self._connects(self.draft.cls, name)
+        if len(connects) != 1:
+            raise InputError(f"{self.draft.cls.full_name}: no one connection to {name!r} stands in the class")
+        (statement, source) = connects[0]
+        self.draft.declare(use, {"u": source}, {})
+        inner = self.draft.passed.setdefault(name, use.instance)
+        if inner == use.instance:
+            self.draft.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
+        else:
+            # what a law gives that is there already is now given what this one gives
+            self.draft.instances[inner][1]["u"] = f"{use.instance}.y"
+            self.draft.passed[name] = use.instance
+
+    @staticmethod
+    def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
+        """Connections of a component's input, with what stands at the other end; none in a loop or under a condition.
+
+        What is connected otherwise too has no other end.
+        """
+        found = []
+        for s in (s for s in cls.equations if s.first == "connect"):
+            ends = ["".join(t.word for t in end) for end in split_outside(s.core[2:-1])]
+            if name in ends and not s.inside:
+                found.append((s, next((end for end in ends if end != name), "")))
+        return found
 
     def _apart(self, c: Component, suffix: str) -> str:
         """An array that stands, element by element, for an array of inputs or outputs in the class."""
@@ -305,7 +335,10 @@ class Writer:
         own = {c.name for c in cls.components()}
         for use in self.uses:
             for port in (use.port, *([use.neighbour] if use.neighbour else ())):
-                if port.via in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+                if port.via == "signal" and "." in port.signals["u"]:
+                    if not self._connects(cls, port.signals["u"]):
+                        return True
+                elif port.via in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
                     return True
                 if port.via == "equation":
                     equation = self._equation_of(port)
