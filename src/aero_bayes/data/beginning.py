@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,14 @@ DEGREE = 2
 FITS = 2.0
 
 
-def first_level(values: FloatArray, time: FloatArray, floor: float) -> float | None:
+class Beginning(NamedTuple):
+    """Where readings begin, and the standard deviation of its error."""
+
+    level: float
+    sd: float
+
+
+def first_level(values: FloatArray, time: FloatArray, floor: float) -> Beginning | None:
     """Value at ``time[0]`` of the constant, line or parabola through first readings that seems nearest to it.
 
     Parameters
@@ -33,7 +41,7 @@ def first_level(values: FloatArray, time: FloatArray, floor: float) -> float | N
 
     Returns
     -------
-    float or None
+    Beginning or None
         None where there is no reading.
     """
     seen = np.flatnonzero(np.isfinite(values))[: WINDOWS[-1]]
@@ -50,7 +58,7 @@ def first_level(values: FloatArray, time: FloatArray, floor: float) -> float | N
             bias = max((further - level) ** 2 - (doubt - variance), 0.0)
             if fits and variance + bias < error:
                 best, error = level, variance + bias
-    return best
+    return Beginning(best, math.sqrt(error))
 
 
 def _extrapolated(y: FloatArray, t: FloatArray, degree: int, floor: float) -> tuple[float, float, bool]:

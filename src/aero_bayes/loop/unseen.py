@@ -21,7 +21,7 @@ from aero_bayes.loop.judge import Error, Prediction, rms_error
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.physics.kin import Family
 from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget
+from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget, Target
 
 FloatArray = NDArray[np.float64]
 
@@ -113,6 +113,7 @@ class Unseen:
         # What the fitted recordings cannot tell, a start may make up for.
         moved, _ = self._settled(whole, moved, starts, fit)
         others = [_a_deviation_off(whole.parameters, end) for end in ends]
+        others += [] if starts else self._begun_otherwise(whole, row)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(np.concatenate((rows, moved, *others)))
         spread: dict[tuple[str, str], float] = {}
@@ -125,6 +126,21 @@ class Unseen:
                     change = found.outputs[e][1:, unseen, column][fine] - found.outputs[e][0, unseen, column]
                     spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
         return spread
+
+    def _begun_otherwise(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
+        """SI values with each start of the unseen at its reading a standard deviation off, there and back (2, p)."""
+        by_state: dict[Target, dict[int, float]] = {}
+        for j, p in enumerate(whole.parameters):
+            if p.recording is not None and p.recording >= self._fitted:
+                first = first_reading(self._everything[p.recording], p.target, whole)
+                if first is not None:
+                    by_state.setdefault(p.target, {})[j] = first.sd
+        # Recordings do not depend on each other: one run moves the state in all of them.
+        moved = [np.repeat(row[np.newaxis], 2, axis=0) for _ in by_state]
+        for rows, sds in zip(moved, by_state.values(), strict=True):
+            rows[:, list(sds)] += np.outer((1.0, -1.0), list(sds.values()))
+        low, high = ([getattr(p, end) for p in whole.parameters] for end in ("lower", "upper"))
+        return [np.clip(rows, low, high) for rows in moved]
 
     def _laid_out(
         self,
@@ -208,8 +224,8 @@ def _values(
         value = own.get((p.recording, p.target)) if p.recording < fitted else None
         if value is None:
             first = first_reading(everything[p.recording], p.target, whole)
-            start = p.start if first is None else 0.0
-            value = (first or 0.0) + float(follow.get(p.target, start))
+            known, otherwise = (0.0, p.start) if first is None else (first.level, 0.0)
+            value = known + float(follow.get(p.target, otherwise))
         row.append(float(np.clip(value, p.lower, p.upper)))
     return np.array(row)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, floors_of
-from aero_bayes.data.beginning import first_level
+from aero_bayes.data.beginning import Beginning, first_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.starts import state_of
 from aero_bayes.simulation.interface import StartTarget, Target
@@ -30,17 +30,27 @@ def typical(calibration: Calibration, values: FloatArray, recordings: Sequence[R
     Returns
     -------
     dict of Target to ndarray, shape (...)
-        Of a start whose state was read, the mean distance from the first readings.
+        Of a start whose state was read, the mean distance from where the readings begin, as far as their noise does
+        not account for it.
     """
-    found: dict[Target, list[FloatArray]] = {}
+    found: dict[Target, list[tuple[FloatArray, float]]] = {}
     for j, p in enumerate(calibration.parameters):
         if p.recording is not None:
-            first = first_reading(recordings[p.recording], p.target, calibration)
-            found.setdefault(p.target, []).append(values[..., j] - (first or 0.0))
-    return {target: np.asarray(np.mean(parts, axis=0)) for target, parts in found.items()}
+            first = first_reading(recordings[p.recording], p.target, calibration) or Beginning(0.0, 0.0)
+            found.setdefault(p.target, []).append((values[..., j] - first.level, first.sd))
+    return {target: _beyond_noise(parts) for target, parts in found.items()}
 
 
-def first_reading(recording: Recording, target: Target, calibration: Calibration) -> float | None:
+def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
+    """Mean of distances, less the share that their standard deviations let expect."""
+    mean = np.mean([distance for distance, _ in parts], axis=0)
+    variance = sum(sd**2 for _, sd in parts) / len(parts) ** 2
+    square = np.square(mean)
+    share = 1.0 - np.divide(variance, square, out=np.zeros_like(square), where=square > 0.0)
+    return np.asarray(mean * np.maximum(share, 0.0))
+
+
+def first_reading(recording: Recording, target: Target, calibration: Calibration) -> Beginning | None:
     """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
     if not isinstance(target, StartTarget):
         return None

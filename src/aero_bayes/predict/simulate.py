@@ -134,7 +134,7 @@ def _first_readings(recording: Recording, calibration: Calibration) -> dict[str,
     """Where a recording that was not fitted starts, of the states that started at a reading in those that were."""
     begun = {state for experiment in calibration.experiments for state in experiment.start}
     readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
-    return {state: value for state, value in readings.items() if value is not None}
+    return {state: first.level for state, first in readings.items() if first is not None}
 
 
 def _columns(
@@ -149,5 +149,5 @@ def _columns(
             first = first_reading(recording, target, calibration)
             if isinstance(target, StartTarget) and first is None and recording.outputs == {}:
                 continue
-            columns[target] = mean + (first or 0.0)
+            columns[target] = mean + (first.level if first else 0.0)
     return columns
