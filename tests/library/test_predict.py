@@ -45,9 +45,11 @@ def test_a_fitted_recording_comes_out_as_fitted(cart: SimpleNamespace):
 def test_another_recording_starts_at_its_own_readings(cart: SimpleNamespace):
     moved = replace(cart.recording, outputs={"position": cart.recording.outputs["position"] + 0.05}, sha256="")
     found = cart.fit.simulate(moved).outputs["position"]
-    first = np.mean(moved.outputs["position"][moved.time < 1.0])  # at rest until the force first changes
-    shift = np.mean(cart.recording.outputs["position"][cart.recording.time < 1.0]) - cart.fit.value("position_start")
-    assert found[0] == pytest.approx(first - shift, abs=1e-9)
+    first = cart.recording.outputs["position"][cart.recording.time < 1.0]  # at rest until the force first changes
+    shift = cart.fit.value("position_start") - np.mean(first)  # as far off its readings as the fitted one
+    doubt = np.std(first) / np.sqrt(first.size)
+    assert abs(shift) > 6.0 * doubt
+    assert found[0] == pytest.approx(np.mean(first) + 0.05 + shift, abs=doubt)
 
 
 @pytest.mark.parametrize(
