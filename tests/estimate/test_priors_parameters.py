@@ -9,8 +9,9 @@ import pytest
 from closed_form import parameter
 from scipy import integrate, stats
 
+from aero_bayes import load_model
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import LogNormal, LogUniform, Normal, ParameterSet, Uniform
+from aero_bayes.estimate import LogNormal, LogUniform, Normal, Override, ParameterSet, Uniform, parameters_from_model
 
 PRIORS = [
     Uniform(-1.0, 3.0),
@@ -134,3 +135,22 @@ def test_bad_bounds_are_one_clear_line(start: float, lower: float, upper: float,
         parameter("R_a", start, lower, upper, Uniform(-10.0, 10.0), scale)
     assert "R_a" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_widest_logarithmic_range_has_a_finite_density() -> None:
+    tiny = float(np.finfo(float).tiny)
+    sd = ParameterSet((parameter("T", 0.5, tiny, 500.0, LogUniform(tiny, 500.0), "log"),)).prior_sd()
+    assert sd[0] == pytest.approx((math.log(500.0) - math.log(tiny)) / math.sqrt(12.0), rel=1e-3)
+
+
+def test_a_bound_small_beyond_measure_says_only_the_sign(tmp_path) -> None:
+    source = tmp_path / "Lag.mo"
+    source.write_text(
+        "model Lag\n  parameter Real T(unit=\"s\", min=2.2e-308) = 0.5;\n  parameter Real g(min=0.1) = 2;\n"
+        "  input Real u;\n  output Real y(start=0, fixed=true);\nequation\n  T*der(y) = g*u - y;\nend Lag;\n", "utf-8",
+    )  # fmt: skip
+    model = load_model("Lag", sources=[source])
+    found = parameters_from_model(model, ["T", "g"])
+    assert (found["T"].lower, found["g"].lower) == (0.5e-3, 0.1)
+    asked = parameters_from_model(model, ["T"], {"T": Override(lower=1e-13)})
+    assert asked["T"].lower == 1e-13

@@ -66,6 +66,24 @@ end Small;
     assert found["y"] == pytest.approx(np.sin(10 * found["time"]) / 10 / 0.75, abs=1e-5)
 
 
+def test_a_loop_across_a_steep_step(tmp_path: Path) -> None:
+    """A drop before a resistor: full steps of Newton's method go from one side of the step to the other for ever."""
+    text = """model Contact
+  Real u = 5 * sin(7 * time), i;
+  output Real charge(start = 0, fixed = true);
+  output Real drop = u - 1000 * i;
+equation
+  u = 1000 * i + 0.35 * tanh(i / 1e-6);
+  der(charge) = i;
+end Contact;
+"""
+    found = simulate(tmp_path, "Contact", text, ["charge", "drop"])
+    u = 5.0 * np.sin(7.0 * found["time"])
+    outside = np.abs(u) > 0.36
+    assert found["drop"][outside] == pytest.approx(0.35 * np.sign(u[outside]), abs=1e-5)
+    assert found["drop"][~outside] == pytest.approx(u[~outside], abs=0.02)
+
+
 def test_two_locked_frictions_share_the_load(tmp_path: Path) -> None:
     text = """model Shared
   parameter Real load = 3;

@@ -143,7 +143,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
             edits += entry.insert("term")
             touched[k] = name
         elif s.first == "connect":
-            moved += insert_before_connector(text, [s], known.equations[k][8:-1].split(", ")[1], "e.p", "e.n")
+            moved += insert_before_connector(text, [s], known.equations[k][8:-1].split(", ")[1], [("e.p", "e.n")])
     after = apply(text, [*edits, *moved])
     (changed,) = read_classes(after)
     assert changed.name == "Copy"

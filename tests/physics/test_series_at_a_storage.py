@@ -1,4 +1,4 @@
-"""A drop of potential before a storage, where more than two connectors meet: the series resistance of a capacitor."""
+"""A drop of potential in a branch of a circuit, also where more than two connectors meet: a capacitor's resistance."""
 
 from __future__ import annotations
 
@@ -70,3 +70,47 @@ def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Mod
             output_interval=0.01, start_values={"u": 3.0}, output=["y"],
         )["y"]  # fmt: skip
         assert np.abs(y - expected).max() < 1e-5
+
+
+def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+    """A resistance and a contact before a resistor: they follow each other, at the one place that a branch has."""
+    path = tmp_path / "Filter.mo"
+    path.write_text(FILTER, encoding="utf-8")
+    sources = [RIGS / "Shaft.mo", path]
+    flat = load_flat("Filter", sources)
+    port = next(p for p in ports_of(flat, laws) if p.id == "resistor.p")
+    assert (port.kind, port.via, port.states) == ("electrical", "series", ())
+    values = {"series_resistance": {"R_s": 25.0}, "contact_drop": {"V_c": 0.4}}
+    uses = [
+        use_of(c.law, c.port, (), sizes={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
+        for c in candidates([port], laws) if c.law.id in values
+    ]  # fmt: skip
+    written = write_law(sources, "Filter", flat, uses, tmp_path / "out")
+    lines = [line.strip() for line in written.text.splitlines()]
+    assert len(uses) == 2
+    assert sum(line.endswith("resistor.p);") for line in lines) == 1
+    t = np.linspace(0.0, 0.5, 51)
+    expected = 2.6 * (1.0 - np.exp(-t / 0.125))
+    for made, name in (
+        (compose_law(compose_law(flat, uses[0], models), uses[1], models), "composed"),
+        (load_flat(written.name, [*sources, written.path]), "written"),
+    ):  # fmt: skip
+        file = export_flat(made, tmp_path / f"{name}.fmu")
+        y = simulate_fmu(
+            str(file), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9, stop_time=0.5,
+            output_interval=0.01, start_values={"u": 3.0}, output=["y"],
+        )["y"]  # fmt: skip
+        assert np.abs(y - expected).max() < 1e-4
+
+
+def test_a_branch_has_one_place(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    text = FILTER.replace(
+        "  connect(source.p, resistor.p);", "  connect(source.p, one.p);\n  connect(one.n, resistor.p);"
+    )
+    path = tmp_path / "Filter.mo"
+    path.write_text(text.replace("  Shaft.Ground", "  Shaft.Resistor one(R = 7);\n  Shaft.Ground"), encoding="utf-8")
+    flat = load_flat("Filter", [RIGS / "Shaft.mo", path])
+    found = [p.id for p in ports_of(flat, laws) if p.kind == "electrical"]
+    # the third is that of the two resistors, which share a current
+    assert len(found) == 3
+    assert {"capacitor.p", "leak.p"} < set(found)

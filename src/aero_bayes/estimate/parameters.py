@@ -18,6 +18,8 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 #: How far a parameter that nobody bounded may lie from its start, as a factor.
 WIDE = 1e3
+#: A bound of a model that is a smaller share of the start than this says no more than the parameter's sign.
+BEYOND_MEASURE = 1e-12
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
 ON_BOUND = 1e-6
 #: Share of its upper bound that a parameter which may be zero is lifted to where a slope is asked for.
@@ -303,8 +305,9 @@ def parameters_from_model(
                 f"{name}: the model gives it no value to start a search from; [parameters.{name}] value can"
             )
         lower, upper = _bounds(
-            start, _first(override.lower, variable.minimum), _first(override.upper, variable.maximum), variable.nominal
-        )
+            start, _first(override.lower, _meant(variable.minimum, start)),
+            _first(override.upper, _meant(variable.maximum, start)), variable.nominal,
+        )  # fmt: skip
         if override.prior is not None and override.lower is None and override.upper is None:
             lower, upper = max(lower, override.prior.lower), min(upper, override.prior.upper)
         scale = override.scale or ("log" if lower > 0.0 else "linear")
@@ -316,6 +319,11 @@ def parameters_from_model(
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))
+
+
+def _meant(bound: float | None, start: float) -> float | None:
+    """A bound of the model; one that is small beyond measure (``Modelica.Constants.small``) only says a sign."""
+    return 0.0 if bound is not None and abs(bound) < BEYOND_MEASURE * abs(start) else bound
 
 
 def _bounds(start: float, lower: float | None, upper: float | None, nominal: float | None) -> tuple[float, float]:

@@ -148,7 +148,7 @@ class LogUniform:
     def log_pdf(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=np.float64)
         safe = np.maximum(x, self.lower)
-        return _inside(x, self.lower, self.upper, -np.log(safe) - math.log(math.log(self.upper / self.lower)))
+        return _inside(x, self.lower, self.upper, -np.log(safe) - math.log(math.log(self.upper) - math.log(self.lower)))
 
     def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
         x = np.asarray(x, dtype=np.float64)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.quantities import is_current, kind_of, signals_of, unit_in, units_of
-from aero_bayes.physics.structure import Structure
+from aero_bayes.physics.structure import Structure, derived_names
 
 
 def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:
@@ -101,15 +102,42 @@ def beside_storage(s: Structure, state: str) -> Port | None:
     return _drop(s, state, pin, (other, pin), name)
 
 
+def in_branches(s: Structure, taken: Iterable[Port]) -> Iterator[Port]:
+    """Pins of components that pass a current by their own voltage, a resistor's: one in each branch without a port."""
+    seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
+    sets = [flows for _, flows in _sets(s) if len(flows) > 1]
+    for i, e in enumerate(s.flat.equations):
+        names = names_in(e.left) | names_in(e.right)
+        currents = {s.of(n) for n in names if n in s.same and unit_in(s, s.of(n)) == "A"}
+        volts = any(n in s.same and s.variables[n].unit == "V" for n in names)
+        if e.component.count(".") or not volts or len(currents) != 1 or i in s.plain or _derives(e):
+            continue
+        (current,) = currents
+        pins = [(f, flows) for flows in sets for f in flows if f.startswith(f"{e.component}.") and s.of(f) == current]
+        if pins and s.moving[current][0] not in seen:
+            seen.add(s.moving[current][0])
+            flow, flows = min(pins, key=lambda one: list(s.variables).index(one[0]))
+            pin, name = flow.rpartition(".")[::2]
+            other = next(f for f in flows if f != flow).rpartition(".")[0]
+            at = next(n for n in sorted(names) if n in s.same and s.of(n) == current)
+            yield replace(_drop(s, "", pin, (other, pin), name), place=s.variables[at].place)
+
+
+def _derives(e: FlatEquation) -> bool:
+    return any(True for side in (e.left, e.right) for _ in derived_names(side))
+
+
 def _drop(s: Structure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
     """A port before the second of two connectors; what flows into that is what a law is given."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"
     at = next(i for i, e in enumerate(s.flat.equations) if _joins(e, end))
     unit, signals = s.variables[end].unit, {"i": f"{connectors[1]}.{flow}"}
+    place = s.variables[state or signals["i"]].place
     return Port(
-        own, "electrical", "series", unit, units_of(s, "electrical", signals, unit), s.variables[state].place,
-        (state,), signals, Entrance(s.origins[at][0], Number(-1.0), unit), connectors, flow, potential,
+        own, "electrical", "series", unit, units_of(s, "electrical", signals, unit), place,
+        (state,) if state else (), signals, Entrance(s.origins[at][0], Number(-1.0), unit), connectors, flow,
+        potential,
     )  # fmt: skip
 
 

@@ -91,11 +91,12 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]
 
 
 def insert_before_connector(
-    text: str, connects: Sequence[Statement], connector: str, near: str, far: str
+    text: str, connects: Sequence[Statement], connector: str, chain: Sequence[tuple[str, str]]
 ) -> list[Edit]:
     """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
 
-    None where it is connected nowhere, or under a condition or in a loop.
+    ``chain`` are the near and the far ends of what comes between, each connected to the next. None where the connector
+    is connected nowhere, or under a condition or in a loop.
     """
     found = [
         (s, end)
@@ -107,8 +108,10 @@ def insert_before_connector(
     if not found or any(s.inside for s, _ in found):
         return []
     last = found[-1][0]
-    also = f"\n{indentation(text, last.start)}connect({far}, {connector});"
-    return [*(Edit(end[0].start, end[-1].end, near) for _, end in found), Edit(last.end, last.end, also)]
+    nexts = [*(near for near, _ in chain[1:]), connector]
+    pairs = zip((far for _, far in chain), nexts, strict=True)
+    also = "".join(f"\n{indentation(text, last.start)}connect({far}, {to});" for far, to in pairs)
+    return [*(Edit(end[0].start, end[-1].end, chain[0][0]) for _, end in found), Edit(last.end, last.end, also)]
 
 
 def rename_class(cls: ClassText, name: str) -> list[Edit]:

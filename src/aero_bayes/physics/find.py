@@ -13,7 +13,7 @@ from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.between import between
-from aero_bayes.physics.connections import beside_storage, node, series
+from aero_bayes.physics.connections import beside_storage, in_branches, node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.feedback import connected, feedback
 from aero_bayes.physics.laws import Law
@@ -46,6 +46,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     s = structure_of(flat)
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
     balances = list(_balances(s, flat))
+    balances += in_branches(s, balances)
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]

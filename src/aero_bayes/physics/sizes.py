@@ -187,7 +187,7 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     """The additive terms of a port's balance, in the unit of what a law gives there."""
     if port.entrance is None:
         return []
-    if port.via == "series" and port.unit == flat.variable(port.states[0]).unit:
+    if port.via == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
         return [Name(port.states[0])]
     if port.via in ("node", "series") and port.connectors:
         return [Name(f"{c}.{port.flow if port.via == 'node' else port.potential}") for c in port.connectors]

@@ -208,14 +208,17 @@ class Writer:
         left, right = port.connectors
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
         self.draft.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
-        edits = self._before(self.draft.file.text, self.draft.cls, port, use.instance)
+        mine = [u.instance for u in self.uses if u.port.via == "series" and u.port.connectors[1] == right]
+        if use.instance != mine[0]:
+            return
+        edits = self._before(self.draft.file.text, self.draft.cls, port, mine)
         if not edits:
             raise InputError(f"{self.draft.cls.full_name}: no connection of {left} and {right} stands in the class")
         self.draft.edits += edits
 
     @staticmethod
-    def _before(text: str, cls: ClassText, port: Port, instance: str) -> list[Edit]:
-        return insert_before_connector(text, cls.equations, port.connectors[1], f"{instance}.p", f"{instance}.n")
+    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[Edit]:
+        return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])
 
     # inputs and outputs
 
@@ -346,6 +349,6 @@ class Writer:
                     inside = without_numbers(equation.component)[0]
                     if (inside and inside not in own) or (not inside and stated is not cls):
                         return True
-                if port.via == "series" and not self._before("", cls, port, ""):
+                if port.via == "series" and not self._before("", cls, port, ["law"]):
                     return True
         return False

@@ -78,15 +78,24 @@ static void substitute(const double *a, const int *pivot, double *b, int n) {
 
 /* ---- algebraic loops: Newton with the exact Jacobian ---- */
 
-/* Residual and Jacobian at w; the largest residual, each relative to its row of the Jacobian. */
-static double residual(Model *m, const Block *b, double *f, double *j) {
+/* Residual and Jacobian at w. */
+static void residual(Model *m, const Block *b, double *f, double *j) {
     memset(j, 0, sizeof *j * b->n * b->n);
     b->residual(m, f, j);
+}
+/* The largest entry of each row of the Jacobian. */
+static void rows(const double *j, int n, double *row) {
+    for (int i = 0; i < n; i++) {
+        row[i] = 0;
+        for (int k = 0; k < n; k++) row[i] = fmax(row[i], fabs(j[k * n + i]));
+        if (!(row[i] > 0)) row[i] = 1;
+    }
+}
+/* The largest residual, each relative to its row: those of one place, as a slope that changes changes no progress. */
+static double largest(const double *f, const double *row, int n) {
     double worst = 0;
-    for (int i = 0; i < b->n; i++) {
-        double row = 0;
-        for (int k = 0; k < b->n; k++) row = fmax(row, fabs(j[k * b->n + i]));
-        double e = fabs(f[i]) / (row > 0 ? row : 1);
+    for (int i = 0; i < n; i++) {
+        double e = fabs(f[i]) / row[i];
         if (!(e <= worst)) worst = e;
     }
     return worst;
@@ -117,9 +126,11 @@ static int newton_step(double *j, double *f, int n) {
 }
 static int solve_block(Model *m, const Block *b, double *w) {
     const int n = b->n;
-    double f[n], j[n * n], old[n];
-    double size = residual(m, b, f, j);
+    double f[n], j[n * n], old[n], row[n];
+    residual(m, b, f, j);
     for (int round = 0; round < 100; round++) {
+        rows(j, n, row);
+        const double size = largest(f, row, n);
         int found = isfinite(size) ? newton_step(j, f, n) : 0;
         if (!found) return 0;
         memcpy(old, w, sizeof old);
@@ -132,8 +143,9 @@ static int solve_block(Model *m, const Block *b, double *w) {
         memcpy(step, f, sizeof step);
         for (int halved = 0; halved < 12; halved++, share *= 0.5) {
             for (int i = 0; i < n; i++) w[i] = old[i] - share * step[i];
-            next = residual(m, b, f, j);
-            if (next <= size || near || b->linear) break;
+            residual(m, b, f, j);
+            next = largest(f, row, n);
+            if (next <= (1 - 1e-3 * share) * size || near || b->linear) break; /* no circling */
         }
         if (!isfinite(next)) return 0;
         if (found == 2) { /* two locked brakes on one shaft share the load as they like, if they agree */
@@ -143,7 +155,6 @@ static int solve_block(Model *m, const Block *b, double *w) {
             if (done) return 0;
         } else if (b->linear && round) return 1; /* solved and refined once: what is left is rounding, however small w is */
         if (done || next == 0 || (near && round > 2 && next >= 0.5 * size)) return 1;
-        size = next;
     }
     return 0;
 }
