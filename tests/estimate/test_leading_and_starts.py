@@ -180,3 +180,17 @@ def test_a_wave_of_many_periods_is_found_from_its_beginning():
 
     assert abs(found(FitSettings(swarm=None)) - 3.7) > 0.1
     assert found(FitSettings(swarm=SwarmSettings(particles=2, iterations=1))) == pytest.approx(3.7, abs=0.01)
+
+
+def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
+    """Blocks have a parameter ``y_start`` beside their state ``y``."""
+    model = modelica(
+        'model Lag\n  parameter Real T(unit = "s") = 2;\n  parameter Real y_start = 0.5;\n  input Real u;\n'
+        "  output Real y(start = y_start, fixed = true);\nequation\n  T * der(y) = u - y;\nend Lag;\n"
+    )
+    time = np.arange(200) * 0.05
+    y = 1.0 - 0.7 * np.exp(-time / 2.0) + 0.002 * np.random.default_rng(3).standard_normal(time.size)
+    free = parameters_from_model(model, overrides={"T": Override(), "y_start": Override()})
+    settings = CalibrationSettings(delay="none", start="estimated")
+    made = calibrate([Recording("step", time, {"u": np.ones(time.size)}, {"y": y})], model, free, settings=settings)
+    assert made.parameters.names == ("T", "y_start", "y_initial")

@@ -110,6 +110,43 @@ def test_what_blocks_pass_on_is_a_port_and_its_connection_is_parted(ids, laws, m
     assert "connect(r, pi.r);" in made.text
 
 
+INTEGRATORS = """package Chain
+  connector In = input Real;
+  connector Out = output Real;
+  block Integrator
+    In u;
+    Out y(start = 0, fixed = true);
+    parameter Real k = 1;
+  equation
+    der(y) = k*u;
+  end Integrator;
+  model Rig "A swing in blocks"
+    In u;
+    Out y;
+    Integrator rate;
+    Integrator level(k = GAIN);
+  equation
+    rate.u = 2.0*u - 0.8*rate.y - 1.8*level.y;
+    connect(rate.y, level.u);
+    connect(level.y, y);
+  end Rig;
+end Chain;
+"""
+
+
+def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, tmp_path, rng):
+    source = tmp_path / "Chain.mo"
+    source.write_text(INTEGRATORS.replace("GAIN", "1"), encoding="utf-8")
+    flat = load_flat("Chain.Rig", [source])
+    port = next(p for p in ports_of(flat, laws) if p.id == "rate.y")
+    assert (port.kind, port.signals) == ("motion", {"v": "rate.y", "x": "level.y"})
+    agree("Chain.Rig", [source], uses_at(flat, laws, "cubic_stiffness@rate.y"), models, tmp_path, rng)
+    # with a gain of its own it is a level like any other
+    source.write_text(INTEGRATORS.replace("GAIN", "3"), encoding="utf-8")
+    kinds = {p.id: p.kind for p in ports_of(load_flat("Chain.Rig", [source]), laws)}
+    assert (kinds["rate.y"], kinds["level.y"]) == ("storage", "storage")
+
+
 LIMIT, NOISE = 15.0, 0.002
 
 

@@ -72,11 +72,13 @@ def start_parameters(
             moved = _range(values)
             (floor,) = floors_of([recording], [name]).values()
             spread = max(min(max(FLOORS * floor, LEAST * moved), MOST * moved), 1e-9)
-            found.append(_start(name, state, reading, spread, index, suffix))
+            found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen]
         spreads = _spreads(model, experiment, rest)
-        found += [_start(s.name, s, s.start or 0.0, spreads[s.name], index, suffix) for s in rest]
+        found += [
+            _start(_named(s.name, model) + suffix, s.name, s, s.start or 0.0, spreads[s.name], index) for s in rest
+        ]
     return start, found
 
 
@@ -117,12 +119,17 @@ def state_of(model: Model, output: str) -> Variable | None:
     return None if index is None else model.states[index]
 
 
-def _start(name: str, state: Variable, expected: float, spread: float, index: int, suffix: str) -> Parameter:
+def _named(state: str, model: Model) -> str:
+    """What the initial value of a state is called: not as a parameter of the model (``y_start`` of a block)."""
+    taken = any(p.name == f"{state}_start" for p in model.parameters)
+    return f"{state}_initial" if taken else f"{state}_start"
+
+
+def _start(name: str, of: str, state: Variable, expected: float, spread: float, index: int) -> Parameter:
     low, high, prior = _about(state, expected, spread)
     return Parameter(
-        f"{name}_start{suffix}", state.unit, expected, low, high, prior, "linear",
-        f"initial value of {name}", StartTarget(state.name), index,
-    )  # fmt: skip
+        name, state.unit, expected, low, high, prior, "linear", f"initial value of {of}", StartTarget(state.name), index
+    )
 
 
 def _about(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
 from aero_bayes.physics.rows import Origin, by_elements
@@ -81,8 +84,8 @@ def structure_of(flat: FlatModel) -> Structure:
     first: dict[tuple[str, int], str] = {}
     own: dict[str, str] = {}
     for i, e in enumerate(flat.equations):
-        for one, two in ((e.left, e.right), (e.right, e.left)):
-            derived = is_derivative(one)
+        for one, whole in ((e.left, e.right), (e.right, e.left)):
+            derived, two = is_derivative(one), _without_one(whole, flat)
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
                 if variables[equal.root(two.name)[0]].causality == "input" and "." not in equal.root(two.name)[0]:
                     continue  # an integrator of an input: its balance
@@ -104,6 +107,17 @@ def structure_of(flat: FlatModel) -> Structure:
     return Structure(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving)
     )
+
+
+def _without_one(tree: Expression, flat: FlatModel) -> Expression:
+    """A product without its factor, where that is a parameter which is one: the gain of a block that integrates."""
+    match tree:
+        case Call("*", (Name(gain, ()), Name() as inner)):
+            v = next((v for v in flat.variables if v.name == gain), None)
+            if v is not None and v.constant and not v.sizes and v.type == "Real":
+                with suppress(InputError):
+                    return inner if evaluate(flat, gain, "value") == 1.0 else tree
+    return tree
 
 
 def derived_names(tree: Expression) -> Iterator[str]:
