@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods
 from aero_bayes.simulation.model import Model, Variable
 
 Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]
+State = TypeVar("State", float, np.ndarray)
 
 
 def model(outputs: Sequence[str], parameters: Sequence[str]) -> Model:
@@ -39,6 +41,17 @@ def calibration(
         ParameterSet(tuple(parameters)),
         noise=noise or NoiseModel("white"),
     )
+
+
+def runge_kutta(
+    slope: Callable[[State, float], State], x: State, inputs: tuple[float, float, float], h: float
+) -> State:
+    """A state after one classical step of fourth order; ``inputs`` at its beginning, its middle and its end."""
+    begin, middle, end = inputs
+    a = slope(x, begin)
+    b = slope(x + h / 2.0 * a, middle)
+    c = slope(x + h / 2.0 * b, middle)
+    return x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, end))
 
 
 def parameter(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closed_form import runge_kutta
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
@@ -50,10 +51,7 @@ def simulated(slope: Callable[[float, float], float], x: float, u: np.ndarray, i
     found, h = [x], interval / 20.0
     for held in u[:-1]:
         for _ in range(20):
-            a = slope(x, held)
-            b = slope(x + h / 2.0 * a, held)
-            c = slope(x + h / 2.0 * b, held)
-            x += h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, held))
+            x = runge_kutta(slope, x, (held, held, held), h)
         found.append(x)
     return np.array(found)
 

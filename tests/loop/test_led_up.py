@@ -7,6 +7,7 @@ from dataclasses import replace
 import closed_form
 import numpy as np
 import pytest
+from closed_form import runge_kutta
 
 from aero_bayes.data import Recording
 from aero_bayes.data.align import to_experiment
@@ -46,10 +47,7 @@ def recording(name: str, seed: int, samples: int) -> Recording:
 
     for n in range(samples - 1):
         for _ in range(20):
-            a = slope(x, force[n])
-            b = slope(x + h / 2.0 * a, force[n])
-            c = slope(x + h / 2.0 * b, force[n])
-            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, force[n]))
+            x = runge_kutta(slope, x, (force[n], force[n], force[n]), h)
         y[n + 1] = x[0]
     assert K_3 * np.max(y**2) > 1.2 * K
     return Recording(name, np.arange(samples) / RATE, {"F": force}, {"y": y + rng.normal(0.0, NOISE, samples)})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from closed_form import runge_kutta
 from scipy.linalg import expm
 
 from aero_bayes.data import Recording
@@ -90,10 +91,7 @@ def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
         for q in inflow[:-1]:  # classical Runge-Kutta, in ten parts
             h = level[-1]
             for _ in range(10):
-                slopes = [(q - hole * np.sqrt(h)) / area]
-                for part in (0.5, 0.5, 1.0):
-                    slopes.append((q - hole * np.sqrt(h + part * 0.1 * step * slopes[-1])) / area)
-                h += 0.1 * step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+                h = runge_kutta(lambda h, q: (q - hole * np.sqrt(h)) / area, h, (q, q, q), 0.1 * step)
             level.append(h)
         read = np.array(level) + off + rng.normal(0.0, noise, inflow.size)
         made.append(Recording(name, step * np.arange(inflow.size), {"q": inflow}, {"h": read}))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from closed_form import runge_kutta
 from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
@@ -105,11 +106,8 @@ def drive(name: str, seed: int) -> Recording:
     x, h, read = np.zeros(4), 0.01 / steps, [np.zeros(4)]
     for begin, end in itertools.pairwise(road):
         for k in range(steps):
-            at = [begin + (end - begin) * (k + part) / steps for part in (0.0, 0.5, 1.0)]
-            a = slope(x, at[0])
-            b = slope(x + h / 2.0 * a, at[1])
-            c = slope(x + h / 2.0 * b, at[1])
-            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, at[2]))
+            at = tuple(begin + (end - begin) * (k + part) / steps for part in (0.0, 0.5, 1.0))
+            x = runge_kutta(slope, x, at, h)
         read.append(x)
     seen = np.array(read)[:, [0, 2]] + rng.normal(0.0, 2e-4, (700, 2))
     return Recording(name, 0.01 * np.arange(700), {"road": road}, {"body": seen[:, 0], "wheel": seen[:, 1]})

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from closed_form import runge_kutta
 from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
@@ -163,10 +164,7 @@ def motion(name: str, seed: int) -> Recording:
 
     for n in range(r.size - 1):
         for _ in range(20):
-            a = slope(x, r[n])
-            b = slope(x + h / 2.0 * a, r[n])
-            c = slope(x + h / 2.0 * b, r[n])
-            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, r[n]))
+            x = runge_kutta(slope, x, (r[n], r[n], r[n]), h)
         y[n + 1] = x[0]
     return Recording(name, 0.01 * np.arange(r.size), {"r": r}, {"y": y + rng.normal(0.0, NOISE, r.size)})
 

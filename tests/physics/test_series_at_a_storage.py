@@ -43,6 +43,15 @@ end Filter;
 """
 
 
+def answer(fmu: Path) -> np.ndarray:
+    """The output every 10 ms after a step to 3 V."""
+    found = simulate_fmu(
+        str(fmu), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9, stop_time=0.5,
+        output_interval=0.01, start_values={"u": 3.0}, output=["y"],
+    )  # fmt: skip
+    return found["y"]
+
+
 def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
     """The response to a step begins at once, and then has a longer time constant."""
     path = tmp_path / "Filter.mo"
@@ -64,11 +73,7 @@ def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Mod
     for made, name in (
         (compose_law(flat, use, models), "composed"), (load_flat(written.name, [*sources, written.path]), "written"),
     ):  # fmt: skip
-        file = export_flat(made, tmp_path / f"{name}.fmu")
-        y = simulate_fmu(
-            str(file), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9, stop_time=0.5,
-            output_interval=0.01, start_values={"u": 3.0}, output=["y"],
-        )["y"]  # fmt: skip
+        y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
         assert np.abs(y - expected).max() < 1e-5
 
 
@@ -95,11 +100,7 @@ def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: Mo
         (compose_law(compose_law(flat, uses[0], models), uses[1], models), "composed"),
         (load_flat(written.name, [*sources, written.path]), "written"),
     ):  # fmt: skip
-        file = export_flat(made, tmp_path / f"{name}.fmu")
-        y = simulate_fmu(
-            str(file), fmi_type="ModelExchange", solver="CVode", relative_tolerance=1e-9, stop_time=0.5,
-            output_interval=0.01, start_values={"u": 3.0}, output=["y"],
-        )["y"]  # fmt: skip
+        y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
         assert np.abs(y - expected).max() < 1e-4
 
 

@@ -139,7 +139,7 @@ class Unseen:
         moved = [np.repeat(row[np.newaxis], 2, axis=0) for _ in by_state]
         for rows, sds in zip(moved, by_state.values(), strict=True):
             rows[:, list(sds)] += np.outer((1.0, -1.0), list(sds.values()))
-        low, high = ([getattr(p, end) for p in whole.parameters] for end in ("lower", "upper"))
+        low, high = np.transpose([(p.lower, p.upper) for p in whole.parameters])
         return [np.clip(rows, low, high) for rows in moved]
 
     def _laid_out(

@@ -10,7 +10,7 @@ from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.quantities import is_current, kind_of, signals_of, unit_in, units_of
-from aero_bayes.physics.structure import Structure, derived_names
+from aero_bayes.physics.structure import Structure, derived_in
 
 
 def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:
@@ -92,14 +92,8 @@ def beside_storage(s: Structure, state: str) -> Port | None:
     owner = state.rpartition(".")[0] + "."
     if unit_in(s, state) != "V":
         return None
-    order = list(s.variables)
     pins = [(f, flows) for _, flows in _sets(s) for f in flows if f.startswith(owner) and len(flows) > 1]
-    if not pins:
-        return None
-    flow, flows = min(pins, key=lambda one: order.index(one[0]))
-    pin, name = flow.rpartition(".")[::2]
-    other = next(f for f in flows if f != flow).rpartition(".")[0]
-    return _drop(s, state, pin, (other, pin), name)
+    return _drop_at(s, state, pins) if pins else None
 
 
 def in_branches(s: Structure, taken: Iterable[Port]) -> Iterator[Port]:
@@ -110,21 +104,23 @@ def in_branches(s: Structure, taken: Iterable[Port]) -> Iterator[Port]:
         names = names_in(e.left) | names_in(e.right)
         currents = {s.of(n) for n in names if n in s.same and unit_in(s, s.of(n)) == "A"}
         volts = any(n in s.same and s.variables[n].unit == "V" for n in names)
-        if e.component.count(".") or not volts or len(currents) != 1 or i in s.plain or _derives(e):
+        if e.component.count(".") or not volts or len(currents) != 1 or i in s.plain or derived_in(e):
             continue
         (current,) = currents
         pins = [(f, flows) for flows in sets for f in flows if f.startswith(f"{e.component}.") and s.of(f) == current]
         if pins and s.moving[current][0] not in seen:
             seen.add(s.moving[current][0])
-            flow, flows = min(pins, key=lambda one: list(s.variables).index(one[0]))
-            pin, name = flow.rpartition(".")[::2]
-            other = next(f for f in flows if f != flow).rpartition(".")[0]
             at = next(n for n in sorted(names) if n in s.same and s.of(n) == current)
-            yield replace(_drop(s, "", pin, (other, pin), name), place=s.variables[at].place)
+            yield replace(_drop_at(s, "", pins), place=s.variables[at].place)
 
 
-def _derives(e: FlatEquation) -> bool:
-    return any(True for side in (e.left, e.right) for _ in derived_names(side))
+def _drop_at(s: Structure, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
+    """A port before the pin that is declared first, of some with the sums of flows that they are in."""
+    order = list(s.variables)
+    flow, flows = min(pins, key=lambda one: order.index(one[0]))
+    pin, name = flow.rpartition(".")[::2]
+    other = next(f for f in flows if f != flow).rpartition(".")[0]
+    return _drop(s, state, pin, (other, pin), name)
 
 
 def _drop(s: Structure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:

@@ -46,8 +46,6 @@ class Draft:
         #: what the rest of the class reads in place of a signal, and signals that the class itself computes
         self.read: dict[str, str] = {}
         self.computed: set[str] = set()
-        #: what acts at inputs of components that are connected, the outermost
-        self.passed: dict[str, str] = {}
         #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
         #: stood that an output was given
         self.given: dict[str, str] = {}

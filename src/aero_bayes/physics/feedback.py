@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.export.syntax import Name, names_in
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.structure import Structure, derived_names, is_derivative
+from aero_bayes.physics.structure import Structure, derived_in, is_derivative
 
 
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
@@ -68,8 +68,7 @@ def _acts(s: Structure, e: FlatEquation, name: str) -> bool:
 
 
 def _gives(e: FlatEquation, name: str) -> bool:
-    derived = [*derived_names(e.left), *derived_names(e.right)]
-    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived
+    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
 
 
 def _given(s: Structure, flat: FlatModel) -> dict[str, int]:

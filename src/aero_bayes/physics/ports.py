@@ -14,8 +14,8 @@ from aero_bayes.physics.laws import Law
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
 Via = Literal["input", "output", "signal", "equation", "node", "series"]
 
-#: Units of a temperature.
-KELVIN = ("K", "degC", "Cel")
+#: Units of a temperature, with the absolute zero in each.
+KELVIN: Mapping[str, float] = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
-from aero_bayes.physics.ports import Port, signal_of
+from aero_bayes.physics.ports import KELVIN, Port, signal_of
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
@@ -36,8 +36,6 @@ FIRST = 5
 #: which a level may still move in the second half of that.
 LONG, AT_REST = 20.0, 0.01
 _NOTHING = Call("*", (Number(1e-300), Name("time")))
-#: Units in which a level is a temperature.
-_KELVIN = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
 
 
 def port_sizes(
@@ -53,7 +51,7 @@ def port_sizes(
     for port in ports:
         seen[port.id] = {signal: watched.of(signal_of(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
-    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in _KELVIN}
+    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN}
     found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
     time = typical_time(calibration, fit)
     starts = _first_readings(flat, ports, calibration)
@@ -86,7 +84,7 @@ def _near(
 
 def _left_alone(calibration: Calibration) -> Calibration:
     """The same recordings without what is fed in, for long: what is a temperature stays at its mean."""
-    warm = {v.name for v in calibration.model.inputs if v.unit in _KELVIN}
+    warm = {v.name for v in calibration.model.inputs if v.unit in KELVIN}
     experiments = []
     for e in calibration.experiments:
         means = {s.name: float(np.mean(s.values)) if s.name in warm else 0.0 for s in e.inputs}
@@ -254,11 +252,11 @@ def _sizes(
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
-    if port.kind == "storage" and port.units.get("h") in _KELVIN and "h" in own:
+    if port.kind == "storage" and port.units.get("h") in KELVIN and "h" in own:
         # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
         first = start if start is not None else float(found[seen["h"]][0][0])
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
-        sizes |= {"h_n": above, "h_0": first, "h_z": _KELVIN[port.units["h"]]}
+        sizes |= {"h_n": above, "h_0": first, "h_z": KELVIN[port.units["h"]]}
     return sizes | {"t_n": time}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -65,7 +65,7 @@ def structure_of(flat: FlatModel) -> Structure:
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
     equal = Signed()
-    dynamic = {n for e in flat.equations for n in (*derived_names(e.left), *derived_names(e.right)) if n in free}
+    dynamic = {n for e in flat.equations for n in derived_in(e) if n in free}
 
     plain = set[int]()
 
@@ -85,7 +85,8 @@ def structure_of(flat: FlatModel) -> Structure:
     own: dict[str, str] = {}
     for i, e in enumerate(flat.equations):
         for one, whole in ((e.left, e.right), (e.right, e.left)):
-            derived, two = is_derivative(one), _without_one(whole, flat)
+            derived = is_derivative(one)
+            two = _without_one(whole, flat, variables) if derived in free else whole
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
                 if variables[equal.root(two.name)[0]].causality == "input" and "." not in equal.root(two.name)[0]:
                     continue  # an integrator of an input: its balance
@@ -99,7 +100,7 @@ def structure_of(flat: FlatModel) -> Structure:
     rates = {state: equal.root(rate)[0] for state, rate in own.items()}
     rest = [e for i, e in enumerate(flat.equations) if i not in plain]
     used = {equal.root(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
-    driven = {equal.root(n)[0] for e in rest for n in (*derived_names(e.left), *derived_names(e.right)) if n in free}
+    driven = {equal.root(n)[0] for e in rest for n in derived_in(e) if n in free}
     # a rate whose own rate is only given a name is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
     found = {equal.root(n)[0] for n in dynamic} - idle
@@ -109,15 +110,20 @@ def structure_of(flat: FlatModel) -> Structure:
     )
 
 
-def _without_one(tree: Expression, flat: FlatModel) -> Expression:
+def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:
     """A product without its factor, where that is a parameter which is one: the gain of a block that integrates."""
     match tree:
         case Call("*", (Name(gain, ()), Name() as inner)):
-            v = next((v for v in flat.variables if v.name == gain), None)
+            v = variables.get(gain)
             if v is not None and v.constant and not v.sizes and v.type == "Real":
                 with suppress(InputError):
                     return inner if evaluate(flat, gain, "value") == 1.0 else tree
     return tree
+
+
+def derived_in(e: FlatEquation) -> list[str]:
+    """What is derived by time anywhere in an equation."""
+    return [*derived_names(e.left), *derived_names(e.right)]
 
 
 def derived_names(tree: Expression) -> Iterator[str]:

@@ -246,15 +246,13 @@ class Writer:
         connects = self._connects(self.draft.cls, name)
         if len(connects) != 1:
             raise InputError(f"{self.draft.cls.full_name}: no one connection to {name!r} stands in the class")
-        (statement, source) = connects[0]
-        self.draft.declare(use, {"u": source}, {})
-        inner = self.draft.passed.setdefault(name, use.instance)
-        if inner == use.instance:
+        ((statement, source),) = connects
+        mine = [u.instance for u in self.uses if u.port.via == "signal" and u.port.signals["u"] == name]
+        # each is given what the next one gives, the last one what was connected
+        given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
+        self.draft.declare(use, {"u": given[use.instance]}, {})
+        if use.instance == mine[0]:
             self.draft.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
-        else:
-            # what a law gives that is there already is now given what this one gives
-            self.draft.instances[inner][1]["u"] = f"{use.instance}.y"
-            self.draft.passed[name] = use.instance
 
     @staticmethod
     def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
