@@ -16,7 +16,7 @@ from aero_bayes.physics.structure import Structure, is_derivative
 def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two motions whose difference, of positions or speeds, stands in the model's own class."""
     moving = [p for p in balances if p.kind == "motion" and p.via == "equation" and p.entrance is not None]
-    apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _differences(s, side)}
+    apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
@@ -56,10 +56,10 @@ def _inside(s: Structure, port: Port) -> bool:
     return bool(_balance(s, port).component)
 
 
-def _differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
+def differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference stands in an expression."""
     match tree:
         case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:
             yield frozenset((s.of(a), s.of(b)))
     for inner in children(tree):
-        yield from _differences(s, inner)
+        yield from differences(s, inner)

@@ -24,11 +24,13 @@ from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt, re
 from aero_bayes.physics.feedback import giving
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Candidate, Port, signal_of
+from aero_bayes.physics.ports import Candidate, Port, Via, signal_of
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 
 Models = Mapping[tuple[str, str], FlatModel]
+#: Which laws are composed after others.
+_LATE: Mapping[Via, int] = {"input": 1, "output": 2}
 
 
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> Models:
@@ -117,7 +119,8 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
             given = {"h_1": port.signals["h"], "h_2": use.neighbour.signals["h"]}
         for signal in use.law.shape.given:
             if signal in known:
-                flat = equate(flat, f"{at}.{signal}", signal_of(given[signal]) if signal in given else Number(0.0))
+                value = signal_of(given[signal]) if signal in given else Number(use.standing.get(signal, 0.0))
+                flat = equate(flat, f"{at}.{signal}", value)
     flat = _with_sizes(flat, at, use.all_sizes)
     for p in use.parameters():
         about = f"{p.description} at {port.id}"
@@ -174,9 +177,10 @@ def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:
 def compose_laws(flat: FlatModel, uses: Sequence[Use], models: Models) -> FlatModel:
     """A model with several laws; at one input or output the last one is the outermost.
 
-    Readings come last, so that a law in a balance is given the quantity and not its reading.
+    Inputs come late, so that a law in a balance is given what acts there; readings last, so that it is given the
+    quantity and not its reading.
     """
-    for use in sorted(uses, key=lambda u: u.port.via == "output"):
+    for use in sorted(uses, key=lambda u: _LATE.get(u.port.via, 0)):
         flat = compose_law(flat, use, models)
     return flat
 

@@ -105,7 +105,8 @@ class Draft:
         self.classes.append(lines)
         words = {word for line in lines for word in re.findall(r"\w+", line)}
         bound = {p.name: use.names[p.name] for p in use.parameters()}
-        bound |= {signal: value for signal, value in given.items() if signal in words}
+        standing = {signal: f"{value:.12g}" for signal, value in use.standing.items() if signal not in inside}
+        bound |= {signal: value for signal, value in {**standing, **given}.items() if signal in words}
         self.instances[use.instance] = name, bound
 
     def copy_of(self, path: str) -> ComponentCopy:

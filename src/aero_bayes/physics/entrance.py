@@ -22,7 +22,7 @@ class Entrance:
     """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit.
 
     Of a vector equation it is the ``row`` that grows, and ``scale`` is all that is added, with the term as ``TERM``;
-    ``beside`` are the terms, numbers, that it stands beside.
+    ``beside`` are the terms, numbers, that it stands beside. ``state`` is the one that a balance drives.
     """
 
     equation: int
@@ -30,6 +30,7 @@ class Entrance:
     unit: str = ""
     row: Row | None = None
     beside: tuple[Expression, ...] = ()
+    state: str = ""
 
     def added(self, term: Expression) -> Expression:
         """What the residual grows by."""

@@ -11,6 +11,7 @@ from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
+from aero_bayes.physics.against import against
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.between import between
 from aero_bayes.physics.connections import beside_storage, in_branches, node, series
@@ -51,7 +52,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
-    ports += [*feedback(s, flat), *connected(s, flat), *between(s, balances)]
+    ports += [*feedback(s, flat), *connected(s, flat), *between(s, balances), *against(s, balances)]
     return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
 
 
@@ -150,7 +151,7 @@ def _assigned(s: Structure, flat: FlatModel, states: Sequence[str], *, inside: b
             entrance = entrance_of(*within, is_driver(driver, whole=row > 0), values, units, (row, of) if row else None)
             if entrance is not None:
                 away = row > 0 and places.get((equation, state)) != row
-                balance = _Balance(index, replace(entrance, equation=equation))
+                balance = _Balance(index, replace(entrance, equation=equation, state=state))
                 found.append((away, not _constant_factor(s, e, driver), balance))
         options[state] = [balance for *_, balance in sorted(found, key=lambda f: f[:2])]
     taken: dict[int, str] = {}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from aero_bayes.physics.classes import ClassText, Component, Statement
 from aero_bayes.physics.edit import Edit, apply, indentation, replace_names
-from aero_bayes.physics.laws import Law
+from aero_bayes.physics.laws import STANDING, Law
 from aero_bayes.physics.terms import evaluate, parse_term
 from aero_bayes.physics.tokens import one_line, tokenize
 
@@ -98,7 +98,8 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
             values[c.name] = evaluate(parse_term(c.binding), values)
         elif c.name not in names:
             return None
-    known = {**{k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}, **names}
+    numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
+    known = {**numbers, **{signal: numbers[size] for signal, size in STANDING.items() if size in numbers}, **names}
     begin, end = core[2].start - law.cls.start, core[-1].end - law.cls.start
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
     text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(law.text[begin:end], edits)))

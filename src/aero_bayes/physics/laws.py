@@ -37,11 +37,14 @@ SHAPES: Mapping[str, Shape] = {
     "OutputLaw": Shape("output", "y", ("u",), {"u_n": "u"}),
     "ReadingLaw": Shape("reading", "y", ("u",), {"u_n": "u"}),
     "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x"}),
-    "StorageLaw": Shape("storage", "q", ("h",), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
+    "StorageLaw": Shape("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
     "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
     "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1"}),
     "SeriesLaw": Shape("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
 }
+
+#: Given signals that a port need not have, and the size that stands for them there.
+STANDING: Mapping[str, str] = {"h_s": "h_0"}
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Literal
 from aero_bayes.export.flat import Place
 from aero_bayes.export.syntax import Call, Expression, reference
 from aero_bayes.physics.entrance import Entrance
-from aero_bayes.physics.laws import Law
+from aero_bayes.physics.laws import STANDING, Law
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
 Via = Literal["input", "output", "signal", "equation", "node", "series"]
@@ -95,12 +95,20 @@ def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
     if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
         return False
+    # what does not ask for the surroundings is the same whatever they are
+    if not port.signals.keys() & STANDING.keys() <= law.uses or (_against(port) and not law.uses):
+        return False
     if law.kind in ("overflow", "exchange"):
         return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))
     same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.takes_rate)
-    if not same or not law.uses <= port.signals.keys():
+    if not same or not law.uses - STANDING.keys() <= port.signals.keys():
         return False
     return all(_is_unit(port.units.get(signal, ""), unit) for signal, unit in law.needs_unit.items())
+
+
+def _against(port: Port) -> bool:
+    """Whether a motion is taken against what is fed in, on which nothing reacts."""
+    return not port.neighbours and any(MINUS in given for given in port.signals.values())
 
 
 def _is_unit(unit: str, asked: str) -> bool:

@@ -51,7 +51,7 @@ def port_sizes(
     for port in ports:
         seen[port.id] = {signal: watched.of(signal_of(variable)) for signal, variable in port.signals.items()}
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
-    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN}
+    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
     found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
     time = typical_time(calibration, fit)
     starts = _first_readings(flat, ports, calibration)
@@ -252,7 +252,12 @@ def _sizes(
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
-    if port.kind == "storage" and port.units.get("h") in KELVIN and "h" in own:
+    if "h_s" in own and "h" in own:
+        level, around = found[seen["h"]], found[seen["h_s"]]
+        above = signal_size([y - z for y, z in zip(level, around, strict=True)]) or 1.0
+        zero = KELVIN.get(port.units.get("h", ""), 0.0)
+        sizes |= {"h_n": above, "h_0": float(np.mean(np.concatenate(around))), "h_z": zero}
+    elif port.kind == "storage" and port.units.get("h") in KELVIN and "h" in own:
         # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
         first = start if start is not None else float(found[seen["h"]][0][0])
         above = signal_size([part - first for part in found[seen["h"]]]) or 1.0

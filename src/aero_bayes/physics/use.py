@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.laws import Attribute, Law, LawParameter
+from aero_bayes.physics.laws import STANDING, Attribute, Law, LawParameter
 from aero_bayes.physics.ports import Port, reacts
 
 _LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
@@ -49,6 +49,12 @@ class Use:
     def all_sizes(self) -> dict[str, float]:
         """The sizes with the defaults of those that are not given."""
         return {**self.law.sizes, **{k: float(v) for k, v in self.sizes.items() if k in self.law.sizes}}
+
+    @property
+    def standing(self) -> dict[str, float]:
+        """What the law is given for signals that the port does not have."""
+        own = {s: n for s, n in STANDING.items() if s in self.law.shape.given and s not in self.port.signals}
+        return {signal: self.all_sizes[size] for signal, size in own.items()}
 
     def parameters(self) -> Iterator[LawParameter]:
         """The fitted parameters; a share for the neighbour only where there is one."""

@@ -17,7 +17,7 @@ from aero_bayes.physics.edit import Edit, insert_before_connector, text_of
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.find import driver_names, is_driver
 from aero_bayes.physics.law_class import formula
-from aero_bayes.physics.ports import MINUS, Port
+from aero_bayes.physics.ports import MINUS, Port, Via
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
@@ -26,6 +26,8 @@ from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70
+#: Which laws are written before others.
+_FIRST: Mapping[Via, int] = {"output": 0, "input": 1}
 _COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
@@ -53,7 +55,8 @@ class Writer:
         }  # fmt: skip
         for use in self.uses:
             self.draft.declare_parameters(use)
-        for use in sorted(self.uses, key=lambda u: u.port.via != "output"):
+        # what a law in a balance reads is called by then as laws at outputs and inputs have it
+        for use in sorted(self.uses, key=lambda u: _FIRST.get(u.port.via, 2)):
             ways[use.port.via](use)
         return self.draft.written()
 
@@ -119,8 +122,8 @@ class Writer:
         values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
         constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
         whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
-        first = next(iter(port.signals.values())).partition(MINUS)[0]
-        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, first)]
+        state = port.entrance.state if port.entrance is not None else ""
+        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, state)]
         wanted = self._words(port)
         row = port.entrance.row if port.entrance is not None else None
         found: list[tuple[bool, int, Entry]] = []

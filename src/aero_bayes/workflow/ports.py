@@ -26,6 +26,7 @@ from aero_bayes.export.library_view import in_library
 from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.compose import probe
 from aero_bayes.physics.fmu_family import FmuFamily
+from aero_bayes.physics.laws import STANDING
 from aero_bayes.physics.ports import Port, PortKind, port_table, signal_of
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.physics.sizes import port_sizes
@@ -166,9 +167,13 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
     """What probes follow, of size one: nothing, and each signal of a port."""
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
+        if signal in STANDING:
+            continue
         # an output as it was before the probe
         tree = Name(f"{plain_name(variable)}_without_{probe_name}") if port.via == "output" else signal_of(variable)
-        level: Expression = Call("-", (tree, Number(sizes["h_0"]))) if "h_0" in sizes else tree
+        level: Expression = tree
+        if "h_0" in sizes:
+            level = Call("-", (tree, signal_of(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"])))
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append(share)
         if port.kind == "input":
