@@ -144,6 +144,8 @@ def test_what_was_told_by_its_unit_is_to_be_looked_at(rig):
         (("time", "u", "U", "z"), {"time": "time", "u": "u"}),
         (("time", "u", "reading"), {"time": "time", "u": "u", "y": "reading"}),
         (("time", "a", "b"), {"time": "time"}),
+        (("t", "h1", "u", "y"), {"time": "t", "u": "u", "y": "y"}),
+        (("h1", "u", "y"), {"time": "h1", "u": "u", "y": "y"}),
     ],
 )
 def test_columns_are_matched_by_name_and_never_guessed(columns, expected):

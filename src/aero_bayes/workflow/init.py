@@ -130,9 +130,15 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
     named = {c: split_unit(c) for c in columns}
     given = {s: u for s, u in (units or {}).items() if u not in ("", "1")}
 
+    # a column may be called by its unit; with a digit it is a name: h1 is no hour
+    units_of = {c: unit or (spelled(c) if not re.search(r"\d", c) else "") for c, (_, unit) in named.items()}
+
+    def timed(signal: str, column: str) -> bool:
+        return signal == "time" and _bare(named[column][0]) in TIME
+
     def alike(signal: str, column: str) -> bool:
-        plain = _bare(named[column][0])
-        return plain == _bare(signal) or (signal == "time" and (plain in TIME or conversion(column, "s") is not None))
+        is_time = signal == "time" and not named[column][1] and conversion(units_of[column], "s") is not None
+        return is_time or _bare(named[column][0]) == _bare(signal)
 
     def possible(signal: str, column: str) -> bool:
         unit = named[column][1]
@@ -143,10 +149,10 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
         return possible(signal, column) and signal.casefold() in words
 
     def measures(signal: str, column: str) -> bool:
-        unit = named[column][1] or spelled(column)
+        unit = units_of[column]
         return signal in given and bool(unit) and conversion(unit, given[signal]) is not None
 
-    for fits in (alike, within, measures):
+    for fits in (timed, alike, within, measures):
         pairs = [(s, c) for s in signals for c in columns if s not in found and c not in found.values() and fits(s, c)]
         for signal, column in pairs:
             if sum(signal == s or column == c for s, c in pairs) == 1:
