@@ -32,7 +32,7 @@ LISTED = {
     "exchange": "exchange",
     "electrical": "series_resistance contact_drop heating curve",
 }
-SIZES = {"f_n": 3.0, "v_n": 0.5, "x_n": 0.2, "u_n": 4.0, "q_n": 7.0, "h_n": 10.0, "i_n": 2.0, "t_n": 0.5}
+SIZES = {"f_n": 3.0, "v_n": 0.5, "x_n": 0.2, "u_n": 4.0, "q_n": 7.0, "h_n": 10.0, "d_n": 10.0, "i_n": 2.0, "t_n": 0.5}
 
 
 def clip(x: float, limit: float) -> float:

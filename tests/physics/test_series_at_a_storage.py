@@ -115,3 +115,42 @@ def test_a_branch_has_one_place(laws: tuple[Law, ...], tmp_path: Path) -> None:
     # the third is that of the two resistors, which share a current
     assert len(found) == 3
     assert {"capacitor.p", "leak.p"} < set(found)
+
+
+GROUNDED = """within ;
+model Grounded "A chain whose capacitors have one pin"
+  model Capacitor
+    Shaft.Pin p;
+    Real v(unit = "V", start = 0, fixed = true) = p.v;
+    parameter Real C(unit = "F") = 1e-3;
+  equation
+    C * der(v) = p.i;
+  end Capacitor;
+  input Real u(unit = "V");
+  output Real y(unit = "V") = one.v;
+  Shaft.Source source(u = u);
+  Shaft.Resistor resistor(R = 100);
+  Capacitor one;
+  Shaft.Ground ground;
+equation
+  connect(source.p, resistor.p);
+  connect(resistor.n, one.p);
+  connect(source.n, ground.p);
+end Grounded;
+"""
+
+
+def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws: tuple[Law, ...], models: Models, tmp_path):
+    path = tmp_path / "Grounded.mo"
+    path.write_text(GROUNDED, encoding="utf-8")
+    flat = load_flat("Grounded", [RIGS / "Shaft.mo", path])
+    ports = {p.id: p for p in ports_of(flat, laws)}
+    assert (ports["one.p"].kind, ports["series_one.p"].kind) == ("storage", "electrical")
+    drop = next(c for c in candidates(tuple(ports.values()), laws) if c.id == "series_resistance@series_one.p")
+    use = use_of(drop.law, drop.port, [v.name for v in flat.variables], values={"R_s": 50.0})
+    written = write_law([RIGS / "Shaft.mo", path], "Grounded", flat, [use], tmp_path / "written")
+    again = load_flat(written.name, [RIGS / "Shaft.mo", path, written.path])
+    t, tau = 0.01 * np.arange(51), 150.0 * 1e-3
+    for made, name in ((compose_law(flat, use, models), "composed"), (again, "written")):
+        y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
+        assert np.abs(y - 3.0 * (1.0 - np.exp(-t / tau))).max() < 1e-4

@@ -36,7 +36,7 @@ from aero_bayes.simulation import (
 )
 from aero_bayes.simulation.interface import Interpolation
 
-SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "i_n": 1.4, "t_n": 0.3}
+SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "d_n": 0.9, "i_n": 1.4, "t_n": 0.3}
 
 
 def uses_at(flat: FlatModel, laws: Sequence[Law], *ids: str) -> list[Use]:

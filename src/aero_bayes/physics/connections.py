@@ -9,7 +9,7 @@ from aero_bayes.export.flat import FlatEquation
 from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.quantities import is_current, kind_of, signals_of, unit_in, units_of
+from aero_bayes.physics.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
 from aero_bayes.physics.structure import Structure, derived_in
 
 
@@ -40,7 +40,7 @@ def _potential(s: Structure, connector: str) -> str:
 
 def node(s: Structure, state: str, position: str) -> Port | None:
     """A node whose potential is the state or its position; the one at the component that has the state comes first."""
-    owner = state.rpartition(".")[0]
+    owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
     for i, flows in _sets(s):
         connectors = [f.rpartition(".")[0] for f in flows]
@@ -73,7 +73,7 @@ def series(s: Structure, state: str) -> Port | None:
     """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
     if not is_current(s, state):
         return None
-    owner = state.rpartition(".")[0] + "."
+    owner = owner_of(s, state) + "."
     pairs = [flows for _, flows in _sets(s) if len(flows) == 2 and s.of(flows[0]) == state]
     for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
         connectors = [f.rpartition(".")[0] for f in flows]
@@ -89,7 +89,7 @@ def series(s: Structure, state: str) -> Port | None:
 
 def beside_storage(s: Structure, state: str) -> Port | None:
     """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
-    owner = state.rpartition(".")[0] + "."
+    owner = owner_of(s, state) + "."
     if unit_in(s, state) != "V":
         return None
     pins = [(f, flows) for _, flows in _sets(s) for f in flows if f.startswith(owner) and len(flows) > 1]

@@ -23,6 +23,7 @@ from aero_bayes.physics.quantities import (
     SPEEDS,
     is_current,
     kind_of,
+    owner_of,
     prescribed,
     relative,
     signals_of,
@@ -48,6 +49,8 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
     balances = list(_balances(s, flat))
     balances += in_branches(s, balances)
+    nodes = {p.id for p in balances if p.via == "node"}
+    balances = [replace(p, id=f"series_{p.id}") if p.via == "series" and p.id in nodes else p for p in balances]
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
@@ -94,7 +97,9 @@ def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
     driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
     own, inner = (_assigned(s, flat, driven, inside=inside) for inside in (False, True))
     for state in driven:
-        known = sorted((x for x, r in positions.items() if r == state), key=lambda x: _owner(x) != _owner(state))
+        known = sorted(
+            (x for x, r in positions.items() if r == state), key=lambda x: owner_of(s, x) != owner_of(s, state)
+        )
         position = next(iter(known), "")
         found = (
             series(s, state)
@@ -107,10 +112,6 @@ def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
             drop = beside_storage(s, state) if found.kind == "storage" else None
             if drop is not None:
                 yield drop
-
-
-def _owner(name: str) -> str:
-    return name.rpartition(".")[0]
 
 
 # balances that the model's own class states

@@ -39,7 +39,7 @@ SHAPES: Mapping[str, Shape] = {
     "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x"}),
     "StorageLaw": Shape("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
     "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
-    "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1"}),
+    "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1", "d_n": "h_1"}),
     "SeriesLaw": Shape("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
 }
 

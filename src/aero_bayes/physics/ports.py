@@ -26,7 +26,8 @@ class Port:
     ----------
     id : str
         The input, output or state; at a connection the connector. An output that is a state itself is
-        ``output_<name>``, because the name stands for the balance.
+        ``output_<name>``, because the name stands for the balance; a drop before a connector that is a node itself
+        is ``series_<connector>``.
     kind : str
         What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
         ``storage`` or ``electrical``.

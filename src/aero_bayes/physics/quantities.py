@@ -43,6 +43,13 @@ def units_of(s: Structure, kind: PortKind, signals: Mapping[str, str], unit: str
     return {**{k: unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
 
 
+def owner_of(s: Structure, name: str) -> str:
+    """The component that has a variable, itself or in a connector of its own; empty for the model's own."""
+    owner = name.rpartition(".")[0]
+    of_connector = any(v.flow and n.rpartition(".")[0] == owner for n, v in s.variables.items())
+    return owner.rpartition(".")[0] if owner and of_connector else owner
+
+
 def relative(s: Structure, state: str) -> bool:
     """Whether a state is the distance of two ends of a component, whose speed has a name but no balance."""
     rate = s.rates.get(state)
@@ -53,7 +60,7 @@ def relative(s: Structure, state: str) -> bool:
 def prescribed(s: Structure, state: str) -> bool:
     """Whether a component gives a potential at its connector whatever flows there: a source, no storage."""
     held = {n for x, r in s.rates.items() for n in s.members(x) if state in (x, r)} | set(s.members(state))
-    owner = state.rpartition(".")[0]
+    owner = owner_of(s, state)
     flows = {n for n, v in s.variables.items() if v.flow and n.startswith(f"{owner}.")} if owner else set()
     ends = {n.rpartition(".")[0] for n in flows}
     moved = {s.moving[n] for n in held}

@@ -48,8 +48,11 @@ def port_sizes(
     watched = _Watched(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
+    levels = {p.id: signal_of(p.signals["h"]) for p in ports if p.kind == "storage"}
     for port in ports:
         seen[port.id] = {signal: watched.of(signal_of(variable)) for signal, variable in port.signals.items()}
+        if port.kind == "storage" and port.neighbours:
+            seen[port.id]["d"] = watched.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
     found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
@@ -250,7 +253,7 @@ def _sizes(
     elif port.kind == "electrical":
         sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
-        sizes = {"q_n": act, "h_n": own.get("h", 0.0)}
+        sizes = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
     if "h_s" in own and "h" in own:
         level, around = found[seen["h"]], found[seen["h_s"]]
