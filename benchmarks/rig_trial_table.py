@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from trial_runs import BANDS, Row, quantile, rate, show
 
-FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction"}
+FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
 #: Limits of the odds between which their calibration is given.
 ODDS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 

@@ -128,3 +128,13 @@ def test_a_loss_to_a_hall_that_warms_and_cools_is_found_against_its_recording(tm
     assert capacity.value == pytest.approx(C, abs=4 * capacity.sd)
     assert result.after.pooled("test")["T"] < 1.1 * 0.05 < 3.0 * 0.05 < result.before.pooled("test")["T"]
     assert "(T - T_hall) * abs(T - T_hall)" in result.modelica
+
+
+def test_a_unit_that_is_declared_for_one_of_a_sum_holds_for_all_of_it(tmp_path):
+    bare = OVEN.replace('Real T_wall(unit = "degC", ', "Real T_wall(").replace('T(unit = "degC", ', "T(")
+    ports = found(tmp_path, bare)
+    assert {p for p in ports if "-" in p} == {"T-T_hall", "T_wall-T_hall"}
+    assert {ports[p].units["h"] for p in ("T", "T_wall", "T-T_hall")} == {"degC"}
+    assert "radiation" in ports["T"].laws
+    mixed = bare.replace("T_hall);", "T_hall) + 0*(T_hall - T_set);")
+    assert found(tmp_path, mixed)["T"].units["h"] == ""

@@ -25,7 +25,8 @@ LISTED = {
     "input": "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis curve",
     "output": "gain offset lag delay curve",
     "reading": "lag delay",
-    "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction viscous_friction "
+    "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
+    "viscous_friction "
     "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
@@ -60,6 +61,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "coulomb_friction"): lambda v, F_c: F_c * np.sign(v),
     ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
     ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
+    ("motion", "rounded_friction"): lambda v, F_c, v_c: F_c * np.tanh(v / v_c),
     ("motion", "viscous_friction"): lambda v, d: d * v,
     ("motion", "quadratic_drag"): lambda v, c: c * v * abs(v),
     ("motion", "offset"): lambda F_0: F_0,

@@ -167,7 +167,7 @@ def quantisation_step(values: FloatArray) -> float | None:
 
     Robust against a print format that rounds: a step q counts if the distinct values lie within q / 10 of its
     multiples.
-    Needs at least two distinct values and five readings a value.
+    Needs at least two distinct values, and five readings a value or one in five that is the one before.
     """
     seen = values[np.isfinite(values)]
     if seen.size < 10:
@@ -175,7 +175,8 @@ def quantisation_step(values: FloatArray) -> float | None:
     distinct = np.unique(seen)
     scale = float(np.abs(distinct).max()) or 1.0
     distinct = distinct[np.concatenate(([True], np.diff(distinct) > 1e-9 * scale))]
-    if distinct.size < 2 or distinct.size > seen.size / 5:
+    still = float(np.mean(np.diff(seen) == 0.0)) > 0.2
+    if distinct.size < 2 or not (still or distinct.size <= seen.size / 5):
         return None
     gaps = np.diff(distinct)
     step = float(np.quantile(gaps, 0.1))

@@ -7,7 +7,7 @@ gains less than that, the two are equivalent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -25,7 +25,7 @@ STARTS = 2
 
 
 def refine(search: Search, selection: Selection, finer: Mapping[str, str], count: int) -> Selection:
-    """The selection with each of its effects in the finest law that earns its place.
+    """The selection with each of its effects in the finer law that earns its place best.
 
     Parameters
     ----------
@@ -37,27 +37,46 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
         How many candidates there were.
     """
     bar = threshold(count, search.settings)
+    by_coarse: dict[str, list[str]] = {}
     for id_, coarse in finer.items():
-        if coarse not in selection.effects or coarse in search.settings.require or id_ in selection.effects:
+        by_coarse.setdefault(coarse, []).append(id_)
+    for coarse, ids in by_coarse.items():
+        taken = {coarse, *ids} & {*selection.effects}
+        if taken != {coarse} or coarse in search.settings.require:
             continue
-        found = _in_place_of(search, selection.held, coarse, id_)
-        if found is None:
+        scores = _scored(search, selection.held, coarse, ids)
+        if not scores or scores[0].gain < bar:
+            for score in (s for s in scores if s.gain > 0.0):
+                selection = replace(selection, equivalent=_with(selection.equivalent, coarse, score.candidate.id))
             continue
-        gain = found.log_evidence - selection.held.log_evidence
-        if not found.shows_shape(id_):
-            # The evidence is that of a detail, not of the law.
-            gain = min(gain, 0.0)
-        if gain < bar:
-            if gain > 0.0:
-                selection = replace(selection, equivalent=_with(selection.equivalent, coarse, id_))
-            continue
-        scores, nothing, untried = with_odds([Scored(found.stand.candidates[id_], found, gain, gain)])
-        why = f"{id_} in place of {coarse} gains {gain:.1f} in log-evidence (needed {bar:.1f})"
-        number = len(selection.rounds) + 1
-        last = Round(number, selection.held, scores, bar, scores[0], (id_,), why, nothing, untried)
-        selection = replace(selection, held=found, rounds=(*selection.rounds, last))
-        selection = _dropped(search, selection, id_, bar)
+        best, others = (
+            scores[0],
+            [s for s in scores[1:] if s.gain > max(bar, scores[0].gain - search.settings.equivalence)],
+        )
+        for score in others:
+            selection = replace(
+                selection, equivalent=_with(selection.equivalent, best.candidate.id, score.candidate.id)
+            )
+        rated, nothing, untried = with_odds(scores)
+        why = f"{best.candidate.id} in place of {coarse} gains {best.gain:.1f} in log-evidence (needed {bar:.1f})"
+        number, same = len(selection.rounds) + 1, tuple(s.candidate.id for s in (best, *others))
+        last = Round(number, selection.held, rated, bar, rated[0], same, why, nothing, untried)
+        assert best.held is not None
+        selection = replace(selection, held=best.held, rounds=(*selection.rounds, last))
+        selection = _dropped(search, selection, best.candidate.id, bar)
     return selection
+
+
+def _scored(search: Search, held: Held, coarse: str, ids: Sequence[str]) -> list[Scored]:
+    """What each finer law gains in the place of the simple one, best first; nothing where its shape is not seen."""
+    scores = []
+    for id_ in ids:
+        found = _in_place_of(search, held, coarse, id_)
+        if found is not None:
+            # The evidence is that of a detail, not of the law.
+            gain = found.log_evidence - held.log_evidence if found.shows_shape(id_) else 0.0
+            scores.append(Scored(found.stand.candidates[id_], found, gain, gain))
+    return sorted(scores, key=lambda s: -s.gain)
 
 
 def _with(classes: tuple[tuple[str, ...], ...], member: str, other: str) -> tuple[tuple[str, ...], ...]:

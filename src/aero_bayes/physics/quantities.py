@@ -13,7 +13,7 @@ SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 
 
 def unit_in(s: Structure, cls: str) -> str:
-    return next((u for n in (cls, *s.members(cls)) if (u := s.variables[n].unit)), "")
+    return next((u for n in (cls, *s.members(cls)) if (u := s.variables[n].unit)), s.units.get(cls, ""))
 
 
 def is_current(s: Structure, cls: str) -> bool:

@@ -22,7 +22,8 @@ class Structure:
     ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
     that only say that two variables are equal or one the other's derivative. ``flat`` has the rows of vector equations
     as equations of their own, ``origins`` says where each is from. ``moving`` says what moves together,
-    ``apart`` what the distance of two others is.
+    ``apart`` what the distance of two others is. ``units`` has that of a class in which none is declared, but one is for
+    what it is added to or subtracted from.
     """
 
     flat: FlatModel
@@ -34,6 +35,7 @@ class Structure:
     origins: tuple[Origin, ...] = ()
     moving: Together = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
         """Class of a variable; the name itself where nothing equals it."""
@@ -106,8 +108,46 @@ def structure_of(flat: FlatModel) -> Structure:
     found = {equal.root(n)[0] for n in dynamic} - idle
     states = tuple(v.name for v in flat.variables if v.name in found)
     return Structure(
-        flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving)
-    )
+        flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving),
+        _units_by_sums(flat, {n: same[n][0] if n in same else n for n in variables}),
+    )  # fmt: skip
+
+
+def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
+    """The one unit that is declared for any of what is added up, for all of it."""
+    group = {cls: cls for cls in of.values()}
+
+    def root(cls: str) -> str:
+        while group[cls] != cls:
+            cls = group[cls]
+        return cls
+
+    for e in flat.equations:
+        for names in (_added(Call("-", (e.left, e.right))), *_sums(e.left), *_sums(e.right)):
+            known = [root(of[n]) for n in names if n in of]
+            group |= dict.fromkeys(known[1:], known[0]) if known else {}
+    declared: dict[str, set[str]] = {}
+    for v in flat.variables:
+        if v.unit and v.name in of:
+            declared.setdefault(root(of[v.name]), set()).add(v.unit)
+    return {cls: next(iter(units)) for cls in group if len(units := declared.get(root(cls), set())) == 1}
+
+
+def _sums(tree: Expression) -> Iterator[list[str]]:
+    """The names that each sum within an expression adds up."""
+    if isinstance(tree, Call) and tree.function in ("+", "-"):
+        yield _added(tree)
+    for inner in children(tree):
+        yield from _sums(inner)
+
+
+def _added(tree: Expression) -> list[str]:
+    match tree:
+        case Name(name, ()):
+            return [name]
+        case Call("+" | "-" | "neg", args):
+            return [n for a in args for n in _added(a)]
+    return []
 
 
 def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:
