@@ -22,7 +22,7 @@ class Structure:
     ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
     that only say that two variables are equal or one the other's derivative. ``flat`` has the rows of vector equations
     as equations of their own, ``origins`` says where each is from. ``moving`` says what moves together,
-    ``apart`` what the distance of two others is. ``units`` has that of a class in which none is declared, but one is for
+    ``apart`` what the distance of two others is. ``units`` has that of a class where none is declared but one is for
     what it is added to or subtracted from.
     """
 
