@@ -64,6 +64,13 @@ def test_without_units_a_difference_in_the_model_tells_and_one_that_is_only_name
     assert not [p for p in found(tmp_path, SERVO) if "-" in p]
 
 
+def test_what_one_storage_stands_against_is_there_for_all_of_its_kind(tmp_path):
+    two = PLAIN.replace("  input Real u;", "  Real z(start = 0, fixed = true);\n  input Real u;")
+    ports = found(tmp_path, two.replace("+ w;", "+ w;\n  der(z) = w - 2*z;"))
+    assert {p for p in ports if "-" in p} == {"y-u", "z-u"}
+    assert ports["z-u"].laws == ("linear_loss", "root_loss", "square_loss")
+
+
 def test_a_tyre_on_the_road_has_laws_of_its_deflection_only(tmp_path):
     tyre = found(tmp_path, CAR)["v_w-road"]
     assert tyre.signals == {"x": "wheel - road"}

@@ -70,7 +70,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
     ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
     ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
-    ("storage", "root_loss"): lambda h, k: k * np.sqrt(abs(h)) * np.sign(h),
+    ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),
     ("storage", "square_loss"): lambda h, h_s, c: c * (h - h_s) * abs(h - h_s),
     ("storage", "offset"): lambda q_0: q_0,
     ("storage", "radiation"): lambda h, h_s, c: c * (h**4 - h_s**4),

@@ -15,16 +15,19 @@ from aero_bayes.physics.structure import Structure
 def against(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two whose difference stands in the model, and for a temperature and every one that is fed in.
 
-    A difference that only has a name, such as that of a set point, is no place of a motion.
+    What one storage stands against is there for all of its unit. A difference that only has a name, such as that of a
+    set point, is no place of a motion.
     """
     fed = _fed(s)
     apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
+    levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
+    around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
     acting = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _inside(s, side)}
     for port in balances:
         if port.kind == "storage" and port.via in ("equation", "node"):
-            level, unit = s.of(port.signals["h"]), port.units["h"]
+            unit = port.units["h"]
             for cls, name in fed.items():
-                if (unit in KELVIN and unit_in(s, cls) == unit) or frozenset((level, cls)) in apart:
+                if (unit in KELVIN and unit_in(s, cls) == unit) or (cls, unit) in around:
                     yield replace(
                         port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": name}, neighbours=(),
                     )  # fmt: skip
