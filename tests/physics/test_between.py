@@ -127,3 +127,10 @@ def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_
     assert all(rms < 1.1 * 2e-4 for rms in result.after.pooled("test").values())
     assert result.before.pooled("test")["body"] > 3.0 * 2e-4
     assert result.modelica.count("k_3 * (body - wheel) ^ 3") == 2
+
+
+def test_a_deflection_whose_rate_is_taken_is_no_storage_beside_the_two_it_is_between(tmp_path):
+    strut = CAR.replace("f = k_s*(body - wheel) + c_s*(v_b - v_w);", "x = body - wheel;\n  f = k_s*x + c_s*der(x);")
+    ports = found(tmp_path, strut.replace("protected", 'protected\n  Real x(unit = "m");'))
+    assert {p.id for p in ports.values() if p.via == "equation"} == {"v_b", "v_w", "v_b-v_w", "v_w-road"}
+    assert ports["v_b-v_w"].signals == {"v": "v_b - v_w", "x": "body - wheel"}

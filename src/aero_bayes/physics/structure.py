@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -106,11 +106,25 @@ def structure_of(flat: FlatModel) -> Structure:
     # a rate whose own rate is only given a name is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
     found = {equal.root(n)[0] for n in dynamic} - idle
+    found -= {x for e in rest if (x := _combined(e, variables, {n: equal.root(n)[0] for n in free}, found))}
     states = tuple(v.name for v in flat.variables if v.name in found)
     return Structure(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving),
         _units_by_sums(flat, {n: same[n][0] if n in same else n for n in variables}),
     )  # fmt: skip
+
+
+def _combined(
+    e: FlatEquation, variables: Mapping[str, FlatVariable], of: Mapping[str, str], states: Collection[str]
+) -> str | None:
+    """A variable of the model's own that an equation gives by two states or more: its derivative says nothing new."""
+    for one, whole in ((e.left, e.right), (e.right, e.left)):
+        if isinstance(one, Name) and one.name in of and "." not in one.name and of[one.name] in states:
+            varying = {n for n in names_in(whole) if n in variables and not variables[n].constant}
+            others = {of.get(n, n) for n in varying} - {of[one.name]}
+            if len(others) > 1 and others <= {*states} and not [*derived_names(whole)]:
+                return of[one.name]
+    return None
 
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
