@@ -320,6 +320,31 @@ end Beginning;
         assert known == {"u": {"x", "z"}, "free": {"unrelated"}}
 
 
+def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(modelica: Write, tmp_path: Path) -> None:
+    # without a flow there is no such temperature
+    source = modelica(
+        "Stream",
+        """within ;
+model Stream
+  input Real m "flow";
+  input Real T_in;
+  output Real T;
+  parameter Real P = 6;
+initial equation
+  der(T) = 0;
+equation
+  der(T) = m * (T_in - T) + P;
+end Stream;
+""",
+    )
+    path = export_fmu("Stream", tmp_path / "s.fmu", compiler="embedded", sources=[source])
+    assert validate_fmu(str(path)) == []
+    with driven(path) as fmu:
+        fmu.set(m=2.0, T_in=20.0)
+        fmu.begin()
+        assert fmu.get("T") == [pytest.approx(23.0)]
+
+
 def test_the_engine_takes_the_events_of_an_exported_model(modelica: Write, tmp_path: Path) -> None:
     # a ball that is sampled twice a second, and kicked by a step of the input
     source = modelica(

@@ -24,10 +24,10 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     by_name = {v.name: v for v in model.system.variables}
 
     def guess(path: str, start: Node) -> float:
-        """A state's start where nothing has been set yet; what events decide is left to the FMU itself."""
+        """A state's start where nothing has been set yet; what events or inputs decide is left to the FMU itself."""
         try:
             return _number(start, values)
-        except KeyError:
+        except (KeyError, ArithmeticError, ValueError):
             return _attribute(by_name[path], "start", values, 0.0)
 
     for later in (False, True):
