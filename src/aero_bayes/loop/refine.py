@@ -49,21 +49,17 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
             for score in (s for s in scores if s.gain > 0.0):
                 selection = replace(selection, equivalent=_with(selection.equivalent, coarse, score.candidate.id))
             continue
-        best, others = (
-            scores[0],
-            [s for s in scores[1:] if s.gain > max(bar, scores[0].gain - search.settings.equivalence)],
-        )
-        for score in others:
-            selection = replace(
-                selection, equivalent=_with(selection.equivalent, best.candidate.id, score.candidate.id)
-            )
         rated, nothing, untried = with_odds(scores)
-        why = f"{best.candidate.id} in place of {coarse} gains {best.gain:.1f} in log-evidence (needed {bar:.1f})"
-        number, same = len(selection.rounds) + 1, tuple(s.candidate.id for s in (best, *others))
-        last = Round(number, selection.held, rated, bar, rated[0], same, why, nothing, untried)
+        best, near = rated[0], max(bar, rated[0].gain - search.settings.equivalence)
+        id_, *others = (s.candidate.id for s in rated if s is best or s.gain > near)
+        for other in others:
+            selection = replace(selection, equivalent=_with(selection.equivalent, id_, other))
+        why = f"{id_} in place of {coarse} gains {best.gain:.1f} in log-evidence (needed {bar:.1f})"
+        number = len(selection.rounds) + 1
+        last = Round(number, selection.held, rated, bar, best, (id_, *others), why, nothing, untried)
         assert best.held is not None
         selection = replace(selection, held=best.held, rounds=(*selection.rounds, last))
-        selection = _dropped(search, selection, best.candidate.id, bar)
+        selection = _dropped(search, selection, id_, bar)
     return selection
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from aero_bayes.export.syntax import Call, Expression, Name, children, names_in
-from aero_bayes.physics.between import differences
+from aero_bayes.export.syntax import Expression, Name, children, names_in
+from aero_bayes.physics.between import differences, taken_apart
 from aero_bayes.physics.ports import KELVIN, MINUS, Port
 from aero_bayes.physics.quantities import unit_in
-from aero_bayes.physics.structure import Structure
+from aero_bayes.physics.structure import Structure, derived_names
 
 
 def against(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
@@ -19,7 +19,7 @@ def against(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     set point, is no place of a motion.
     """
     fed = _fed(s)
-    apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
+    apart = taken_apart(s)
     levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
     around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
     acting = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _inside(s, side)}
@@ -55,16 +55,12 @@ def _fed(s: Structure) -> dict[str, str]:
                 if not isinstance(one, Name) or one.name not in s.same or s.of(one.name) in found:
                     continue
                 varying = {s.of(n) for n in names_in(whole) if n in s.variables and not s.variables[n].constant}
-                if varying and varying <= found.keys() and not _derives(whole):
+                if varying and varying <= found.keys() and not [*derived_names(whole)]:
                     members = [n for n in s.members(s.of(one.name)) if n in seen]
                     if members:
                         found[s.of(one.name)] = min(members, key=lambda n: n.count("."))
                         grown = True
     return found
-
-
-def _derives(tree: Expression) -> bool:
-    return (isinstance(tree, Call) and tree.function == "der") or any(_derives(inner) for inner in children(tree))
 
 
 def _inside(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:

@@ -16,7 +16,7 @@ from aero_bayes.physics.structure import Structure, is_derivative
 def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two motions whose difference, of positions or speeds, stands in the model's own class."""
     moving = [p for p in balances if p.kind == "motion" and p.via == "equation" and p.entrance is not None]
-    apart = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
+    apart = taken_apart(s)
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
@@ -54,6 +54,11 @@ def _balance(s: Structure, port: Port) -> FlatEquation:
 
 def _inside(s: Structure, port: Port) -> bool:
     return bool(_balance(s, port).component)
+
+
+def taken_apart(s: Structure) -> set[frozenset[str]]:
+    """Two variables each whose difference stands anywhere in the model."""
+    return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
 
 
 def differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:

@@ -97,10 +97,8 @@ def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
     driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
     own, inner = (_assigned(s, flat, driven, inside=inside) for inside in (False, True))
     for state in driven:
-        known = sorted(
-            (x for x, r in positions.items() if r == state), key=lambda x: owner_of(s, x) != owner_of(s, state)
-        )
-        position = next(iter(known), "")
+        known, owner = [x for x, r in positions.items() if r == state], owner_of(s, state)
+        position = next((x for x in known if owner_of(s, x) == owner), next(iter(known), ""))
         found = (
             series(s, state)
             or _equation(s, state, position, own.get(state))

@@ -255,16 +255,17 @@ def _sizes(
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
-    if "h_s" in own and "h" in own:
-        level, around = found[seen["h"]], found[seen["h_s"]]
+    if port.kind == "storage" and "h" in own and ("h_s" in own or port.units.get("h") in KELVIN):
+        level = found[seen["h"]]
+        if "h_s" in own:
+            around = found[seen["h_s"]]
+            mean = float(np.mean(np.concatenate(around)))
+        else:
+            # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
+            mean = start if start is not None else float(level[0][0])
+            around = [np.array(mean)] * len(level)
         above = signal_size([y - z for y, z in zip(level, around, strict=True)]) or 1.0
-        zero = KELVIN.get(port.units.get("h", ""), 0.0)
-        sizes |= {"h_n": above, "h_0": float(np.mean(np.concatenate(around))), "h_z": zero}
-    elif port.kind == "storage" and port.units.get("h") in KELVIN and "h" in own:
-        # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
-        first = start if start is not None else float(found[seen["h"]][0][0])
-        above = signal_size([part - first for part in found[seen["h"]]]) or 1.0
-        sizes |= {"h_n": above, "h_0": first, "h_z": KELVIN[port.units["h"]]}
+        sizes |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
     return sizes | {"t_n": time}
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
@@ -106,45 +107,40 @@ def structure_of(flat: FlatModel) -> Structure:
     # a rate whose own rate is only given a name is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
     found = {equal.root(n)[0] for n in dynamic} - idle
-    found -= {x for e in rest if (x := _combined(e, variables, {n: equal.root(n)[0] for n in free}, found))}
+    found -= {x for e in rest if (x := _combined(e, variables, same, found))}
     states = tuple(v.name for v in flat.variables if v.name in found)
     return Structure(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving),
-        _units_by_sums(flat, {n: same[n][0] if n in same else n for n in variables}),
+        _units_by_sums(flat, {n: same.get(n, (n, 1))[0] for n in variables}),
     )  # fmt: skip
 
 
-def _combined(
-    e: FlatEquation, variables: Mapping[str, FlatVariable], of: Mapping[str, str], states: Collection[str]
-) -> str | None:
+def _combined(e: FlatEquation, variables: Mapping[str, FlatVariable], same: Together, states: Set[str]) -> str | None:
     """A variable of the model's own that an equation gives by two states or more: its derivative says nothing new."""
     for one, whole in ((e.left, e.right), (e.right, e.left)):
-        if isinstance(one, Name) and one.name in of and "." not in one.name and of[one.name] in states:
+        if isinstance(one, Name) and one.name in same and "." not in one.name and same[one.name][0] in states:
+            given = same[one.name][0]
             varying = {n for n in names_in(whole) if n in variables and not variables[n].constant}
-            others = {of.get(n, n) for n in varying} - {of[one.name]}
-            if len(others) > 1 and others <= {*states} and not [*derived_names(whole)]:
-                return of[one.name]
+            others = {same.get(n, (n, 1))[0] for n in varying} - {given}
+            if len(others) > 1 and others <= states and not [*derived_names(whole)]:
+                return given
     return None
 
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
     """The one unit that is declared for any of what is added up, for all of it."""
-    group = {cls: cls for cls in of.values()}
-
-    def root(cls: str) -> str:
-        while group[cls] != cls:
-            cls = group[cls]
-        return cls
-
+    group = Signed()
     for e in flat.equations:
         for names in (_added(Call("-", (e.left, e.right))), *_sums(e.left), *_sums(e.right)):
-            known = [root(of[n]) for n in names if n in of]
-            group |= dict.fromkeys(known[1:], known[0]) if known else {}
+            for one, two in pairwise(of[n] for n in names if n in of):
+                (kept, _), (gone, _) = group.root(one), group.root(two)
+                if gone != kept:
+                    group.put(gone, kept, 1)
     declared: dict[str, set[str]] = {}
     for v in flat.variables:
-        if v.unit and v.name in of:
-            declared.setdefault(root(of[v.name]), set()).add(v.unit)
-    return {cls: next(iter(units)) for cls in group if len(units := declared.get(root(cls), set())) == 1}
+        if v.unit:
+            declared.setdefault(group.root(of[v.name])[0], set()).add(v.unit)
+    return {cls: next(iter(u)) for cls in {*of.values()} if len(u := declared.get(group.root(cls)[0], set())) == 1}
 
 
 def _sums(tree: Expression) -> Iterator[list[str]]:
