@@ -22,12 +22,12 @@ from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
 from aero_bayes.physics.use import use_of
 
 LISTED = {
-    "input": "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis curve",
+    "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay hysteresis curve",
     "output": "gain offset lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "viscous_friction "
-    "quadratic_drag offset linear_stiffness cubic_stiffness end_stop backlash curve position_curve fine_position_curve",
+    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness end_stop end_stop_by_side backlash "
+    "curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",
@@ -55,6 +55,8 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("input", "offset"): lambda u, b: u + b,
     ("input", "dead_zone"): lambda u, u_d: u - clip(u, u_d),
     ("input", "saturation"): lambda u, s: clip(u, 1 / s),
+    ("input", "dead_zone_by_side"): lambda u, u_d, a: u - max((a - 1) * u_d, min((a + 1) * u_d, u)),
+    ("input", "saturation_by_side"): lambda u, s, a: max(-1 / (s * (1 - a)), min(1 / (s * (1 + a)), u)),
     ("input", "square_law"): lambda u, a: (1 - a) * u + a * u * abs(u) / SIZES["u_n"],
     ("output", "gain"): lambda u, g: (1 + g) * u,
     ("output", "offset"): lambda u, b: u + b,
@@ -68,6 +70,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "linear_stiffness"): lambda x, k: k * x,
     ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
+    ("motion", "end_stop_by_side"): lambda x, k_s, x_s, x_m: k_s * (x - max(x_m - x_s, min(x_m + x_s, x))),
     ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
     ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
     ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),
@@ -87,7 +90,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
 #: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, nor a play that rests in its middle.
-UNFELT_AT_ZERO = {"saturation", "fine_position_curve", "hysteresis"}
+UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "fine_position_curve", "hysteresis"}
 
 
 def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:

@@ -122,7 +122,7 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
     assert [line.split()[0] for line in gone] == ["model", "M", "end"]
     assert (
-        '  M * der(v) = F - F_v * v - K * x - F_c * tanh(v / 0.00026) "Newton\'s second law" annotation '
+        '  M * der(v) = F - F_v * v - K * x - F_c * tanh(v / 2.6e-05) "Newton\'s second law" annotation '
         '(Documentation(info = "a balance; of forces"));'
     ) in written.text.splitlines()
     assert '  // the balance of forces; "equation" is only a word here' in written.text

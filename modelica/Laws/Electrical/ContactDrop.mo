@@ -3,7 +3,7 @@ model ContactDrop "Voltage drop that hardly depends on the current"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real V_c(min = 0, max = v_n, nominal = 0.1 * v_n) = 0 "Voltage drop";
 protected
-  final parameter Real i_smooth = 2e-4 * i_n "Current over which the drop changes its sign";
+  final parameter Real i_smooth = 2e-5 * i_n "Current over which the drop changes its sign";
 equation
   v = V_c * tanh(i / i_smooth);
   annotation (Documentation(info = "<html>

@@ -3,7 +3,7 @@ model CoulombFriction "Dry friction"
   extends Laws.Interfaces.MotionLaw;
   parameter Real F_c(min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Dry friction";
 protected
-  final parameter Real v_smooth = 2e-4 * v_n "Speed over which friction changes its sign";
+  final parameter Real v_smooth = 2e-5 * v_n "Speed over which friction changes its sign";
 equation
   f = F_c * tanh(v / v_smooth);
   annotation (Documentation(info = "<html>

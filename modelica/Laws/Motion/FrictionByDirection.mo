@@ -4,7 +4,7 @@ model FrictionByDirection "Dry friction that differs by direction"
   parameter Real F_c(min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Dry friction, mean of both directions";
   parameter Real a(min = -1, max = 1, nominal = 0.2) = 0 "Share by which friction is more at positive speeds and less at negative ones";
 protected
-  final parameter Real v_smooth = 2e-4 * v_n "Speed over which friction changes its sign";
+  final parameter Real v_smooth = 2e-5 * v_n "Speed over which friction changes its sign";
 equation
   f = F_c * tanh(v / v_smooth) * (1 + a * tanh(v / v_smooth));
   annotation (__aero_bayes(refines = "coulomb_friction"),

@@ -5,7 +5,7 @@ model StribeckFriction "Dry friction that falls once it slides"
   parameter Real r(min = 0, max = 5, nominal = 0.5) = 0.5 "Share by which friction is larger at rest";
   parameter Real v_s(min = 1e-3 * v_n, max = v_n, nominal = 0.05 * v_n) = 0.05 * v_n "Speed at which the excess has fallen to 1/e";
 protected
-  final parameter Real v_smooth = 2e-4 * v_n "Speed over which friction changes its sign";
+  final parameter Real v_smooth = 2e-5 * v_n "Speed over which friction changes its sign";
 equation
   f = F_c * (1 + r * exp(-(v / v_s) ^ 2)) * tanh(v / v_smooth);
   annotation (__aero_bayes(refines = "coulomb_friction"),

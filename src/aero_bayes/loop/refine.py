@@ -19,6 +19,7 @@ from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.prospect import Scored
 from aero_bayes.loop.rounds import Round, Selection, threshold, with_odds
 from aero_bayes.loop.stand import Held
+from aero_bayes.show import listed
 
 #: Refits of a finer law, from the likeliest of its starts.
 STARTS = 2
@@ -46,6 +47,10 @@ def refine(search: Search, selection: Selection, finer: Mapping[str, str], count
             continue
         scores = _scored(search, selection.held, coarse, ids)
         if not scores or scores[0].gain < bar:
+            plainer = _plainer(search, selection, scores, bar)
+            if plainer is not None:
+                selection = plainer
+                continue
             for score in (s for s in scores if s.gain > 0.0):
                 selection = replace(selection, equivalent=_with(selection.equivalent, coarse, score.candidate.id))
             continue
@@ -90,6 +95,29 @@ def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Sel
             same = tuple(ids for ids in selection.equivalent if other not in ids)
             selection = replace(selection, held=without, equivalent=same)
     return selection
+
+
+def _plainer(search: Search, selection: Selection, scores: Sequence[Scored], bar: float) -> Selection | None:
+    """The selection with a finer law that does alone what the simple one needs others for, and as well."""
+    now = selection.held.log_evidence
+    if len(selection.effects) < 2:
+        return None
+    found: list[tuple[Scored, Selection]] = []
+    for score in scores:
+        assert score.held is not None
+        slim = _dropped(search, replace(selection, held=score.held), score.candidate.id, bar)
+        if len(slim.effects) < len(selection.effects) and slim.held.shows_shape(score.candidate.id):
+            gain = slim.held.log_evidence - now
+            found.append((replace(score, held=slim.held, gain=gain, promise=gain), slim))
+    best, slim = max(found, key=lambda f: f[0].gain, default=(None, selection))
+    if best is None or best.gain < 0.0:
+        return None
+    gone = [e for e in selection.effects if e not in slim.effects]
+    why = f"{best.candidate.id} in place of {listed(gone)} gains {best.gain:.1f} in log-evidence"
+    rated, nothing, untried = with_odds([best])
+    number, same = len(selection.rounds) + 1, (best.candidate.id,)
+    last = Round(number, selection.held, rated, 0.0, rated[0], same, why, nothing, untried)
+    return replace(slim, rounds=(*selection.rounds, last))
 
 
 def _in_place_of(search: Search, held: Held, coarse: str, finer: str) -> Held | None:

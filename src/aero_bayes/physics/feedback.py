@@ -1,8 +1,8 @@
-"""Signals inside a model: what is computed from an input and a state and acts on, and what blocks pass on."""
+"""Signals inside a model: of a controller, from one part of a model to the next, from block to block."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.export.syntax import Name, names_in
@@ -11,17 +11,20 @@ from aero_bayes.physics.structure import Structure, derived_in, is_derivative
 
 
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
-    """A port for every signal that the model's own class gives from an input and a state, such as a controller's.
+    """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
-    It acts as an input does: what follows reads what a law makes of it.
+    One that is given from states alone is a signal where nothing comes back from what it acts on: one filter's to the
+    next. It acts as an input does: what follows reads what a law makes of it.
     """
     given = _given(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
+    onward = _onward(s, given)
     for name, index in given.items():
         e = flat.equations[index]
         reached = _reached(s, flat, name, given)
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
-        if reached & inputs and reached & {*s.states} and acts:
+        within = reached & {*s.states}
+        if within and acts and (reached & inputs or not within & _following(s.of(name), onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
@@ -40,6 +43,31 @@ def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
                         yield Port(
                             inner, "input", "signal", unit, signals, e.place, states, {"u": inner}, given=index
                         )  # fmt: skip
+
+
+def _onward(s: Structure, given: Collection[str]) -> dict[str, set[str]]:
+    """What each variable acts on at once; where an equation does not say what it gives, all in it on all."""
+    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    found: dict[str, set[str]] = {}
+    for e in s.flat.equations:
+        names = {s.of(n) for n in (names_in(e.left) | names_in(e.right)) if n in s.same}
+        heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in names if n in rates}
+        if isinstance(e.left, Name) and e.left.name in given:
+            heads = {s.of(e.left.name)}
+        for name in names:
+            found.setdefault(name, set()).update(heads if len(heads) == 1 else names)
+    return found
+
+
+def _following(name: str, onward: Mapping[str, set[str]]) -> set[str]:
+    """All that a variable acts on, by whatever way."""
+    found = set[str]()
+    waiting = [name]
+    while waiting:
+        new = onward.get(waiting.pop(), set()) - found
+        found |= new
+        waiting += new
+    return found
 
 
 def _passed(s: Structure, name: str, causality: str) -> bool:

@@ -1,0 +1,16 @@
+within Laws.Motion;
+model EndStopBySide "Stops that a motion runs into, at different distances"
+  extends Laws.Interfaces.MotionLaw;
+  parameter Real k_s(min = 0, max = 1000 * f_n / x_n, nominal = 10 * f_n / x_n) = 0 "Stiffness of the stops";
+  parameter Real x_s(min = 0.05 * x_n, max = 1.2 * x_n, nominal = 0.8 * x_n) = 0.8 * x_n "Displacement from the middle at which the stops are met";
+  parameter Real x_m(min = -1.2 * x_n, max = 1.2 * x_n, nominal = 0.1 * x_n) = 0 "Middle between the stops";
+protected
+  final parameter Real x_smooth = 1e-3 * x_n "Width of the rounding where a stop is met";
+equation
+  f = k_s * (x - x_m + 0.5 * (sqrt((x - x_m - x_s) ^ 2 + x_smooth ^ 2) - sqrt((x - x_m + x_s) ^ 2 + x_smooth ^ 2)));
+  annotation (__aero_bayes(refines = "end_stop"),
+    Documentation(info = "<html>
+<p>An elastic stop at <code>x_m + x_s</code> and one at <code>x_m - x_s</code>; between them nothing acts.</p>
+<p>Source: B. Brogliato, Nonsmooth Mechanics (Springer, 2016), sec. 2.1: compliant contact.</p>
+</html>"));
+end EndStopBySide;
