@@ -22,7 +22,8 @@ from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
 from aero_bayes.physics.use import use_of
 
 LISTED = {
-    "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay hysteresis curve",
+    "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
+    "hysteresis curve",
     "output": "gain offset lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "

@@ -76,17 +76,23 @@ class Tries:
         return stand.fit(held.values, held.effects, held.optimum.noise, self.fit)
 
     def scored(
-        self, base: Held, ids: Collection[str], instead: Held | None = None, seen: Collection[str] | None = None
+        self,
+        base: Held,
+        ids: Collection[str],
+        instead: Held | None = None,
+        seen: Collection[str] | None = None,
+        least: float = -math.inf,
     ) -> list[Scored]:
         """Candidates beside what the model has, each group on its own stand; best first.
 
         ``instead`` is a fit with one effect more, in whose place each candidate is tried where it stands too. Of those
-        that were not ``seen``, if given, only the few most promising are looked at closely.
+        that were not ``seen``, if given, only the few most promising are looked at closely. What cannot reach ``least``
+        in log-evidence is given up.
         """
         prospects = self._prospects(base, ids, instead, seen)
         scores: list[Scored] = []
         for wave in waves(prospects, len(prospects) if instead is not None else self.settings.near):
-            tries = [partial(score, found, self.fit, self._aim(found.candidate.id, scores, instead)) for found in wave]
+            tries = [partial(score, found, self.fit, self._aim(scores, instead, least)) for found in wave]
             done = len(scores)
             self.ahead(tries, 0.5 + 0.5 * done / len(prospects), 0.5 + 0.5 * (done + len(wave)) / len(prospects))
             for found, attempt in zip(wave, tries, strict=True):
@@ -152,33 +158,28 @@ class Tries:
                 scores[k] = replace(found, held=further, gain=found.gain + further.log_evidence - held.log_evidence)
         return sorted(scores, key=lambda s: -s.gain)
 
-    def _aim(self, id_: str, scores: Sequence[Scored], instead: Held | None) -> float:
-        """Log-evidence that a candidate must reach to matter: that of what it would replace, or of the few best.
-
-        What a simple law gains is asked for where a finer one is weighed.
-        """
+    def _aim(self, scores: Sequence[Scored], instead: Held | None, least: float) -> float:
+        """Log-evidence that a candidate must reach to matter: that of what it would replace, or of the few best."""
         if instead is not None:
             return instead.log_evidence - self.settings.equivalence
-        if id_ in self.finer.values():
-            return -math.inf
         best = sorted((s.held.log_evidence for s in scores if s.held is not None), reverse=True)
-        return best[self.settings.near - 1] if len(best) >= self.settings.near else -math.inf
+        return max(best[self.settings.near - 1] if len(best) >= self.settings.near else -math.inf, least)
 
     def tried_finer(self, base: Held, scores: Sequence[Scored]) -> list[Scored]:
-        """Finer laws that explain far more than what they refine, which shows little by itself.
+        """Finer laws that are the best of all and explain far more than what they refine, which shows little by itself.
 
         Where the simple law explains most of it, whether a finer one is worth its parameters is asked at the end.
         """
-        coarse = {s.candidate.id: s.gain for s in scores}
-        found = self.scored(base, [id_ for id_, of in self.finer.items() if of in coarse])
-        bar = threshold(len(scores) + len(found), self.settings)
-        return [
-            s
-            for s in found
-            if s.held is not None
-            and s.gain > 2.0 * max(coarse[self.finer[s.candidate.id]], 0.0) + bar
-            and s.held.shows_shape(s.candidate.id)
-        ]
+        coarse = {s.candidate.id for s in scores}
+        ids = [id_ for id_, of in self.finer.items() if of in coarse]
+        bar = threshold(len(scores) + len(ids), self.settings)
+        least = max(bar, max((s.gain for s in scores), default=bar) - self.settings.equivalence)
+        found = self.scored(base, ids, least=base.log_evidence + least)
+        found = [s for s in found if s.gain >= least and s.held is not None and s.held.shows_shape(s.candidate.id)]
+        # what was given up as none of the few best may be worth more than it came to
+        of = {self.finer[s.candidate.id] for s in found}
+        gains = {s.candidate.id: s.gain for s in self.scored(base, of)} if of else {}
+        return [s for s in found if s.gain > 2.0 * max(gains[self.finer[s.candidate.id]], 0.0) + bar]
 
     def best_in_pairs(self, scores: Sequence[Scored], aim: float) -> Iterator[Held]:
         """Refits with each two of the best of a round, as far as log-evidence ``aim`` is within reach."""
