@@ -179,3 +179,63 @@ def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     assert 1.0 / result.effects[0].parameters[0].value == pytest.approx(LIMIT, rel=0.02)
     assert result.after.pooled("test")["y"] < 1.1 * NOISE
     assert result.before.pooled("test")["y"] > 5.0 * NOISE
+
+
+CASCADE = """model Cascade "A filter, an amplifier and a second filter"
+  parameter Real T_1(unit = "s", min = 0) = 0.12;
+  parameter Real T_2(unit = "s", min = 0) = 0.25;
+  parameter Real K = 1;
+  input Real u(unit = "V");
+  output Real y(unit = "V", start = 0, fixed = true);
+  Real x(unit = "V", start = 0, fixed = true);
+  Real g(unit = "V") "What the first filter hands on";
+equation
+  T_1*der(x) + x = u;
+  g = K*x;
+  T_2*der(y) + y = g;
+end Cascade;
+"""
+
+
+def cascade(name: str, seed: int) -> Recording:
+    """A first filter whose output an amplifier limits at -0.8 and 0.5 V: fourth-order Runge-Kutta, the input held."""
+    rng = np.random.default_rng(seed)
+    u, h = np.repeat(rng.uniform(-1.5, 1.5, 150), 12), 0.02
+    x, y = np.zeros(2), np.zeros(u.size)
+
+    def slope(x, level):
+        return np.array([(level - x[0]) / 0.1, (np.clip(1.1 * x[0], -0.8, 0.5) - x[1]) / 0.3])
+
+    for n in range(u.size - 1):
+        for _ in range(4):
+            x = runge_kutta(slope, x, (u[n], u[n], u[n]), h / 4.0)
+        y[n + 1] = x[1]
+    return Recording(name, h * np.arange(u.size), {"u": u}, {"y": y + rng.normal(0.0, NOISE, u.size)})
+
+
+def test_what_a_part_hands_on_to_the_next_is_a_port_where_nothing_comes_back(tmp_path):
+    source = tmp_path / "Cascade.mo"
+    source.write_text(CASCADE, encoding="utf-8")
+    ports = {p.id: p for p in ports_of(load_flat("Cascade", [source]), general_laws())}
+    assert [id_ for id_, p in ports.items() if p.via == "signal"] == ["g"]
+    assert ports["g"].laws == ports["u"].laws
+    assert ports["g"].states == ("x",)
+    # once the second filter loads the first it is no signal any more
+    source.write_text(CASCADE.replace("x = u;", "x = u - 0.1*y;"), encoding="utf-8")
+    assert not [p for p in ports_of(load_flat("Cascade", [source]), general_laws()) if p.via == "signal"]
+
+
+def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tmp_path):
+    source = tmp_path / "Cascade.mo"
+    source.write_text(CASCADE, encoding="utf-8")
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=3), sources=(source,), free=("T_1", "T_2", "K"),
+        laws=("saturation", "saturation_by_side", "dead_zone", "offset", "overflow"), cache=tmp_path / "fmu",
+    )  # fmt: skip
+    result = close_loop([cascade("a", 63)], [cascade("b", 64)], model="Cascade", settings=settings, workers=0)
+    assert [effect.id for effect in result.effects] == ["saturation_by_side@g"]
+    s, a = (p.value for p in result.effects[0].parameters)
+    assert 1.0 / (s * (1.0 + a)) == pytest.approx(0.5, rel=0.02)
+    assert 1.0 / (s * (1.0 - a)) == pytest.approx(0.8, rel=0.02)
+    assert result.after.pooled("test")["y"] < 1.1 * NOISE
+    assert result.before.pooled("test")["y"] > 5.0 * NOISE
