@@ -24,7 +24,7 @@ from aero_bayes.physics.use import use_of
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
     "hysteresis curve",
-    "output": "gain offset lag delay curve",
+    "output": "gain offset saturation saturation_by_side lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
     "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness end_stop end_stop_by_side backlash "
@@ -34,7 +34,19 @@ LISTED = {
     "exchange": "exchange",
     "electrical": "series_resistance contact_drop heating curve",
 }
-SIZES = {"f_n": 3.0, "v_n": 0.5, "x_n": 0.2, "u_n": 4.0, "q_n": 7.0, "h_n": 10.0, "d_n": 10.0, "i_n": 2.0, "t_n": 0.5}
+SIZES = {
+    "f_n": 3.0,
+    "v_n": 0.5,
+    "x_n": 0.2,
+    "x_w": 0.1,
+    "x_0": 0.02,
+    "u_n": 4.0,
+    "q_n": 7.0,
+    "h_n": 10.0,
+    "d_n": 10.0,
+    "i_n": 2.0,
+    "t_n": 0.5,
+}
 
 
 def clip(x: float, limit: float) -> float:
@@ -61,6 +73,8 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("input", "square_law"): lambda u, a: (1 - a) * u + a * u * abs(u) / SIZES["u_n"],
     ("output", "gain"): lambda u, g: (1 + g) * u,
     ("output", "offset"): lambda u, b: u + b,
+    ("output", "saturation"): lambda u, s: clip(u, 1 / s),
+    ("output", "saturation_by_side"): lambda u, s, a: max(-1 / (s * (1 - a)), min(1 / (s * (1 + a)), u)),
     ("motion", "coulomb_friction"): lambda v, F_c: F_c * np.sign(v),
     ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
     ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
@@ -71,7 +85,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "linear_stiffness"): lambda x, k: k * x,
     ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
-    ("motion", "end_stop_by_side"): lambda x, k_s, x_s, x_m: k_s * (x - max(x_m - x_s, min(x_m + x_s, x))),
+    ("motion", "end_stop_by_side"): lambda x, k_s, x_s, b: k_s * (x - max(b + 0.02 - x_s, min(b + 0.02 + x_s, x))),
     ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
     ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
     ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),

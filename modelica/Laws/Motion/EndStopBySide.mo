@@ -1,16 +1,19 @@
 within Laws.Motion;
 model EndStopBySide "Stops that a motion runs into, at different distances"
   extends Laws.Interfaces.MotionLaw;
-  parameter Real k_s(min = 0, max = 1000 * f_n / x_n, nominal = 10 * f_n / x_n) = 0 "Stiffness of the stops";
-  parameter Real x_s(min = 0.05 * x_n, max = 1.2 * x_n, nominal = 0.8 * x_n) = 0.8 * x_n "Displacement from the middle at which the stops are met";
-  parameter Real x_m(min = -1.2 * x_n, max = 1.2 * x_n, nominal = 0.1 * x_n) = 0 "Middle between the stops";
+  parameter Real k_s(min = 0, max = 1000 * f_n / x_w, nominal = 10 * f_n / x_w) = 0 "Stiffness of the stops";
+  parameter Real x_s(min = 0.05 * x_w, max = 1.2 * x_w, nominal = 0.95 * x_w) = 0.95 * x_w "Displacement from the middle at which the stops are met";
+  parameter Real b(min = -x_w, max = x_w, nominal = 0.01 * x_w) = 0 "How far the middle between the stops is from that of the range";
 protected
-  final parameter Real x_smooth = 1e-3 * x_n "Width of the rounding where a stop is met";
+  final parameter Real x_smooth = 1e-4 * x_w "Width of the rounding where a stop is met";
+  Real e "Displacement from the middle between the stops";
 equation
-  f = k_s * (x - x_m + 0.5 * (sqrt((x - x_m - x_s) ^ 2 + x_smooth ^ 2) - sqrt((x - x_m + x_s) ^ 2 + x_smooth ^ 2)));
+  e = x - x_0 - b;
+  f = k_s * (e + 0.5 * (sqrt((e - x_s) ^ 2 + x_smooth ^ 2) - sqrt((e + x_s) ^ 2 + x_smooth ^ 2)));
   annotation (__aero_bayes(refines = "end_stop"),
     Documentation(info = "<html>
-<p>An elastic stop at <code>x_m + x_s</code> and one at <code>x_m - x_s</code>; between them nothing acts.</p>
+<p>An elastic stop on either side of a middle, <code>x_s</code> from it; between them nothing acts. The middle is <code>b</code> from that of the range in
+which the motion was seen.</p>
 <p>Source: B. Brogliato, Nonsmooth Mechanics (Springer, 2016), sec. 2.1: compliant contact.</p>
 </html>"));
 end EndStopBySide;

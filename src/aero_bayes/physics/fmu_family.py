@@ -103,7 +103,8 @@ class FmuFamily(RigFamily):
                 assert port.entrance is not None
                 force = given[inner.inputs[port.entrance.equation].name]
                 speed, *position = (seen[s] for s in port.states)
-                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": (*position, speed * time)[0], "t_n": time}
+                place = (*position, speed * time)[0]
+                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time}
             elif port.kind == "input":
                 sizes[port.id] = {"u_n": given[port.id], "w_n": pace(recorded(calibration, port.id), time), "t_n": time}
             else:

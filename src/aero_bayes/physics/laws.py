@@ -36,7 +36,7 @@ SHAPES: Mapping[str, Shape] = {
     "InputLaw": Shape("input", "y", ("u",), {"u_n": "u"}),
     "OutputLaw": Shape("output", "y", ("u",), {"u_n": "u"}),
     "ReadingLaw": Shape("reading", "y", ("u",), {"u_n": "u"}),
-    "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x"}),
+    "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x", "x_w": "x", "x_0": "x"}),
     "StorageLaw": Shape("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
     "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
     "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1", "d_n": "h_1"}),

@@ -20,7 +20,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import KELVIN, Port, signal_of
-from aero_bayes.physics.structure import structure_of
+from aero_bayes.physics.structure import Structure, structure_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
 
@@ -45,7 +45,7 @@ def port_sizes(
 
     What a law gives at a balance is sized by the largest of that balance's own terms.
     """
-    watched = _Watched(flat)
+    structure, watched = structure_of(flat), _Watched(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     levels = {p.id: signal_of(p.signals["h"]) for p in ports if p.kind == "storage"}
@@ -56,8 +56,13 @@ def port_sizes(
         acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
     found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
+    found = {
+        name: _recorded_over(structure, calibration, e, found[name])
+        for e, name in watched.names.items()
+        if name in found
+    }
     time = typical_time(calibration, fit)
-    starts = _first_readings(flat, ports, calibration)
+    starts = _first_readings(structure, ports, calibration)
     for id_ in warm:
         ends = rest.get(seen[id_]["h"], [])
         if ends and all(_settled(end, found[seen[id_]["h"]]) for end in ends):
@@ -97,9 +102,22 @@ def _left_alone(calibration: Calibration) -> Calibration:
     return replace(calibration, experiments=tuple(experiments))
 
 
-def _first_readings(flat: FlatModel, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+def _recorded_over(
+    structure: Structure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
+    members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
+    found = list(simulated)
+    for k, e in enumerate(calibration.experiments):
+        for column in (c for c, output in enumerate(e.outputs) if output in members and e.measured is not None):
+            assert e.measured is not None
+            found[k] = np.where(np.isfinite(e.measured[:, column]), e.measured[:, column], found[k])
+    return found
+
+
+def _first_readings(structure: Structure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
     """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
-    structure, first = structure_of(flat), calibration.experiments[0]
+    first = calibration.experiments[0]
     found = {}
     for port in ports:
         level = structure.of(port.signals.get("h", ""))
@@ -249,12 +267,16 @@ def _sizes(
             sizes = {"u_n": signal_size([s.values for s in inputs]), "w_n": pace(inputs, time)}
     elif port.kind == "motion":
         speed = own.get("v", 0.0)
-        sizes = {"f_n": act, "v_n": speed, "x_n": own.get("x", speed * time)}
+        place = own.get("x", speed * time)
+        sizes = {"f_n": act, "v_n": speed, "x_n": place, "x_w": place}
     elif port.kind == "electrical":
         sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
     sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
+    if port.kind == "motion" and "x" in own:
+        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - MOST, MOST))
+        sizes |= {"x_w": 0.5 * float(high - low) or 1.0, "x_0": 0.5 * float(high + low)}
     if port.kind == "storage" and "h" in own and ("h_s" in own or port.units.get("h") in KELVIN):
         level = found[seen["h"]]
         if "h_s" in own:
