@@ -4,7 +4,7 @@ model EndStop "Stops that a motion runs into"
   parameter Real k_s(min = 0, max = 1000 * f_n / x_n, nominal = 10 * f_n / x_n) = 0 "Stiffness of the stops";
   parameter Real x_s(min = 0.05 * x_n, max = 1.2 * x_n, nominal = 0.8 * x_n) = 0.8 * x_n "Displacement at which the stops are met";
 protected
-  final parameter Real x_smooth = 1e-4 * x_n "Width of the rounding where a stop is met";
+  final parameter Real x_smooth = 1e-5 * x_n "Width of the rounding where a stop is met";
 equation
   f = k_s * (x + 0.5 * (sqrt((x - x_s) ^ 2 + x_smooth ^ 2) - sqrt((x + x_s) ^ 2 + x_smooth ^ 2)));
   annotation (Documentation(info = "<html>

@@ -5,7 +5,7 @@ model EndStopBySide "Stops that a motion runs into, at different distances"
   parameter Real x_s(min = 0.05 * x_w, max = 1.2 * x_w, nominal = 0.95 * x_w) = 0.95 * x_w "Displacement from the middle at which the stops are met";
   parameter Real b(min = -x_w, max = x_w, nominal = 0.01 * x_w) = 0 "How far the middle between the stops is from that of the range";
 protected
-  final parameter Real x_smooth = 1e-4 * x_w "Width of the rounding where a stop is met";
+  final parameter Real x_smooth = 1e-5 * x_w "Width of the rounding where a stop is met";
   Real e "Displacement from the middle between the stops";
 equation
   e = x - x_0 - b;
