@@ -43,6 +43,8 @@ def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
     tried = {c["id"].partition("@")[2] for step in loop.get("steps", []) for c in step["candidates"]}
     outputs = {v.name for v in job.model.outputs}
     ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]
+    # what acts between two names is marked at both
+    ports = [name for port in ports for name in port.split("-")]
     # A name stands for the balance of a state only where the reading of it goes by another.
     ports = [f"output_{p}" if p in outputs and f"output_{p}" not in tried else p for p in ports]
     base = str(loop.get("base") or job.name)
