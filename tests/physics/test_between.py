@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from closed_form import runge_kutta
+from physics_rigs import Numbers, explicit
 from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.physics.compose import compose_laws
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import general_laws
 from aero_bayes.physics.ports import Port
@@ -54,6 +56,43 @@ equation
   J*der(w_3) = tau - 0.2*w_3;
 end Shaft;
 """
+DRIVE = """model Drive "Two inertias, a shaft between them that is a component of its own, and a brake"
+  connector Flange
+    Real phi(unit = "rad");
+    flow Real tau(unit = "N.m");
+  end Flange;
+  model Rotor
+    parameter Real J(unit = "kg.m2", min = 0) = 0.01;
+    Flange fl;
+    Real w(unit = "rad/s", start = 0, fixed = true);
+    input Real tau(unit = "N.m");
+  equation
+    w = der(fl.phi);
+    J*der(w) = tau + fl.tau;
+  end Rotor;
+  model Shaft
+    parameter Real c(unit = "N.m/rad", min = 0) = 40;
+    Flange a;
+    Flange b;
+  equation
+    a.tau = c*(a.phi - b.phi) + 0.1*(der(a.phi) - der(b.phi));
+    a.tau + b.tau = 0;
+  end Shaft;
+  input Real u(unit = "N.m");
+  output Real n(unit = "rad/s");
+  Rotor motor(fl(phi(start = 0, fixed = true)), tau = u);
+  Rotor load(J = 0.03, fl(phi(start = 0, fixed = true)), tau = -0.02*load.w);
+  Rotor far(J = 0.05, fl(phi(start = 0, fixed = true)), tau = -0.02*far.w);
+  Shaft shaft;
+  Shaft second(c = 20);
+equation
+  connect(motor.fl, shaft.a);
+  connect(shaft.b, load.fl);
+  connect(load.fl, second.a);
+  connect(second.b, far.fl);
+  n = load.w;
+end Drive;
+"""
 
 
 def found(tmp_path: Path, source: str) -> dict[str, Port]:
@@ -80,12 +119,41 @@ def test_a_twist_that_is_a_state_is_the_displacement_between_and_who_is_alone_ha
     assert ports["w_2-w_1"].units["x"] == "rad"
 
 
+def test_what_a_component_joins_has_a_place_beside_it_and_what_none_joins_has_none(tmp_path):
+    ports = found(tmp_path, DRIVE)
+    assert [id_ for id_ in ports if "-" in id_] == ["motor.fl-load.fl", "load.fl-far.fl"]
+    twist = ports["motor.fl-load.fl"]
+    assert twist.signals == {"v": "motor.w - load.w", "x": "motor.fl.phi - load.fl.phi"}
+    assert (twist.via, twist.unit, twist.neighbours) == ("node", "N.m", ("load.fl",))
+    assert set(twist.laws) == set(ports["motor.fl"].laws)
+
+
+def test_what_acts_at_one_end_of_a_component_reacts_at_the_other(laws, models, tmp_path):
+    (tmp_path / "Drive.mo").write_text(DRIVE, encoding="utf-8")
+    flat = load_flat("Drive", [tmp_path / "Drive.mo"])
+    (use,) = uses_at(flat, laws, "quadratic_drag@motor.fl-load.fl")
+    with_it, without = Numbers(explicit(compose_laws(flat, [use], models))), Numbers(explicit(flat))
+    point = {**dict.fromkeys(without.names(), 0.0), "motor.w": 3.0, "load.w": 5.0}
+    one, two = with_it(point), without(point)
+    change = [one[f"der({rotor}.w)"] - two[f"der({rotor}.w)"] for rotor in ("motor", "load", "far")]
+    torque = use.value(use.law.parameters[0]) * 2.0**2
+    assert change == pytest.approx([torque / 0.01, -torque / 0.03, 0.0], abs=1e-12)
+
+
 M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
 
 
-@pytest.mark.parametrize("ids", [("quadratic_drag@v_b-v_w", "presliding_friction@v_b-v_w"), ("backlash@w_2-w_1",)])
-def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(ids, laws, models, tmp_path, rng):
-    source = CAR if "v_b" in ids[0] else SHAFT
+@pytest.mark.parametrize(
+    ("source", "ids"),
+    [
+        (CAR, ("quadratic_drag@v_b-v_w", "presliding_friction@v_b-v_w")),
+        (SHAFT, ("backlash@w_2-w_1",)),
+        (DRIVE, ("backlash@motor.fl-load.fl", "quadratic_drag@load.fl-far.fl", "coulomb_friction@load.fl")),
+    ],
+)
+def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(
+    source, ids, laws, models, tmp_path, rng
+):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     flat = load_flat(name, [tmp_path / f"{name}.mo"])

@@ -24,6 +24,10 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
 
 FloatArray = NDArray[np.float64]
 
+#: A climb leads where an earlier one ended if its model expects this share of all that it promises there, and this share
+#: of that is so.
+THERE, SO = 0.9, 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class SmoothPrior:
@@ -160,8 +164,9 @@ class _Posterior:
         free: Sequence[int],
         noise: Mapping[str, OutputNoise] | None,
         settings: ClimbSettings,
+        known: Sequence[Optimum] = (),
     ) -> None:
-        self.objective, self.settings = objective, settings
+        self.objective, self.settings, self.known = objective, settings, known
         self.base, self.free = np.array(start, dtype=np.float64), list(free)
         self.noise = dict(noise) if noise is not None else None
 
@@ -188,6 +193,19 @@ class _Posterior:
             return here
         self.noise = noise
         return self._ground(here.point, here.evaluation, noise)
+
+    def met(self, here: _Slope, newton: FloatArray) -> bool:
+        """Whether a climb from here leads to one of the known ends, each looked at under the noise of this one."""
+        least = THERE * here.promise(newton)
+        for end in self.known:
+            expected = here.promise((end.coordinates - here.point)[self.free])
+            if expected >= least and here.cost - self._cost(end) >= SO * expected:
+                return True
+        return False
+
+    def _cost(self, end: Optimum) -> float:
+        white = self.objective.whiten(end.evaluation.residual, None, {**end.noise, **(self.noise or {})})
+        return -white.log_likelihood - self.log_prior(end.coordinates)
 
     def _ground(self, x: FloatArray, found: Evaluation, noise: Mapping[str, OutputNoise]) -> _Slope:
         white = self.objective.whiten(found.residual, found.slopes, noise)
@@ -258,8 +276,11 @@ def climb(
     *,
     noise: Mapping[str, OutputNoise] | None = None,
     settings: ClimbSettings | None = None,
+    known: Sequence[Optimum] = (),
 ) -> Optimum:
     """Climb from ``start`` (search coordinates of all columns) over the ``free`` columns.
+
+    It ends early where it leads to one of those ``known``, of the same objective and columns.
 
     Raises
     ------
@@ -267,16 +288,17 @@ def climb(
         If the model cannot be simulated at the start.
     """
     settings = settings or ClimbSettings()
-    terrain = _Posterior(objective, start, free, noise, settings)
+    terrain = _Posterior(objective, start, free, noise, settings, known)
     low, high = (bound[list(free)] for bound in objective.parameters.box)
     ends: list[Found[_Slope]] = []
 
     def descend() -> Arrays:
         shape = shape_of(objective.parameters, free, objective.calibration.intervals)
-        ends.append(search(terrain, terrain.base[list(free)], low, high, settings.local, shape=shape))
+        ends.append(search(terrain, terrain.base[list(free)], low, high, settings.local, shape=shape, met=terrain.met))
         return _packed(ends[0])
 
-    kept = objective.once("climb", (terrain.base, tuple(free), noise, settings), descend)
+    asked = terrain.base, tuple(free), noise, settings, [end.coordinates for end in known]
+    kept = objective.once("climb", asked, descend)
     found = ends[0] if ends else terrain.back(kept)
     if found.ground is None:
         raise CannotFinishError(

@@ -32,6 +32,7 @@ class Stop(Enum):
     CONVERGED = "converged: no step inside the bounds would lower the cost noticeably"
     SMALL_STEP = "converged: the steps became smaller than the tolerance"
     BEATEN = "given up: what it has gained lately would not take it as far as it had to come"
+    MET = "given up: it led where an earlier one had come to"
     NO_PROGRESS = "no step lowered the cost although the model of it promised one"
     ITERATION_LIMIT = "the iteration limit was reached"
     FAILED_START = "the simulation failed at the starting point"
@@ -48,6 +49,10 @@ class Ground:
     cost: float
     gradient: FloatArray
     hessian: FloatArray
+
+    def promise(self, step: FloatArray) -> float:
+        """By how much a step lowers the quadratic model of the cost."""
+        return -float(self.gradient @ step + 0.5 * step @ self.hessian @ step)
 
 
 G = TypeVar("G", bound=Ground)
@@ -159,6 +164,7 @@ def search(
     settings: LocalSettings | None = None,
     progress: Callable[[int, float], None] | None = None,
     shape: Shape | None = None,
+    met: Callable[[G, FloatArray], bool] | None = None,
 ) -> Found[G]:
     """Descend from a start.
 
@@ -172,6 +178,8 @@ def search(
     progress : callable, optional
         Told the iteration and the cost.
     shape : Shape, optional
+    met : callable, optional
+        Told the ground and the step (p,) to where its quadratic model is least: whether that is known already.
     """
     settings = settings or LocalSettings()
     point = np.clip(np.asarray(start, dtype=np.float64), low, high)
@@ -187,14 +195,16 @@ def search(
         scale = np.where(ceiling > 0.0, ceiling, 1.0)
         room = way.room(point)
         newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *room)
-        promise = _promise(here, newton)
+        promise = here.promise(newton)
+        if met is not None and met(here, newton):
+            return Found(point, here, iteration, Stop.MET, evaluations)
         if len(lately) == LATELY and here.cost - settings.aim > REACH * max(sum(lately), promise):
             return Found(point, here, iteration, Stop.BEATEN, evaluations)
         end = _flat(here, promise, newton, point, settings)
         before = here.cost
         if end is None:
             step = bounded_step(here.hessian + np.diag((1e-14 + damping) * scale), here.gradient, *room)
-            promised = max(_promise(here, step), 1e-300)
+            promised = max(here.promise(step), 1e-300)
             ahead = way.ahead(point, step)
             there = terrain.look(ahead)
             evaluations += 1
@@ -220,10 +230,6 @@ def search(
         if end is not None and gained < settings.renewal:
             return Found(point, here, iteration, end, evaluations)
     return Found(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
-
-
-def _promise(here: Ground, step: FloatArray) -> float:
-    return -float(here.gradient @ step + 0.5 * step @ here.hessian @ step)
 
 
 def _flat(here: Ground, promise: float, newton: FloatArray, point: FloatArray, settings: LocalSettings) -> Stop | None:

@@ -265,7 +265,7 @@ class Search(Tries):
                     continue
                 missed[effect] = current.log_evidence - without.log_evidence
                 every = dict.fromkeys((*ids, *current.effects))
-                found = self.round(without, every, instead=current, seen={*self._seen(), *current.effects})
+                found = self.round(without, every, instead=current, seen={*self._rivals(effect), *current.effects})
                 best = self._plainest(found.scores)
                 if best is not None and best.held is not None and best.held.log_evidence > current.log_evidence + SWAP:
                     changed = changed or best.candidate.id != effect
@@ -284,9 +284,10 @@ class Search(Tries):
         order = sorted(current.effects, key=lambda e: -missed.get(e, 0.0))
         return replace(current, effects=tuple(order)), equivalent
 
-    def _seen(self) -> set[str]:
-        """The best of every round."""
-        return {s.candidate.id for r in self.rounds for s in r.scores[: self.settings.near] if s.held is not None}
+    def _rivals(self, effect: str) -> set[str]:
+        """The best of the rounds in which an effect was among them; of every round where it was in none."""
+        best = [{s.candidate.id for s in r.scores[: self.settings.near] if s.held is not None} for r in self.rounds]
+        return set().union(*([ids for ids in best if effect in ids] or best))
 
     def without(self, base: Held, held: Held, effect: str) -> Held | None:
         """The model with one effect switched off, refitted: from where it is, and from the round before it came in.

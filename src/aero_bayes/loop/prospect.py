@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.growing import grown
+from aero_bayes.estimate.search import Stop
 from aero_bayes.loop.kept import starting_points
 from aero_bayes.loop.settings import AttributeSettings
 from aero_bayes.loop.stand import Held
@@ -73,12 +75,13 @@ def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored
     base, candidate = found.base, found.candidate
     if not found.starts:
         return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
-    best: Held | None = None
+    ends: list[Held] = []
     for start in found.starts:
-        aim = max(aim, best.log_evidence if best is not None else -math.inf)
-        held = refit(base, (*base.effects, candidate.id), start, fit.aiming(cost_of(base, aim) + SLACK))
-        if held is not None and (best is None or held.log_evidence > best.log_evidence):
-            best = held
+        aim = max((aim, *(end.log_evidence for end in ends)))
+        aiming = fit.aiming(cost_of(base, aim) + SLACK)
+        held = refit(base, (*base.effects, candidate.id), start, aiming, [end.optimum for end in ends])
+        ends += [held] if held is not None else []
+    best = max(ends, key=lambda end: end.log_evidence, default=None)
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), found.promise)
 
@@ -89,17 +92,24 @@ def cost_of(like: Held, log_evidence: float) -> float:
     return sharpness - log_evidence
 
 
-def refit(base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings) -> Held | None:
-    """A climb from a start; one by least squares goes a while that way first."""
+def refit(
+    base: Held, effects: tuple[str, ...], start: Start, fit: ClimbSettings, known: Sequence[Optimum] = ()
+) -> Held | None:
+    """A climb from a start; one by least squares goes a while that way first.
+
+    None where it leads to what is known.
+    """
     study, free = base.stand.study, base.stand.free(effects)
     point, noise = start.point, base.optimum.noise
     try:
         if start.squares:
             point = climb(study, point, free, settings=fit.rough(12, 0.5).by_squares(study.outputs)).coordinates
-            return Held(base.stand, effects, climb(study, point, free, settings=fit))
-        return Held(base.stand, effects, climb(study, point, free, noise=noise, settings=fit))
+            end = climb(study, point, free, settings=fit, known=known)
+        else:
+            end = climb(study, point, free, noise=noise, settings=fit, known=known)
     except CannotFinishError:
         return None
+    return Held(base.stand, effects, end) if end.reason is not Stop.MET else None
 
 
 def led_up(base: Held, found: Held, fit: ClimbSettings) -> Held | None:
@@ -114,10 +124,11 @@ def led_up(base: Held, found: Held, fit: ClimbSettings) -> Held | None:
     start[new] = known[new]
     try:
         point, _ = grown(stand.study, start, free, fit.rough(25, 0.01), stand.open, known)
-        end = Held(stand, found.effects, climb(stand.study, point, free, settings=fit))
+        end = climb(stand.study, point, free, settings=fit, known=[found.optimum])
     except CannotFinishError:
         return None
-    return end if end.log_evidence > found.log_evidence else None
+    held = Held(stand, found.effects, end)
+    return held if end.reason is not Stop.MET and held.log_evidence > found.log_evidence else None
 
 
 def place_of(here: Held, instead: Held) -> Around | None:

@@ -8,22 +8,31 @@ from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.export.syntax import Call, Expression, Name, children
+from aero_bayes.physics.connections import joined
 from aero_bayes.physics.ports import MINUS, Port
-from aero_bayes.physics.quantities import unit_in
+from aero_bayes.physics.quantities import owner_of, relative, unit_in
 from aero_bayes.physics.structure import Structure, is_derivative
 
 
 def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
-    """A port for every two motions whose difference, of positions or speeds, stands in the model's own class."""
-    moving = [p for p in balances if p.kind == "motion" and p.via == "equation" and p.entrance is not None]
-    apart = taken_apart(s)
+    """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
+
+    At connections it is every two that a component joins, but for one whose distance is a port already.
+    """
+    moving = [p for p in balances if p.kind == "motion" and p.entrance is not None]
+    apart, known = taken_apart(s), {owner_of(s, p.id) for p in moving if p.via == "equation" and relative(s, s.of(p.id))}
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
         shared = one.signals.keys() & other.signals.keys()
         alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
-        coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
-        if not alike or not coupled or _inside(s, one) or _inside(s, other):
+        if one.via == other.via == "node":
+            both = joined(s, one, other)
+            coupled = bool(both) and not both & known
+        else:
+            coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
+            coupled = coupled and all(p.via == "equation" and not _inside(s, p) for p in (one, other))
+        if not alike or not coupled:
             continue
         signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
         units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}

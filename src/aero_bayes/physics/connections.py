@@ -69,6 +69,21 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     )  # fmt: skip
 
 
+def joined(s: Structure, one: Port, other: Port) -> set[str]:
+    """Components with a connector at each of two nodes and no balance of their own at either."""
+    both: list[set[str]] = []
+    for port in (one, other):
+        motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]
+        ends = (flow.rpartition(".")[0] for _, flows in _sets(s) for flow in flows)
+        both.append({owner_of(s, f"{c}.{port.flow}") for c in ends if _moves(s, c, port.potential) == motion})
+    return set.intersection(*both) - {owner_of(s, x) for p in (one, other) for x in p.states}
+
+
+def _moves(s: Structure, connector: str, potential: str) -> str:
+    """What a connector's potential moves with; empty where it has none of that name."""
+    return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
+
+
 def series(s: Structure, state: str) -> Port | None:
     """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
     if not is_current(s, state):

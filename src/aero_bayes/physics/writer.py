@@ -179,9 +179,13 @@ class Writer:
         inside = self._inside(port)
         if use.neighbour is not None:
             ends["neighbour"] = use.neighbour.connectors[0]
-            flows.append(f"neighbour.{use.neighbour.flow} = -{'q' if exchange else 'q_2'};")
+            taken = "q_2" if use.law.kind == "overflow" else use.law.shape.acts
+            flows.append(f"neighbour.{use.neighbour.flow} = -{taken};")
         if exchange:
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
+        elif use.neighbour is not None and port.kind == "motion":
+            other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(use.neighbour).items()}
+            inside = {k: f"{v}{MINUS}{other[k]}" for k, v in inside.items() if k in other}
         given = {k: v for k, v in port.signals.items() if k not in inside}
         self.draft.declare(use, given, inside, self._connectors(port, *ends), flows)
         self.draft.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
@@ -191,7 +195,8 @@ class Writer:
         potential = f"port.{port.potential}"
         if port.kind == "storage":
             return {"h": potential}
-        if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(port.signals.get("x", "")):
+        position = port.signals.get("x", "").partition(MINUS)[0]
+        if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(position):
             return {"v": f"der({potential})", "x": potential}
         return {"v": potential}
 
