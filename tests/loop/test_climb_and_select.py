@@ -11,7 +11,7 @@ from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.search import LocalSettings, Stop
 from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.pairs import likely_pairs
 from aero_bayes.loop.prospect import prospect, score
@@ -301,6 +301,38 @@ def test_an_aim_within_reach_changes_nothing():
     free = score(found, ClimbSettings())
     again = score(found, ClimbSettings(), base.log_evidence + free.gain + 10.0)
     assert again.gain == free.gain
+
+
+def test_a_second_climb_into_the_same_valley_is_given_up_at_once():
+    held = study([1.0, 2.0, 0.6, 0.0, 0.0], 2)
+    first = climb(held, np.zeros(5), (0, 1, 2), noise={"y": NOISE})
+    far = held.parameters.to_search(np.array([5.0, -3.0, 4.0, 0.0, 0.0]))
+    before = held.simulations
+    again = climb(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
+    assert again.reason is Stop.MET
+    assert held.simulations - before == 1
+
+
+def test_a_climb_into_another_valley_goes_on_whatever_is_known():
+    noise = OutputNoise(0.1)
+    measured = damped(TIME, np.array([1.0, 3.7, 0.0]))[:, 0] + 0.1 * np.random.default_rng(4).normal(size=600)
+    held = formula_stand(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,))).study
+    right, wrong = (held.parameters.to_search(np.array([0.8, w, 0.0, 0.0, 0.0])) for w in (3.72, 4.15))
+    best = climb(held, right, (0, 1), noise={"y": noise})
+    alone, beside = (climb(held, wrong, (0, 1), noise={"y": noise}, known=known) for known in ([], [best]))
+    assert alone.log_likelihood < best.log_likelihood - 100.0
+    assert beside.reason is not Stop.MET
+    np.testing.assert_array_equal(beside.coordinates, alone.coordinates)
+
+
+def test_a_law_that_promises_next_to_nothing_of_what_it_has_to_gain_is_not_climbed():
+    stand = OneStand([1.0, 2.0, 0.6, 0.0, 0.0], 2).stand
+    base = stand.fit({}, (), {"y": NOISE}, ClimbSettings())
+    found = prospect(base, stand.candidates["sine"], AttributeSettings(), ClimbSettings())
+    before = stand.study.simulations
+    forlorn = score(found, ClimbSettings(), base.log_evidence + 300.0 * found.promise)
+    assert forlorn.held is None
+    assert stand.study.simulations == before
 
 
 def test_ends_of_lines_that_lead_nowhere_are_not_simulated():

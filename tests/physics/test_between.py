@@ -151,9 +151,7 @@ M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
         (DRIVE, ("backlash@motor.fl-load.fl", "quadratic_drag@load.fl-far.fl", "coulomb_friction@load.fl")),
     ],
 )
-def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(
-    source, ids, laws, models, tmp_path, rng
-):
+def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(source, ids, laws, models, tmp_path, rng):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     flat = load_flat(name, [tmp_path / f"{name}.mo"])

@@ -24,8 +24,8 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
 
 FloatArray = NDArray[np.float64]
 
-#: A climb leads where an earlier one ended if its model expects this share of all that it promises there, and this share
-#: of that is so.
+#: A climb leads where an earlier one ended if its model expects this share of all that it promises there, and this
+#: share of that is so.
 THERE, SO = 0.9, 0.5
 
 

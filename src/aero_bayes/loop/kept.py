@@ -10,13 +10,16 @@ from aero_bayes.loop import starting
 from aero_bayes.physics.kin import Candidate
 
 
-def starting_points(around: starting.Around, candidate: Candidate, steps: ClimbSettings) -> list[starting.Start]:
+def starting_points(
+    around: starting.Around, candidate: Candidate, steps: ClimbSettings, least: float = 0.0
+) -> list[starting.Start]:
     """See :func:`.starting.starting_points`."""
 
     def look() -> Arrays:
-        return pack_all(starting.starting_points(around, candidate, steps))
+        return pack_all(starting.starting_points(around, candidate, steps, least))
 
-    return unpack_all(starting.Start, around.study.once("starts", (*_asked(around, candidate), steps), look))
+    asked = *_asked(around, candidate), steps, least
+    return unpack_all(starting.Start, around.study.once("starts", asked, look))
 
 
 def promised(around: starting.Around, candidate: Candidate) -> float:

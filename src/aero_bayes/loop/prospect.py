@@ -18,6 +18,8 @@ from aero_bayes.physics.kin import Candidate
 
 #: How far below what it has to reach a fit is still worth a climb, in log-evidence.
 SLACK = 20.0
+#: Share of what a law has to gain that a look must promise for it to be worth more looks, and a climb.
+FORLORN = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +54,15 @@ def prospect(
     settings: AttributeSettings,
     fit: ClimbSettings,
     beside: Around | None = None,
+    aim: float = -math.inf,
 ) -> Prospect:
     """The most promising starts of a candidate; none where all promise almost nothing.
 
-    ``beside`` is another place on the same stand that a start is looked for from as well.
+    ``beside`` is another place on the same stand that a start is looked for from as well; ``aim`` the log-evidence that
+    the candidate has to reach.
     """
     few = fit.rough(6, 0.5)
-    points = starting_points(base.around, candidate, few)
+    points = starting_points(base.around, candidate, few, _worth(base, aim))
     first = max((max(s.promise, s.gain) for s in points), default=-math.inf)
     likely = [s for s in points if max(s.promise, s.gain) >= settings.promise]
     own = [s for s in likely if not s.squares and not s.held][: settings.starts]
@@ -73,7 +77,7 @@ def prospect(
 def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored:
     """Refit the model with one more effect from each of its starts, as far as log-evidence ``aim`` is within reach."""
     base, candidate = found.base, found.candidate
-    if not found.starts:
+    if not found.starts or _worth(base, aim) > max(found.promise, 0.0):
         return Scored(candidate, None, min(found.promise, 0.0), max(found.promise, 0.0))
     ends: list[Held] = []
     for start in found.starts:
@@ -84,6 +88,11 @@ def score(found: Prospect, fit: ClimbSettings, aim: float = -math.inf) -> Scored
     best = max(ends, key=lambda end: end.log_evidence, default=None)
     gain = best.log_evidence - base.log_evidence if best is not None else -math.inf
     return Scored(candidate, best, float(gain), found.promise)
+
+
+def _worth(base: Held, aim: float) -> float:
+    """What a look must promise for a climb to a log-evidence."""
+    return FORLORN * max(aim - base.log_evidence, 0.0)
 
 
 def cost_of(like: Held, log_evidence: float) -> float:

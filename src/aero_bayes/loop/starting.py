@@ -51,8 +51,8 @@ class Start:
     held: bool = False
 
 
-def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) -> list[Start]:
-    """Starting coordinates of a candidate, best first.
+def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings, least: float = 0.0) -> list[Start]:
+    """Starting coordinates of a candidate, best first; not looked at closely where nothing foretells the ``least``.
 
     What a start changes in the outputs, after the other parameters have readjusted along their own sensitivities, is a
     direction in the space of residuals; how far to go along it and what that gains follow in closed form: under the
@@ -73,13 +73,13 @@ def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings) 
             closer = around.tried(columns, between)
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
-    points = around.points(candidate, lines, _foretold(lines) >= HOPE)
+    points = around.points(candidate, lines, _foretold(lines) >= max(HOPE, least))
     promise = max((s.promise for s in points), default=0.0)
-    if promise > WORTH and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
+    if promise > max(WORTH, least) and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
         points += around.held(candidate, lines, steps)
     if (wide := around.by_squares) is not None:
         lines = [wide.line(row, residual) for row, residual in tried]
-        for s in wide.points(candidate, lines, wide.in_pieces(_foretold(lines)) >= HOPE):
+        for s in wide.points(candidate, lines, wide.in_pieces(_foretold(lines)) >= max(HOPE, least)):
             points.append(Start(wide.in_pieces(s.promise), s.point, True, wide.in_pieces(s.gain)))
     return sorted(points, key=lambda s: -s.gain)
 

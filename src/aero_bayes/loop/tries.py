@@ -89,7 +89,7 @@ class Tries:
         that were not ``seen``, if given, only the few most promising are looked at closely. What cannot reach ``least``
         in log-evidence is given up.
         """
-        prospects = self._prospects(base, ids, instead, seen)
+        prospects = self._prospects(base, ids, instead, seen, self._aim((), instead, least))
         scores: list[Scored] = []
         for wave in waves(prospects, len(prospects) if instead is not None else self.settings.near):
             tries = [partial(score, found, self.fit, self._aim(scores, instead, least)) for found in wave]
@@ -107,7 +107,7 @@ class Tries:
         return scores if instead is not None else self._led_up(base, scores)
 
     def _prospects(
-        self, base: Held, ids: Collection[str], instead: Held | None, seen: Collection[str] | None
+        self, base: Held, ids: Collection[str], instead: Held | None, seen: Collection[str] | None, aim: float
     ) -> list[Prospect]:
         """What one look promises of candidates; most promising first."""
         beside: list[tuple[Held, Candidate, Around | None]] = []
@@ -126,7 +126,7 @@ class Tries:
             most = {candidate.id: promised(around, candidate) for around, candidate in new}
             likely = sorted(most, key=lambda id_: -most[id_])[: self.settings.near]
             beside = [one for one in beside if one[1].id in seen or one[1].id in likely]
-        looks = [partial(prospect, here, one, self.settings, self.fit, other) for here, one, other in beside]
+        looks = [partial(prospect, here, one, self.settings, self.fit, other, aim) for here, one, other in beside]
         self.ahead(looks, 0.0, 0.5)
         prospects: list[Prospect] = []
         for look in looks:

@@ -20,7 +20,10 @@ def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     At connections it is every two that a component joins, but for one whose distance is a port already.
     """
     moving = [p for p in balances if p.kind == "motion" and p.entrance is not None]
-    apart, known = taken_apart(s), {owner_of(s, p.id) for p in moving if p.via == "equation" and relative(s, s.of(p.id))}
+    apart, known = (
+        taken_apart(s),
+        {owner_of(s, p.id) for p in moving if p.via == "equation" and relative(s, s.of(p.id))},
+    )
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
