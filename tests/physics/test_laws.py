@@ -24,7 +24,7 @@ from aero_bayes.physics.use import use_of
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
     "hysteresis curve",
-    "output": "gain offset saturation saturation_by_side lag delay curve",
+    "output": "gain offset saturation saturation_by_side unsigned lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
     "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness end_stop end_stop_by_side backlash "
@@ -75,6 +75,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("output", "offset"): lambda u, b: u + b,
     ("output", "saturation"): lambda u, s: clip(u, 1 / s),
     ("output", "saturation_by_side"): lambda u, s, a: max(-1 / (s * (1 - a)), min(1 / (s * (1 + a)), u)),
+    ("output", "unsigned"): lambda u, r: u + r * (abs(u) - u),
     ("motion", "coulomb_friction"): lambda v, F_c: F_c * np.sign(v),
     ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
     ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
@@ -104,8 +105,9 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
     ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
-#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, nor a play that rests in its middle.
-UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "fine_position_curve", "hysteresis"}
+#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, a play that rests in its middle, a sign that
+#: is read right.
+UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "unsigned", "fine_position_curve", "hysteresis"}
 
 
 def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
@@ -71,6 +71,11 @@ def prospect(
     starts += [s for s in likely if s.squares][:1] + [s for s in likely if s.held][:1]
     if beside is not None:
         starts += starting_points(beside, candidate, few)[:1]
+    elif not starts and (place := base.untouched) is not None:
+        ahead = place.base.whitened.log_likelihood - base.optimum.whitened.log_likelihood
+        points = starting_points(place, candidate, few)[:1]
+        starts = [s for s in points if max(s.promise, s.gain) + ahead >= settings.promise]
+        first = max((first, *(max(s.promise, s.gain) + ahead for s in starts)))
     return Prospect(base, candidate, tuple(starts), first)
 
 
@@ -138,15 +143,3 @@ def led_up(base: Held, found: Held, fit: ClimbSettings) -> Held | None:
         return None
     held = Held(stand, found.effects, end)
     return held if end.reason is not Stop.MET and held.log_evidence > found.log_evidence else None
-
-
-def place_of(here: Held, instead: Held) -> Around | None:
-    """Where another fit stands, with only the effects of this one, on this one's stand."""
-    stand, noise = here.stand, instead.optimum.noise
-    at = stand.at(instead.values, here.effects)
-    evaluation = stand.study.evaluate(at, here.optimum.free)
-    if evaluation is None:
-        return None
-    whitened = stand.study.whiten(evaluation.residual, evaluation.slopes, noise)
-    place = replace(here.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
-    return Around(stand.study, place)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
-from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.growing import OpenSimulator, over_floor
 from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.loop.starting import Around
@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 #: Tolerance of a finer solution over the present one, and how large the solver's error may be, in units of the noise.
 FINER, SHOWS = 1e-3, 0.3
+#: How many times the noise floor a fit leaves where it, or what explains it best, may stand in a wrong valley.
+FAR = 5.0
 #: Share of the range of a law's shape that its standard deviation stays below where the data tell it.
 TOLD = 0.5
 
@@ -50,6 +52,23 @@ class Held:
     def around(self) -> Around:
         """How its parameters readjust: what every candidate beside it starts from."""
         return Around(self.stand.study, self.optimum)
+
+    @cached_property
+    def untouched(self) -> Around | None:
+        """The model's own values, where no effect explains why a fit is far off: it may have led them astray."""
+        if self.effects or over_floor(self.stand.study, self.optimum.evaluation.residual) < FAR:
+            return None
+        return self.at({}, self.optimum.noise)
+
+    def at(self, values: Mapping[str, float], noise: Mapping[str, OutputNoise]) -> Around | None:
+        """Other values by name with the same effects on; None where they cannot be simulated."""
+        at, study = self.stand.at(values, self.effects), self.stand.study
+        evaluation = study.evaluate(at, self.optimum.free)
+        if evaluation is None:
+            return None
+        whitened = study.whiten(evaluation.residual, evaluation.slopes, noise)
+        place = replace(self.optimum, coordinates=at, noise=noise, evaluation=evaluation, whitened=whitened)
+        return Around(study, place)
 
     def shows_shape(self, id_: str) -> bool:
         """Whether every shape of a law is told by the data, and not on its bound, where it may be another law; some may

@@ -15,15 +15,12 @@ from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.growing import over_floor
 from aero_bayes.loop.kept import promised
 from aero_bayes.loop.pairs import Pair, likely_pairs
-from aero_bayes.loop.prospect import Prospect, Scored, led_up, place_of, prospect, refit, score
+from aero_bayes.loop.prospect import Prospect, Scored, led_up, prospect, refit, score
 from aero_bayes.loop.rounds import threshold
 from aero_bayes.loop.settings import AttributeSettings
-from aero_bayes.loop.stand import Held, Stands
+from aero_bayes.loop.stand import FAR, Held, Stands
 from aero_bayes.loop.starting import Around, Start
 from aero_bayes.physics.kin import Candidate
-
-#: How many times the noise floor the best of a round leaves where its rivals may stand in wrong valleys.
-FAR = 5.0
 
 #: Does tasks of which some are asked for next, and says how far it is.
 DoAhead = Callable[[Sequence[Task], Callable[[float], None]], None]
@@ -118,7 +115,7 @@ class Tries:
                 # A law that is off can still be too stiff for this recording.
                 self.skipped |= dict.fromkeys(own)
                 continue
-            place = place_of(here, instead) if instead is not None else None
+            place = here.at(instead.values, instead.optimum.noise) if instead is not None else None
             beside += [(here, here.stand.candidates[id_], place) for id_ in own]
         if seen is not None:
             new = [(here.around, candidate) for here, candidate, _ in beside if candidate.id not in seen]
