@@ -37,7 +37,7 @@ class PriorSection(Section):
 class ParameterSection(Section):
     """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units)."""
 
-    free: bool | Literal["auto"] | None = None
+    free: bool | Literal["auto", "later"] | None = None
     value: float | None = None
     lower: float | None = None
     upper: float | None = None

@@ -84,6 +84,8 @@ class OneStand:
         assert set(ids) <= CANDIDATES.keys()
         return self.stand
 
+    undecided = ()
+
     def read_otherwise(self):
         return None
 
@@ -357,6 +359,8 @@ def test_what_only_led_the_fit_out_of_a_wrong_valley_is_no_effect():
     stand = formula_stand(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,)))
 
     class Stands:
+        undecided = ()
+
         def of(self, ids):
             return stand
 
@@ -386,6 +390,8 @@ def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
     stand = formula_stand(breaks, measured, Candidate("wave", "in", ((1.0,), (2.0,)), (2,)))
 
     class Stands:
+        undecided = ()
+
         def of(self, ids):
             return stand
 

@@ -27,8 +27,8 @@ LISTED = {
     "output": "gain offset saturation saturation_by_side unsigned lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness end_stop end_stop_by_side backlash "
-    "curve position_curve fine_position_curve",
+    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance end_stop end_stop_by_side "
+    "backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",
@@ -85,6 +85,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "offset"): lambda F_0: F_0,
     ("motion", "linear_stiffness"): lambda x, k: k * x,
     ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
+    ("motion", "unbalance"): lambda x, M_g, phi_g: M_g * np.sin(x + phi_g),
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
     ("motion", "end_stop_by_side"): lambda x, k_s, x_s, b: k_s * (x - max(b + 0.02 - x_s, min(b + 0.02 + x_s, x))),
     ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
@@ -173,10 +174,11 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
     laws: tuple[Law, ...], models: Models, rng: Generator
 ) -> None:
     """At the default the model is the base; the slope beside it is right, and of the size of the law itself."""
-    cart, tanks, circuit, bodies = (rig(m) for m in ("Cart", "TankPair", "Rlc", "Bodies.Pair"))
+    cart, tanks, circuit = (rig(m) for m in ("Cart", "TankPair", "Rlc"))
+    special = {"radiation": rig("Bodies.Pair"), "unbalance": rig("Pendulum")}
     carrier = {"input": cart, "output": cart, "reading": cart, "motion": cart, "electrical": circuit}
     for law in laws:
-        flat = bodies if law.id == "radiation" else carrier.get(law.kind, tanks)
+        flat = special.get(law.id, carrier.get(law.kind, tanks))
         ports = ports_of(flat, laws)
         if law.kind == "reading":
             ports = tuple(replace(p, kind="reading", laws=(law.id,)) for p in ports if p.kind == "output")

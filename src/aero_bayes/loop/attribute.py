@@ -168,29 +168,35 @@ class Search(Tries):
         return found.held
 
     def _settled(self, current: Held) -> Held | None:
-        """The model as it stands, solved more finely or its inputs read the other way; None if neither is called for.
+        """The model as it stands, solved more finely, with its inputs read the other way or with more parameters free;
+        None if none is called for.
 
-        A fit without the first effect may be too far off to show either.
+        A fit without the first effect may be too far off to show any.
         """
         if self.stands is not self._first:
             return None
         if (finer := self.stands.finer(current)) is not None:
-            current = self._turned(finer, current, -math.inf)
+            current = self._turned(finer, current, lambda found, last: True)
         if (other := self.stands.read_otherwise()) is not None:
-            current = self._turned(other, current, current.optimum.log_likelihood + LEAST_GAIN)
+            current = self._turned(other, current, _likelier)
+        undecided = self.stands.undecided
+        bar = threshold(len(undecided), self.settings)
+        for name in undecided:
+            freed = self.stands.freed(name)
+            current = self._turned(freed, current, lambda found, last: found.log_evidence > last.log_evidence + bar)
         if self.stands is self._first:
             return None
         return current.stand.fit(current.values, (), current.optimum.noise, self.fit)
 
-    def _turned(self, other: Stands, current: Held, least: float) -> Held:
-        """The same effects on other stands, which take the place of these if they are likelier there than ``least``."""
+    def _turned(self, other: Stands, current: Held, better: Callable[[Held, Held], bool]) -> Held:
+        """The same effects on other stands, which take the place of these if the fit there is better than here."""
         try:
             found = other.of(current.stand.candidates).fit(
                 current.values, current.effects, current.optimum.noise, self.fit
             )
         except CannotFinishError:
             found = current
-        if found is current or found.optimum.log_likelihood <= least:
+        if found is current or not better(found, current):
             other.forget()
             return current
         self.stands.forget()
@@ -308,3 +314,7 @@ class Search(Tries):
             with suppress(CannotFinishError):
                 tries.append(fit())
         return max(tries, key=lambda h: h.log_evidence, default=None)
+
+
+def _likelier(found: Held, last: Held) -> bool:
+    return found.optimum.log_likelihood > last.optimum.log_likelihood + LEAST_GAIN

@@ -22,7 +22,7 @@ from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.starts import loosened
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.stand import Held, Stands
@@ -137,13 +137,15 @@ def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calib
 
 
 def fit_from_there(bench: Workbench, base: BaseFit, held: Held, stands: Stands) -> BaseFit:
-    """The same from where a search was led that found the first fit in a wrong valley, misread or ill solved."""
+    """The same from where a search was led that found the first fit in a wrong valley, misread, ill solved or with
+    parameters held that the data tell."""
     plain, now = base.plain, held.stand.study.calibration
     if now.interpolation != plain.interpolation:
         plain = read_otherwise(plain) or plain
-    plain = replace(plain, solver=now.solver)
+    freed = (replace(p, auto=other.auto) for p, other in zip(plain.parameters, now.parameters, strict=False))
+    plain = replace(plain, solver=now.solver, parameters=ParameterSet(tuple(freed)))
     values = np.array([held.values[name] for name in plain.parameters.names])
-    fit = _again(bench, plain, values, replace(base.fit, noise=held.optimum.noise))
+    fit = _again(bench, plain, values, replace(base.fit, free=held.stand.own, noise=held.optimum.noise))
     reports = _reports(bench, plain, fit, base.floors)
     return replace(base, plain=plain, fit=fit, held=held, stands=stands, reports=reports)
 
@@ -169,7 +171,8 @@ def _shared(bench: Workbench, model: Model) -> ParameterSet:
     free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
     if not free:
         raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
-    return parameters_from_model(model, free=free, overrides=overrides)
+    held = {name: replace(overrides.get(name, Override()), auto=True) for name in bench.settings.undecided}
+    return parameters_from_model(model, free=(*free, *held), overrides={**overrides, **held})
 
 
 def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Optimum]:
@@ -191,10 +194,10 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
 
 
 def _seen(study: Objective) -> tuple[int, ...]:
-    """Columns that change a recorded output at all."""
-    every = tuple(range(len(study.parameters)))
+    """Columns that change a recorded output at all, of those that are decided on."""
+    every = tuple(j for j, p in enumerate(study.parameters) if not p.auto)
     found = study.evaluate(study.parameters.to_search(study.parameters.start), every)
     if found is None or found.slopes is None:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
-    return tuple(j for j in every if size[j] > UNSEEN * float(size.max(initial=0.0)))
+    return tuple(j for j, own in zip(every, size, strict=True) if own > UNSEEN * float(size.max(initial=0.0)))

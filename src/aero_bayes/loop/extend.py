@@ -132,7 +132,8 @@ def _final_fit(
     at = parameters.to_search(np.array([start[name] for name in parameters.names]))
     study = bench.open_objective(calibration)
     settings = replace(found.base.settings, smooth=smooth)
-    return study, climb(study, at, range(len(parameters)), noise=warm.noise, settings=settings)
+    free = [j for j, p in enumerate(parameters) if not p.auto]
+    return study, climb(study, at, free, noise=warm.noise, settings=settings)
 
 
 def _found_effect(

@@ -67,6 +67,8 @@ class LoopSettings(Settings):
     seed : int
     free : tuple of str, optional
         Parameters of the base model to fit; by default those that its package declares to be searched.
+    undecided : tuple of str
+        Parameters that are held until a first effect lets the data tell them.
     locate : bool
         Whether the port signals are inferred also where an effect explains all; the page draws them.
     search_samples : int
@@ -109,6 +111,7 @@ class LoopSettings(Settings):
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
+    undecided: tuple[str, ...] = ()
     locate: bool = True
     search_samples: int = 5000
     max_minutes: float = 20.0

@@ -15,6 +15,7 @@ from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.growing import OpenSimulator, over_floor
 from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.starting import Around
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Candidate
@@ -144,6 +145,17 @@ class Stands:
         stand = Stand(self._bench.open_objective(calibration), found, self._own, self._bench.open)
         self._built[wanted] = stand
         return stand
+
+    @property
+    def undecided(self) -> list[str]:
+        """Parameters that are held until an effect lets the data tell them."""
+        return [p.name for p in self._plain.parameters if p.auto]
+
+    def freed(self, name: str) -> Stands:
+        """Stands of the same candidates on which a further parameter is free."""
+        items = tuple(replace(p, auto=p.auto and p.name != name) for p in self._plain.parameters)
+        own = tuple(sorted({*self._own, self._plain.parameters.index(name)}))
+        return Stands(self._bench, replace(self._plain, parameters=ParameterSet(items)), own)
 
     def read_otherwise(self) -> Stands | None:
         """Stands of the same candidates whose inputs are read the other way between the samples, if that is open."""

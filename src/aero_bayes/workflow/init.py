@@ -40,6 +40,8 @@ SAMPLES = 2000
 FELT = 1e-4
 #: Share of a parameter's effect that others do not imitate, below which it cannot be told from them.
 APART = 1e-3
+#: Why a parameter is left to what the data tell.
+CONFOUNDED = "the outputs cannot tell it from those above"
 
 
 @dataclass(frozen=True)
@@ -253,7 +255,7 @@ def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: st
         if size < FELT * np.sqrt(row.size):
             reasons[p.name] = "the outputs do not react to it"
         elif rest < APART * size:
-            reasons[p.name] = "the outputs cannot tell it from those above"
+            reasons[p.name] = CONFOUNDED
         else:
             kept = np.vstack([kept, left / rest])
             reasons[p.name] = ""
@@ -285,14 +287,15 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
 def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
         "# All parameters of the model. Free are those of its own classes and those that these set, where the outputs",
-        "# react to them; free = false holds one.",
+        '# react to them; free = false holds one, free = "later" until an effect lets the data tell it.',
         "[parameters]",
     ]
     for v in listed:
         value = [] if v.start is None else [f"value = {float(v.start)!r}"]
-        line = f"{_key(v.name)} = {{{', '.join(['free = true', *value])}}}"
         why = reasons[v.name]
-        lines += [f"# {line}  # {_about(v)}; {why}" if why else f"{line}  # {_about(v)}"]
+        free = 'free = "later"' if why == CONFOUNDED else "free = true"
+        line = f"{_key(v.name)} = {{{', '.join([free, *value])}}}  # {_about(v)}"
+        lines += [f"{'' if why in ('', CONFOUNDED) else '# '}{line}{f'; {why}' if why else ''}"]
     return "\n".join(lines) + "\n"
 
 

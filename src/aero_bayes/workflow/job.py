@@ -178,7 +178,8 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
     for name, section in config.parameters.items():
         if name not in known:
             raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
-        if section.free is False or (section.free is None and name not in overrides and section.value is not None):
+        held = section.free in (False, "later")
+        if held or (section.free is None and name not in overrides and section.value is not None):
             overrides.pop(name, None)
         else:
             overrides[name] = _override(name, section, overrides.get(name, Override()))
@@ -188,6 +189,13 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
             f"e.g. [parameters.{next(iter(sorted(known)), 'p')}] with free = true"
         )
     return parameters_from_model(model, overrides=overrides)
+
+
+def later_of(job: Job) -> ParameterSet:
+    """Parameters that are held until the loop has found an effect beside which the data tell them."""
+    sections = {name: section for name, section in job.config.parameters.items() if section.free == "later"}
+    overrides = {name: _override(name, section, Override()) for name, section in sections.items()}
+    return parameters_from_model(job.model, overrides=overrides)
 
 
 def _override(name: str, section: ParameterSection, default: Override) -> Override:

@@ -17,7 +17,7 @@ from aero_bayes.export import export_fmu
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
-from aero_bayes.workflow.job import Job
+from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.settings import fit_settings
 
@@ -73,6 +73,7 @@ def loop_settings(job: Job) -> LoopSettings:
         starts=fitting.starts, enough=0.0 if "pso" in given else ENOUGH,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
+    undecided = later_of(job)
     return LoopSettings(
         attribute=replace(defaults.attribute, max_effects=section.max_effects, require=section.require),
         ascent=ascent,
@@ -88,9 +89,13 @@ def loop_settings(job: Job) -> LoopSettings:
         sources=job.config.model.sources,
         cache=job.options.cache,
         libraries=job.config.model.libraries,
-        fixed={**{p.name: p.start for p in job.parameters if p.auto}, **job.fixed},
-        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in searched},
+        fixed={
+            **{p.name: p.start for p in job.parameters if p.auto},
+            **{name: value for name, value in job.fixed.items() if name not in undecided},
+        },
+        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *undecided)},
         free=tuple(p.name for p in searched),
+        undecided=undecided.names,
     )
 
 
@@ -122,9 +127,11 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
         sources = [*job.config.model.sources, out / loop.modelica_path]
         export_fmu(loop.model, fmu, sources=sources, libraries=job.config.model.libraries)
     model = Model.load(fmu)
-    parameters = job.parameters.extended(loop.added)
+    freed = [p for p in later_of(job) if p.name in loop.parameters]
+    fixed = {name: value for name, value in job.fixed.items() if name not in loop.parameters}
+    parameters = job.parameters.extended([*freed, *loop.added])
     found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
-    return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)))
+    return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)), fixed=fixed)
 
 
 def loop_part(job: Job, loop: LoopResult) -> Json:
@@ -153,7 +160,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
     """Every parameter of the model that came out: estimates with their status, and what was held with the reason."""
-    new = {item.name: item for item in loop.added}
+    new = {item.name: item for item in (*loop.added, *later_of(job))}
     table: Json = {}
     for name, estimate in loop.parameters.items():
         item = job.parameters[name] if name in job.parameters else new.get(name)
