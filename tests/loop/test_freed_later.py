@@ -1,0 +1,75 @@
+"""Parameters that the model as it stands cannot tell apart, and that an effect lets the data tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_form import runge_kutta
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+
+LADDER = """model Ladder "Two filters of a resistor and a capacitor each; only their time constants show"
+  parameter Real R_1(unit = "Ohm", min = 0) = 1;
+  parameter Real R_2(unit = "Ohm", min = 0) = 2;
+  parameter Real C_1(unit = "F", min = 0) = 1;
+  parameter Real C_2(unit = "F", min = 0) = 1.7;
+  input Real u(unit = "V");
+  output Real y(unit = "V", start = 0, fixed = true);
+  Real v(unit = "V", start = 0, fixed = true);
+equation
+  C_1*der(v) = (u - v)/R_1 - (v - y)/R_2;
+  C_2*der(y) = (v - y)/R_2;
+end Ladder;
+"""
+R_1, R_2, C_1, C_2, LEAK, SD = 1.1, 1.8, 1.0, 1.4, 0.2, 0.002
+
+
+def driven(name: str, seed: int) -> Recording:
+    """The ladder with a leak at its end that grows by the square: fourth-order Runge-Kutta."""
+    rng = np.random.default_rng(seed)
+    u, x, read = np.repeat(rng.uniform(-3.0, 3.0, 60), 12), np.zeros(2), []
+    for level in u:
+        read.append(x[1])
+
+        def slope(x, u):
+            between = (x[0] - x[1]) / R_2
+            return np.array([((u - x[0]) / R_1 - between) / C_1, (between - LEAK * x[1] * abs(x[1])) / C_2])
+
+        for _ in range(8):
+            x = runge_kutta(slope, x, (level, level, level), 0.25 / 8)
+    return Recording(name, 0.25 * np.arange(u.size), {"u": u}, {"y": np.array(read) + SD * rng.normal(size=u.size)})
+
+
+@pytest.fixture
+def settings(tmp_path):
+    (tmp_path / "Ladder.mo").write_text(LADDER, encoding="utf-8")
+    return LoopSettings(
+        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Ladder.mo",), free=("R_1", "R_2"),
+        laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu", undecided=("C_1", "C_2"),
+        calibration=replace(LoopSettings().calibration, interpolation="hold"),
+    )  # fmt: skip
+
+
+def test_a_value_that_was_held_wrong_is_freed_beside_the_effect_and_is_no_second_one(settings):
+    result = close_loop([driven("a", 61)], [driven("b", 62)], model="Ladder", settings=settings, workers=0)
+    assert [effect.id for effect in result.effects] == ["square_loss@y"]
+    assert result.after.pooled("test")["y"] < 1.1 * SD
+    # the scale of all impedances stays open: what is known are products
+    value = {name: estimate.value for name, estimate in result.parameters.items()}
+    held = {"C_1": 1.0, "C_2": 1.7}
+    assert len(held.keys() & value.keys()) == 1
+    c_1, c_2 = (value.get(name, held[name]) for name in ("C_1", "C_2"))
+    leak = result.effects[0].parameters[0].value
+    assert c_2 / c_1 == pytest.approx(C_2 / C_1, rel=0.02)
+    assert value["R_1"] * c_1 == pytest.approx(R_1 * C_1, rel=0.02)
+    assert value["R_2"] * c_1 == pytest.approx(R_2 * C_1, rel=0.02)
+    assert leak * value["R_1"] == pytest.approx(LEAK * R_1, rel=0.02)
+
+
+def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(settings):
+    with pytest.raises(InputError, match="no parameter C_3"):
+        close_loop([driven("a", 61)], model="Ladder", settings=replace(settings, undecided=("C_3",)), workers=0)

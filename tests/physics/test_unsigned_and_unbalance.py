@@ -1,0 +1,93 @@
+"""Two things without which a fit is led far astray: a reading that does not tell the sign, an arm's own weight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_form import runge_kutta
+
+from aero_bayes.data import Recording
+from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+
+MOTOR = """model Motor "A motor that turns both ways"
+  parameter Real T(unit = "s", min = 0) = 0.3;
+  parameter Real k(unit = "rad/(s.V)", min = 0) = 1;
+  input Real u(unit = "V");
+  output Real w(unit = "rad/s", start = 0, fixed = true);
+equation
+  T*der(w) = k*u - w;
+end Motor;
+"""
+ARM = """model Arm "A drive that turns an arm"
+  parameter Real J(unit = "kg.m2", min = 0) = 0.1;
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.1;
+  input Real tau(unit = "N.m");
+  output Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+equation
+  der(phi) = w;
+  J*der(w) = tau - d*w;
+end Arm;
+"""
+
+
+def steps(count: int, hold: int, most: float, seed: int) -> np.ndarray:
+    return np.repeat(np.random.default_rng(seed).uniform(-most, most, count), hold)
+
+
+def turned(name: str, seed: int) -> Recording:
+    """The speed from step to step in closed form, as a counter of pulses has it."""
+    u, speed = steps(40, 20, 5.0, seed), [0.0]
+    for level in u[:-1]:
+        speed.append(1.4 * level + (speed[-1] - 1.4 * level) * np.exp(-0.02 / 0.2))
+    seen = np.abs(speed) + 0.02 * np.random.default_rng(seed + 1000).normal(size=u.size)
+    return Recording(name, 0.02 * np.arange(u.size), {"u": u}, {"w": seen})
+
+
+def swung(name: str, seed: int) -> Recording:
+    """An arm of 0.15 kg m2 with a weight of 0.8 N m that hangs 0.3 rad before the angle's zero: Runge-Kutta."""
+    tau, x, read = steps(30, 25, 0.6, seed), np.zeros(2), []
+    for level in tau:
+        read.append(x[0])
+        for _ in range(10):
+            x = runge_kutta(
+                lambda x, tau: np.array([x[1], (tau - 0.2 * x[1] - 0.8 * np.sin(x[0] + 0.3)) / 0.15]),
+                x, (level, level, level), 0.004,
+            )  # fmt: skip
+    seen = np.array(read) + 0.002 * np.random.default_rng(seed + 1000).normal(size=tau.size)
+    return Recording(name, 0.04 * np.arange(tau.size), {"tau": tau}, {"phi": seen})
+
+
+def closed(tmp_path, source, free, laws, recordings):
+    name = source.split()[1]
+    (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
+    settings = LoopSettings(
+        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / f"{name}.mo",), free=free, laws=laws,
+        cache=tmp_path / "fmu", calibration=replace(LoopSettings().calibration, interpolation="hold"),
+    )  # fmt: skip
+    train, test = recordings
+    return close_loop([train], [test], model=name, settings=settings, workers=0)
+
+
+def test_a_reading_without_its_sign_is_named_though_it_led_the_fit_astray(tmp_path):
+    laws = ("unsigned", "gain", "offset", "dead_zone", "coulomb_friction")
+    result = closed(tmp_path, MOTOR, ("T", "k"), laws, (turned("a", 71), turned("b", 72)))
+    assert [effect.id for effect in result.effects] == ["unsigned@output_w"]
+    assert result.effects[0].parameters[0].value == pytest.approx(1.0, abs=0.01)
+    assert result.parameters["k"].value == pytest.approx(1.4, rel=0.01)
+    assert result.parameters["T"].value == pytest.approx(0.2, rel=0.02)
+    assert result.before.pooled("test")["w"] > 1.0
+    assert result.after.pooled("test")["w"] < 1.1 * 0.02
+
+
+def test_the_weight_of_an_arm_takes_the_place_of_a_spring(tmp_path):
+    laws = ("unbalance", "linear_stiffness", "offset", "coulomb_friction", "gain")
+    result = closed(tmp_path, ARM, ("J", "d"), laws, (swung("a", 81), swung("b", 82)))
+    assert [effect.id for effect in result.effects] == ["unbalance@w"]
+    weight, angle = (parameter.value for parameter in result.effects[0].parameters)
+    assert weight == pytest.approx(0.8, rel=0.01)
+    assert angle == pytest.approx(0.3, abs=0.01)
+    assert result.parameters["J"].value == pytest.approx(0.15, rel=0.01)
+    assert result.after.pooled("test")["phi"] < 1.1 * 0.002
