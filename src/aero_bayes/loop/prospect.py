@@ -69,13 +69,13 @@ def prospect(
     starts = [s for s in own if s is own[0] or s.gain >= 0.3 * own[0].gain]
     # Ways of another kind are no reason to leave one of these out: they may lead to another valley.
     starts += [s for s in likely if s.squares][:1] + [s for s in likely if s.held][:1]
-    if beside is not None:
-        starts += starting_points(beside, candidate, few)[:1]
-    elif not starts and (place := base.untouched) is not None:
-        ahead = place.base.whitened.log_likelihood - base.optimum.whitened.log_likelihood
-        points = starting_points(place, candidate, few)[:1]
-        starts = [s for s in points if max(s.promise, s.gain) + ahead >= settings.promise]
-        first = max((first, *(max(s.promise, s.gain) + ahead for s in starts)))
+    elsewhere = base.untouched if beside is None and not starts else beside
+    if elsewhere is not None:
+        ahead = elsewhere.base.whitened.log_likelihood - base.optimum.whitened.log_likelihood
+        for other in starting_points(elsewhere, candidate, few)[:1]:
+            promise = max(other.promise, other.gain) + ahead
+            first = max(first, promise)
+            starts += [other] if beside is not None or promise >= settings.promise else []
     return Prospect(base, candidate, tuple(starts), first)
 
 
