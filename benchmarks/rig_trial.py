@@ -4,7 +4,7 @@ The program is given a folder with ``Rig.mo``, ``rig.toml``, ``train.csv`` and `
 the library is missing from the model (a third of the trials with correlated noise), none, two, or one that no library
 lists. Finished trials are kept, one row each, so that a run that was stopped goes on where it was.
 
-Seeds of the table are ``[17501, kind, number, what]``; what was tuned was tuned on ``[11001, ...]``
+Seeds of the table are ``[17601, kind, number, what]``; what was tuned was tuned on ``[11001, ...]``
 (``--development``).
 """
 
