@@ -130,6 +130,20 @@ def test_inputs_are_read_the_other_way_where_a_first_effect_shows_it():
         assert len(found.rounds) == 2
 
 
+@pytest.mark.parametrize(("square", "require", "turned"), [(0.0, (), True), (6.0, (), False), (0.0, ("sine",), False)])
+def test_inputs_are_read_the_other_way_where_that_does_what_a_second_effect_does(square, require, turned):
+    """The first effect was not quite what is missing, so that beside it the reading was not seen to be wrong."""
+    stands = TwoReadings([1.0, 2.0, 3.0, 2.0, 0.0], [1.0, 2.0, 3.0, square, 0.0], 3)
+    search = Search(stands, [tuple(CANDIDATES)], {}, AttributeSettings(require=require), ClimbSettings())
+    both = stands.stand.fit({"c": 2.5, "d": 2.5}, ("sine", "square"), {"y": NOISE}, ClimbSettings())
+    found = search._reread(both)
+    assert (found is not None) == turned == (search.stands is stands.other)
+    if found is not None:
+        assert not found.effects
+        assert found.stand is stands.other.stand
+        assert search._reread(both) is None  # once
+
+
 def test_climb_has_the_exact_posterior_and_evidence():
     held = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
     found = climb(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)

@@ -40,6 +40,7 @@ class Search(Tries):
 
     def __post_init__(self) -> None:
         self._first = self.stands
+        self._read_again = False
 
     def round(
         self,
@@ -128,9 +129,13 @@ class Search(Tries):
             if found.held is None:
                 break
             current = found.held
-            if len(current.effects) > 1 or self.late():
+            if self.late():
                 continue
-            if (better := self._settled(current) or self._from_there(base, current)) is not None:
+            if len(current.effects) > 1:
+                better = self._reread(current)
+            else:
+                better = self._settled(current) or self._from_there(base, current)
+            if better is not None:
                 base = current = better
                 self.rounds.clear()
         if current.effects and self.settings.max_effects > 1 and not self.settings.require and not self.late():
@@ -139,6 +144,9 @@ class Search(Tries):
         if len(current.effects) > 1 and not self.late():
             self._begin(told, "drop and swap", self.settings.max_effects)
             current, equivalent = self._swapped(base, current, ids)
+            if (better := self._reread(current)) is not None:
+                self.rounds.clear()
+                return self.select(better, ids, structured, told)
         return Selection(
             current,
             base,
@@ -188,12 +196,33 @@ class Search(Tries):
             return None
         return current.stand.fit(current.values, (), current.optimum.noise, self.fit)
 
-    def _turned(self, other: Stands, current: Held, better: Callable[[Held, Held], bool]) -> Held:
-        """The same effects on other stands, which take the place of these if the fit there is better than here."""
+    def _reread(self, current: Held) -> Held | None:
+        """The model as it stands with its inputs read the other way between the samples, if that does what the last
+        effect does; None if not.
+
+        Half a sample too early looks like a lag or a delay, and beside a first effect that is not quite the one that
+        is missing the reading may have been taken wrongly.
+        """
+        if self._read_again or self.settings.require or (other := self.stands.read_otherwise()) is None:
+            return None
+        found = self._turned(other, current, lambda f, last: f.log_evidence > last.log_evidence, current.effects[:-1])
+        if found is current:
+            return None
+        self._read_again = True
+        return found.stand.fit(found.values, (), found.optimum.noise, self.fit)
+
+    def _turned(
+        self,
+        other: Stands,
+        current: Held,
+        better: Callable[[Held, Held], bool],
+        effects: tuple[str, ...] | None = None,
+    ) -> Held:
+        """The same effects, or those given, on other stands, which take the place of these if the fit there is
+        better than here."""
+        effects = current.effects if effects is None else effects
         try:
-            found = other.of(current.stand.candidates).fit(
-                current.values, current.effects, current.optimum.noise, self.fit
-            )
+            found = other.of(current.stand.candidates).fit(current.values, effects, current.optimum.noise, self.fit)
         except CannotFinishError:
             found = current
         if found is current or not better(found, current):
