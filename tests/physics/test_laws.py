@@ -27,8 +27,8 @@ LISTED = {
     "output": "gain offset saturation saturation_by_side unsigned lag delay curve",
     "reading": "lag delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance end_stop end_stop_by_side "
-    "backlash curve position_curve fine_position_curve",
+    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring end_stop "
+    "end_stop_by_side backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",

@@ -81,7 +81,7 @@ def agree(
 
 ONE_OF_EACH = [
     ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),
-    ("Cart", "presliding_friction@v"), ("Cart", "end_stop@v"),
+    ("Cart", "presliding_friction@v"), ("Cart", "hysteretic_spring@v"), ("Cart", "end_stop@v"),
     ("Pendulum", "coulomb_friction@w"), ("Pendulum", "offset@angle"),
     ("TankPair", "overflow@h1"), ("TankPair", "exchange@h1"), ("TankPair", "root_loss@h2"), ("Rlc", "heating@i"),
     ("Rlc", "linear_loss@v_C"), ("Motor", "contact_drop@i"), ("Motor", "quadratic_drag@w"), ("Motor", "lag@speed"),

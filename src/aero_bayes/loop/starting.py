@@ -28,6 +28,8 @@ FAR, PIECES = 1.5, 50.0
 #: Magnitudes that make a grid, how often it is halved about its best, and of how many of its lines both ends are looked
 #: at.
 GRID, CLOSER, LIKELIEST = 6, 3, 3
+#: Share of the residual that a law may change to foretell anything.
+LESS = 0.3
 #: Gain in log-likelihood below which no end of a line is looked at.
 HOPE = 0.25
 #: Share of what a line promises that a simulation must find for the line to be believed, and the least promise, in
@@ -73,6 +75,10 @@ def starting_points(around: Around, candidate: Candidate, steps: ClimbSettings, 
             closer = around.tried(columns, between)
             lines += [around.line(row, residual) for row, residual in closer]
             tried += closer
+    if _foretold(lines) < max(HOPE, least):
+        less = around.less(candidate, lines)
+        lines += [around.line(row, residual) for row, residual in less]
+        tried += less
     points = around.points(candidate, lines, _foretold(lines) >= max(HOPE, least))
     promise = max((s.promise for s in points), default=0.0)
     if promise > max(WORTH, least) and max((s.gain for s in points), default=0.0) < BORNE_OUT * promise:
@@ -217,6 +223,25 @@ class Around:
         if lines and all(line.power > 0.0 and line.along <= 0.0 for line in lines):
             return tried
         return tried + self.tried(columns, ordered[1::2])
+
+    def less(self, candidate: Candidate, lines: Sequence[_Line]) -> list[tuple[FloatArray, tuple[FloatArray, ...]]]:
+        """Each shape of a candidate once more, where all that was tried changes more than there is to explain.
+
+        A resonance that is moved away foretells nothing; so little of the law that it stays where it is may.
+        """
+        columns = list(candidate.columns)
+        least: dict[tuple[float, ...], _Line] = {}
+        for line in lines:
+            shape = tuple(line.row[columns[1:]])
+            if shape not in least or line.alone < least[shape].alone:
+                least[shape] = line
+        aim = LESS * math.sqrt(float(self.left @ self.left))
+        smaller: list[tuple[float, ...]] = []
+        for line in least.values():
+            if line.alone > aim:
+                magnitude, *rest = self.study.parameters.from_search(line.row)[columns]
+                smaller.append((magnitude * aim / line.alone, *rest))
+        return self.tried(columns, smaller)
 
     def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> _Line:
         """From here to a point with these residuals."""
