@@ -15,7 +15,7 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import climb
-from aero_bayes.loop.attribute import Search
+from aero_bayes.loop.attribute import SWAP, Search
 from aero_bayes.loop.prospect import Scored
 from aero_bayes.loop.rounds import Round, Selection, threshold, with_odds
 from aero_bayes.loop.stand import Held
@@ -98,7 +98,7 @@ def _dropped(search: Search, selection: Selection, kept: str, bar: float) -> Sel
 
 
 def _plainer(search: Search, selection: Selection, scores: Sequence[Scored], bar: float) -> Selection | None:
-    """The selection with a finer law that does alone what the simple one needs others for, and as well."""
+    """The selection with a finer law that does alone, within ``SWAP``, what the simple one needs others for."""
     now = selection.held.log_evidence
     if len(selection.effects) < 2:
         return None
@@ -110,7 +110,7 @@ def _plainer(search: Search, selection: Selection, scores: Sequence[Scored], bar
             gain = slim.held.log_evidence - now
             found.append((replace(score, held=slim.held, gain=gain, promise=gain), slim))
     best, slim = max(found, key=lambda f: f[0].gain, default=(None, selection))
-    if best is None or best.gain < 0.0:
+    if best is None or best.gain < -SWAP:
         return None
     gone = [e for e in selection.effects if e not in slim.effects]
     why = f"{best.candidate.id} in place of {listed(gone)} gains {best.gain:.1f} in log-evidence"
