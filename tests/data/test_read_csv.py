@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnMap, Layout, read_recording
+from aero_bayes.data.csv_text import read_header
 from aero_bayes.errors import InputError
 
 GOOD = "time,V_m,i_m,omega_m,theta\n" + "".join(
@@ -62,14 +64,47 @@ def test_reads_the_contract(tmp_path: Path) -> None:
         GOOD.replace("time,V_m", '"time","V_m"'),
         "\n".join(line + ("," + ("note" if k == 0 else "some text")) for k, line in enumerate(GOOD.splitlines())),
         "\n".join(",".join(reversed(line.split(","))) for line in GOOD.splitlines()),
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", ";").replace(".", ","),
+        GOOD.replace(",", "\t").replace(".", ","),
+        "# rig 3, after lunch\n% 12; 13\n" + GOOD,
+        "# rig 3, after lunch\n# " + GOOD,
     ],
-    ids=["crlf", "bom", "no last newline", "blank tail", "blank line", "spaces", "quotes", "text column", "order"],
-)
+    ids=[
+        "crlf", "bom", "no last newline", "blank tail", "blank line", "spaces", "quotes", "text column", "order",
+        "semicolons", "decimal commas", "tabs", "comments", "header as a comment",
+    ],
+)  # fmt: skip
 def test_reads_variants_alike(tmp_path: Path, variant: str) -> None:
     plain, other = read_recording(write(tmp_path, GOOD)), read_recording(write(tmp_path, variant, "b.csv"))
     np.testing.assert_array_equal(plain.time, other.time)
     for name, values in plain.outputs.items():
         np.testing.assert_array_equal(values, other.outputs[name])
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+@pytest.mark.parametrize("mark", ["T", " "])
+def test_dates_count_from_the_first_sample(tmp_path: Path, mark: str, zone: str) -> None:
+    begin = datetime(2026, 10, 25, 1, 59, 59, 900_000)  # clocks go back an hour in much of Europe
+    lines = GOOD.splitlines()
+    for k, line in enumerate(lines[1:]):
+        at = (begin + timedelta(milliseconds=10 * k)).isoformat(mark, "milliseconds")
+        lines[k + 1] = ",".join([at + zone, *line.split(",")[1:]])
+    recording = read_recording(write(tmp_path, "\n".join(lines)))
+    np.testing.assert_allclose(recording.time, np.arange(20) / 100, atol=1e-6)
+    assert recording.rate_hz == pytest.approx(100.0, rel=1e-4)
+    assert recording.outputs["theta"][7] == 0.07
+
+
+def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
+    units = GOOD.replace("\n", "\ns,V,A,,deg\n", 1)
+    path = write(tmp_path, units)
+    assert read_header(path).names == ["time [s]", "V_m [V]", "i_m [A]", "omega_m", "theta [deg]"]
+    assert "no column time, found time [s], V_m [V]" in complaint(path)
+    maps = {"time": ColumnMap("time [s]"), "V_m": ColumnMap("V_m [V]"), "theta": ColumnMap("theta [deg]", "deg")}
+    recording = read_recording(path, maps)
+    assert recording.rows == 20
+    assert recording.outputs["theta"][7] == pytest.approx(np.deg2rad(0.07))
 
 
 def test_missing_outputs_are_left_out(tmp_path: Path) -> None:
@@ -111,10 +146,13 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
         (GOOD.replace("0.05,0,", "\n\n0.05,x,"), ["row 9", "column V_m"]),
         (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0.5,100.0\n"), ["row 12", "4 cells, expected 5"]),
         (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0,5,100.0,0.1\n"), ["row 12", "6 cells, expected 5"]),
-        (GOOD.replace(",", ";"), ["row 1", "separated by semicolons"]),
-        ("time;V_m;theta\n0,0;1,5;0,1\n0,1;1,5;0,1\n", ["separated by semicolons", "decimal points"]),
+        (GOOD.replace(",", " "), ["row 1", "separated by spaces"]),
+        ("time;V_m;theta\n0,0;1.500,5;0,1\n", ["row 2", "column V_m", "'1.500.5' is not a number"]),
+        ("# rig 3\ntime,V_m,theta\n0,1,0\n1,x,0\n", ["row 4", "column V_m", "'x' is not a number"]),
+        ("# rig 3\n", ["is empty"]),
+        ("time,V_m,theta\n2026-13-01 10:00,1,0\n", ["row 2", "column time", "is no date"]),
+        ("time,V_m,theta\n01.03.2026 10:00,1,0\n", ["row 2", "column time", "is not a number", "2026-03-01T10:00"]),
         ("time,V_m,theta\n0,00;1,50;0,1\n", ["row 2", "4 cells, expected 3", "decimal point"]),
-        (GOOD.replace(",", "\t"), ["separated by tabs"]),
         (GOOD.split("\n", 1)[1], ["row 1", "expected a header"]),
         (GOOD.encode("utf-16"), ["not plain text"]),
         (b"time,V_m,theta\n\x00\x01", ["row 2", "1 cell, expected 3"]),

@@ -3,6 +3,10 @@
 The file is passed over twice: once to count its lines and hash it, so that the memory it needs is known before any is
 taken, and once to parse blocks of lines into arrays of the right size. A block is parsed in bulk; only one that does
 not parse is looked at cell by cell, by the code that decides what a number is and says where one is not.
+
+Columns are separated by commas, or by semicolons or tabs, where a comma is a decimal mark. Lines that begin with ``#``
+or ``%`` may stand above the header, a line of units below it (``F`` is then called ``F [N]``), and times may be dates
+with a time of day (ISO 8601).
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +29,22 @@ FloatArray = NDArray[np.float64]
 BLOCK = 8 << 20
 NUMBER = re.compile(rb"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 SPECIAL = re.compile(rb"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)
+STAMP = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
+SEPARATORS = (b",", b";", b"\t")
+COMMENTS = (b"#", b"%")
 #: Where a byte can stand in a number that the bulk parser and NUMBER read alike; others go cell by cell.
 PLAIN = np.zeros(256, dtype=bool)
 PLAIN[list(b"0123456789+-.eE,\n\r")] = True
+
+
+@dataclass(frozen=True)
+class Header:
+    """Names of a file's columns, what separates them, the line they stand in, and the bytes up to its end."""
+
+    names: list[str]
+    separator: bytes
+    line: int
+    size: int
 
 
 @dataclass(frozen=True)
@@ -55,20 +73,21 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     ----------
     path : Path
     wanted, optional : sequence of str
-        Headers that must be there, and that are read where they are.
+        Headers that must be there, and that are read where they are. The first is that of the time, in s from the first
+        sample on where it is given by dates.
     memory : int, optional
         Bytes that may be used; what the machine has free by default.
 
     Raises
     ------
     InputError
-        One line with file, line and column: no such file, empty, header only, another separator, a decimal comma,
-        a column missing or twice, text in a number, a value that is not finite, too large for the memory.
+        One line with file, line and column: no such file, empty, header only, another separator, a decimal comma among
+        commas, a column missing or twice, text in a number, a value that is not finite, too large for the memory.
     """
-    header_bytes, header = read_header(path)
+    header = read_header(path)
     picked = _pick(path, header, wanted, optional)
     sha256, lines = _scan(path)
-    rows = max(lines - 1, 0)
+    rows = max(lines - header.line, 0)
     if rows == 0:
         raise InputError(f"{path}: holds a header but no data, expected one sample a line")
     # Values, and as much again for what checks and later steps hold at once.
@@ -80,9 +99,9 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
         )
     store = np.empty((len(picked), rows))
     skipped: list[int] = []
-    row, line = 0, 2
-    for block in _blocks(path, header_bytes):
-        values, blanks, count = _parse(path, block, header, picked, line)
+    row, line = 0, header.line + 1
+    for block in _blocks(path, header):
+        values, blanks, count = _parse(path, block, header.names, picked, line)
         if row + len(values) > rows:
             raise InputError(f"{path}: changed while it was read")
         store[:, row : row + len(values)] = values.T
@@ -91,7 +110,10 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     if row == 0:
         raise InputError(f"{path}: holds a header but no data, expected one sample a line")
     columns = {name: store[index, :row] for index, name in enumerate(picked)}
-    return Table(columns, sha256, 2, tuple(skipped))
+    time = next(iter(picked))
+    if _begins_with_a_date(path, header, picked[time]):
+        columns[time] = columns[time] - columns[time][0]
+    return Table(columns, sha256, header.line + 1, tuple(skipped))
 
 
 def free_memory() -> int:
@@ -112,10 +134,20 @@ def free_memory() -> int:
     return free
 
 
-def read_header(path: Path) -> tuple[int, list[str]]:
-    """Length of the header line in bytes, and its names."""
+def read_header(path: Path) -> Header:
+    """Names and layout of a file's columns.
+
+    Raises
+    ------
+    InputError
+        If the file is empty, no text in UTF-8, or begins with numbers.
+    """
+    raw, line, size = b"", 0, 0
     with path.open("rb") as file:
-        raw = file.readline(1 << 20)
+        while line == 0 or raw.lstrip(b"\xef\xbb\xbf \t").startswith(COMMENTS):
+            last, raw = raw, file.readline(1 << 20)
+            line, size = line + 1, size + len(raw)
+        below = file.readline(1 << 20)
     if not raw.strip():
         raise InputError(f"{path}: is empty, expected a CSV file with a header")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in raw:
@@ -123,31 +155,52 @@ def read_header(path: Path) -> tuple[int, list[str]]:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}, row 1: is not text in UTF-8, expected CSV") from None
+        raise InputError(f"{path}, row {line}: is not text in UTF-8, expected CSV") from None
     if "\r" in text.rstrip("\r\n"):
         raise InputError(f"{path}: lines end in a bare carriage return, expected line feeds")
-    if "," not in text:
-        for mark, word in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
-            if mark in text.strip():
-                raise InputError(
-                    f"{path}, row 1: columns are separated by {word}, expected commas (and decimal points)"
-                )
-    names = [name.strip().strip('"').strip() for name in text.strip().split(",")]
-    if all(NUMBER.fullmatch(name.encode()) for name in names if name):
-        raise InputError(f"{path}, row 1: holds numbers, expected a header such as time,u,y")
-    return len(raw), names
+    separator, names = _split(text)
+    if _are_numbers(names) and last:
+        # the header is often the last comment
+        line, size = line - 1, size - len(raw)
+        separator, names = _split(last.decode("utf-8-sig", "replace").strip(" \t#%\r\n"))
+    if len(names) == 1 and " " in names[0]:
+        raise InputError(f"{path}, row {line}: columns are separated by spaces, expected commas, semicolons or tabs")
+    if _are_numbers(names):
+        raise InputError(f"{path}, row {line}: holds numbers, expected a header such as time,u,y")
+    units = [_bare(cell) for cell in below.split(separator)]
+    numbers = any(form.fullmatch(cell.replace(b",", b".")) for form in (NUMBER, SPECIAL, STAMP) for cell in units)
+    if len(units) == len(names) > 1 and any(units) and not numbers:
+        marks = (f" [{unit.decode('utf-8', 'replace')}]" if unit else "" for unit in units)
+        names, line, size = [n + m for n, m in zip(names, marks, strict=True)], line + 1, size + len(below)
+    return Header(names, separator, line, size)
 
 
-def _pick(path: Path, header: list[str], wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
+def _split(text: str) -> tuple[bytes, list[str]]:
+    """What separates the names of a header, and the names."""
+    separator = max(SEPARATORS, key=lambda mark: text.count(mark.decode()))
+    return separator, [name.strip().strip('"').strip() for name in text.strip("\r\n ").split(separator.decode())]
+
+
+def _are_numbers(names: list[str]) -> bool:
+    return all(NUMBER.fullmatch(name.replace(",", ".").encode()) for name in names if name)
+
+
+def _begins_with_a_date(path: Path, header: Header, column: int) -> bool:
+    first = next(line for block in _blocks(path, header) for line in block.splitlines() if line.strip())
+    return bool(STAMP.fullmatch(_bare(first.split(b",")[column])))
+
+
+def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
+    names, row = header.names, f"{path}, row {header.line}"
     for name in (*wanted, *optional):
-        if header.count(name) > 1:
-            raise InputError(f"{path}, row 1: column {name} appears {header.count(name)} times, expected once")
+        if names.count(name) > 1:
+            raise InputError(f"{row}: column {name} appears {names.count(name)} times, expected once")
     for name in wanted:
-        if name not in header:
-            close = [other for other in header if other.lower() == name.lower()]
+        if name not in names:
+            close = [other for other in names if other.lower() == name.lower()]
             hint = f"; is {close[0]} meant?" if close else ""
-            raise InputError(f"{path}, row 1: no column {name}, found {', '.join(header)}{hint}")
-    return {name: header.index(name) for name in (*wanted, *optional) if name in header}
+            raise InputError(f"{row}: no column {name}, found {', '.join(names)}{hint}")
+    return {name: names.index(name) for name in (*wanted, *optional) if name in names}
 
 
 def _scan(path: Path) -> tuple[str, int]:
@@ -161,12 +214,14 @@ def _scan(path: Path) -> tuple[str, int]:
     return digest.hexdigest(), lines + (not last.endswith(b"\n"))
 
 
-def _blocks(path: Path, skip: int) -> Iterator[bytes]:
-    """Whole lines, about ``BLOCK`` bytes at a time."""
+def _blocks(path: Path, header: Header) -> Iterator[bytes]:
+    """Whole lines, about ``BLOCK`` bytes at a time, with commas between columns and decimal points."""
+    plain = bytes.maketrans(b"," + header.separator, b".,") if header.separator != b"," else None
     with path.open("rb") as file:
-        file.seek(skip)
+        file.seek(header.size)
         rest = b""
         while block := file.read(BLOCK):
+            block = block.translate(plain)
             cut = block.rfind(b"\n") + 1
             if cut:
                 yield rest + block[:cut]
@@ -236,7 +291,9 @@ def _parse_cells(
                 f"{path}, row {line + offset}: {len(cells)} {noun}, expected {len(header)} "
                 f"({_comma_hint(text) or ', '.join(header)})"
             )
-        rows.append([_cell(path, line + offset, name, cells[position]) for name, position in picked.items()])
+        time, *others = picked.items()
+        rows.append([_instant(path, line + offset, time[0], cells[time[1]])])
+        rows[-1] += [_cell(path, line + offset, name, cells[position]) for name, position in others]
     return np.array(rows, dtype=float).reshape(-1, len(picked)), blanks, len(lines)
 
 
@@ -244,8 +301,29 @@ def _comma_hint(text: bytes) -> str:
     return "columns separated by commas, numbers with a decimal point" if b";" in text else ""
 
 
+def _bare(cell: bytes) -> bytes:
+    return cell.strip().strip(b'"').strip()
+
+
+def _instant(path: Path, line: int, column: str, cell: bytes) -> float:
+    """A time, or a date in s since 1970; without a zone it is taken for universal, which knows no hour twice."""
+    text = _bare(cell)
+    if not STAMP.fullmatch(text):
+        if b":" in text:
+            shown = text[:40].decode("utf-8", "replace")
+            raise InputError(
+                f"{path}, row {line}, column {column}: {shown!r} is not a number, nor a date like 2026-03-01T10:00:00.0"
+            )
+        return _cell(path, line, column, cell)
+    try:
+        stamp = datetime.fromisoformat(text.decode())
+    except ValueError:
+        raise InputError(f"{path}, row {line}, column {column}: {text.decode()!r} is no date") from None
+    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
+
+
 def _cell(path: Path, line: int, column: str, cell: bytes) -> float:
-    text = cell.strip().strip(b'"').strip()
+    text = _bare(cell)
     if not text:
         return np.nan
     if NUMBER.fullmatch(text):

@@ -87,7 +87,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     built = load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
     units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
-    matched = match_columns(signals, read_header(data)[1], units)
+    matched = match_columns(signals, read_header(data).names, units)
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free
