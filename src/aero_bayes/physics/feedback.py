@@ -13,18 +13,18 @@ from aero_bayes.physics.structure import Structure, derived_in, is_derivative
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
     """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
-    One that is given from states alone is a signal where nothing comes back from what it acts on: one filter's to the
-    next. It acts as an input does: what follows reads what a law makes of it.
+    One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what it
+    acts on: one filter's to the next. It acts as an input does: what follows reads what a law makes of it.
     """
     given = _given(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
     onward = _onward(s, given)
     for name, index in given.items():
         e = flat.equations[index]
-        reached = _reached(s, flat, name, given)
+        reached = _reached(s, name, given)
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
-        if within and acts and (reached & inputs or not within & _following(s.of(name), onward)):
+        if within and acts and (reached & inputs or not within & _following(_told(s, name, e, given), onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
@@ -46,23 +46,37 @@ def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
 
 
 def _onward(s: Structure, given: Collection[str]) -> dict[str, set[str]]:
-    """What each variable acts on at once; where an equation does not say what it gives, all in it on all."""
-    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    """What each variable acts on at once."""
     found: dict[str, set[str]] = {}
     for e in s.flat.equations:
-        names = {s.of(n) for n in (names_in(e.left) | names_in(e.right)) if n in s.same}
-        heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in names if n in rates}
-        if isinstance(e.left, Name) and e.left.name in given:
-            heads = {s.of(e.left.name)}
-        for name in names:
-            found.setdefault(name, set()).update(heads if len(heads) == 1 else names)
+        for name in _variables(s, e):
+            found.setdefault(name, set()).update(_heads(s, e, given))
     return found
 
 
-def _following(name: str, onward: Mapping[str, set[str]]) -> set[str]:
-    """All that a variable acts on, by whatever way."""
-    found = set[str]()
-    waiting = [name]
+def _variables(s: Structure, e: FlatEquation) -> set[str]:
+    return {s.of(n) for n in (names_in(e.left) | names_in(e.right)) if n in s.same}
+
+
+def _heads(s: Structure, e: FlatEquation, given: Collection[str]) -> set[str]:
+    """What an equation gives; where it does not say, all that is in it."""
+    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    names = _variables(s, e)
+    heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in names if n in rates}
+    if isinstance(e.left, Name) and e.left.name in given:
+        heads = {s.of(e.left.name)}
+    return heads if len(heads) == 1 else names
+
+
+def _told(s: Structure, name: str, own: FlatEquation, given: Collection[str]) -> set[str]:
+    """What equations give that have a signal in them by its own name, but for the one that gives it."""
+    others = (e for e in s.flat.equations if name in names_in(e.left) | names_in(e.right))
+    return {head for e in others if (e.left, e.right) != (own.left, own.right) for head in _heads(s, e, given)}
+
+
+def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
+    """Some variables and all that they act on, by whatever way."""
+    found, waiting = {*begin}, [*begin]
     while waiting:
         new = onward.get(waiting.pop(), set()) - found
         found |= new
@@ -100,11 +114,11 @@ def _gives(e: FlatEquation, name: str) -> bool:
 
 
 def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
-    """Local variables that one equation gives a value which is not that of another variable, with its index."""
+    """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
     local = {
         v.name for v in flat.variables
         if v.causality == "local" and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
-        and s.of(v.name) not in s.states and len(s.members(s.of(v.name))) == 1
+        and not _derived(s, v.name) and (s.of(v.name) in s.states or len(s.members(s.of(v.name))) == 1)
     }  # fmt: skip
     found: dict[str, list[int]] = {}
     for index, e in enumerate(flat.equations):
@@ -113,12 +127,18 @@ def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
     return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
 
 
-def _reached(s: Structure, flat: FlatModel, name: str, given: Mapping[str, int]) -> set[str]:
-    """What a signal is computed from, by way of others that are."""
+def _derived(s: Structure, name: str) -> bool:
+    return any(name in derived_in(e) for e in s.flat.equations)
+
+
+def _reached(s: Structure, name: str, given: Mapping[str, int]) -> set[str]:
+    """What a signal is computed from, by way of others that are; of an array its elements."""
     found: set[str] = set()
     waiting = [name]
     while waiting:
-        names = names_in(flat.equations[given[waiting.pop()]].right)
+        index = given[waiting.pop()]
+        own = (e.right for e, (of, *_) in zip(s.flat.equations, s.origins, strict=True) if of == index)
+        names = {n for tree in own for n in names_in(tree) if n in s.same}
         waiting += [n for n in names if n in given and s.of(n) not in found]
         found |= {s.of(n) for n in names}
     return found
