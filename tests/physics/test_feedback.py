@@ -239,3 +239,35 @@ def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tm
     assert 1.0 / (s * (1.0 - a)) == pytest.approx(0.8, rel=0.02)
     assert result.after.pooled("test")["y"] < 1.1 * NOISE
     assert result.before.pooled("test")["y"] > 5.0 * NOISE
+
+
+FILTERS = """model Filters "Two filters in a row, by their matrices"
+  parameter Real a(unit = "1/s", min = 0) = 9;
+  parameter Real A[2, 2](each unit = "1/s") = {{-a, 0}, {5, -5}};
+  parameter Real B[2](each unit = "1/s") = {a, 0};
+  parameter Real C[2] = {0.3, 0.7};
+  input Real u(unit = "V");
+  output Real y(unit = "V");
+  Real x[2](each unit = "V", each start = 0, each fixed = true);
+  Real z[2](each unit = "V", each start = 0, each fixed = true);
+  Real w(unit = "V") "Between the filters";
+equation
+  der(x) = A*x + B*u;
+  w = C*x;
+  der(z) = A*z + B*w;
+  y = z[2];
+end Filters;
+"""
+
+
+@pytest.mark.parametrize(("given", "states"), [("C*x", ("x[1]", "x[2]")), ("x[2]", ("x[2]",)), ("-x[2]", ("x[2]",))])
+def test_what_vectors_give_and_a_state_by_another_name_are_handed_on(given, states, laws, models, tmp_path, rng):
+    source = tmp_path / "Filters.mo"
+    source.write_text(FILTERS.replace("w = C*x", f"w = {given}"), encoding="utf-8")
+    flat = load_flat("Filters", [source])
+    (port,) = (p for p in ports_of(flat, laws) if p.via == "signal")
+    assert (port.id, port.unit, port.states) == ("w", "V", states)
+    made = agree("Filters", [source], uses_at(flat, laws, "saturation_by_side@w", "lag@w"), models, tmp_path, rng)
+    assert f"= {given};" in made.text
+    source.write_text(source.read_text().replace("B*u", "B*(u - 0.1*z[2])"), encoding="utf-8")
+    assert not [p for p in ports_of(load_flat("Filters", [source]), laws) if p.via == "signal"]

@@ -13,8 +13,8 @@ from aero_bayes.physics.structure import Structure, derived_in, is_derivative
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
     """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
-    One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what it
-    acts on: one filter's to the next. It acts as an input does: what follows reads what a law makes of it.
+    One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
+    it acts on: one filter's to the next. It acts as an input does: what follows reads what a law makes of it.
     """
     given = _given(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
@@ -24,7 +24,7 @@ def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
         reached = _reached(s, name, given)
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
-        if within and acts and (reached & inputs or not within & _following(_told(s, name, e, given), onward)):
+        if within and acts and (reached & inputs or not within & _following(_told(s, name, given), onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
@@ -68,10 +68,11 @@ def _heads(s: Structure, e: FlatEquation, given: Collection[str]) -> set[str]:
     return heads if len(heads) == 1 else names
 
 
-def _told(s: Structure, name: str, own: FlatEquation, given: Collection[str]) -> set[str]:
+def _told(s: Structure, name: str, given: Mapping[str, int]) -> set[str]:
     """What equations give that have a signal in them by its own name, but for the one that gives it."""
-    others = (e for e in s.flat.equations if name in names_in(e.left) | names_in(e.right))
-    return {head for e in others if (e.left, e.right) != (own.left, own.right) for head in _heads(s, e, given)}
+    every = zip(s.flat.equations, s.origins, strict=True)
+    others = (e for e, (index, *_) in every if index != given[name] and name in names_in(e.left) | names_in(e.right))
+    return {head for e in others for head in _heads(s, e, given)}
 
 
 def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
