@@ -24,6 +24,8 @@ _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Odds below which the number says no more.
 LEAST_ODDS = 1e-3
+#: Width of a digit of a tick, and the least between two ticks.
+TICK = 6.0
 #: Room that a gain takes with its odds.
 TEXT_WITH_ODDS = 104.0
 
@@ -85,8 +87,12 @@ def _rounds_drawing(
         if step.threshold:
             edge = left + across(step.threshold)
             canvas.curve([edge, edge], [_TOP - 6, _TOP + row * len(ids)], MUTED, 0.9, "4 3")
+        free = left - TICK
         for gain in (10.0**power for power in range(0, 7) if 10.0**power <= most):
-            canvas.text(left + across(gain), _TOP - 10, tick_text(gain), MUTED, 10, "middle")
+            text, half = tick_text(gain), 0.5 * TICK * len(tick_text(gain))
+            if left + across(gain) - half > free:
+                canvas.text(left + across(gain), _TOP - 10, text, MUTED, 10, "middle")
+                free = left + across(gain) + half + TICK
         by_id = {c.id: c for c in step.candidates}
         for index, id_ in enumerate(ids):
             if id_ in by_id:
