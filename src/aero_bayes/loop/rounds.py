@@ -40,12 +40,24 @@ class Round:
         return self.chosen.held if self.chosen is not None else None
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """A value that the model holds; at ``value`` it does what an effect does, but for ``behind`` in log-evidence."""
+
+    parameter: str
+    unit: str
+    held: float
+    value: float
+    effect: str
+    behind: float
+
+
 @dataclass(frozen=True, eq=False)
 class Selection:
     """The effects that earned their place, in the order in which they were found, and how they were.
 
     ``skipped`` could not be tried: the model cannot be simulated with them. ``ended`` is where the search was when its
-    time was up; empty where it came to its end.
+    time was up; empty where it came to its end. ``doubts`` are values of the model that may be what is wrong instead.
     """
 
     held: Held
@@ -54,6 +66,7 @@ class Selection:
     equivalent: tuple[tuple[str, ...], ...]
     skipped: tuple[str, ...] = ()
     ended: str = ""
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aero_bayes.check.structure import ResidualReport, those_structured
 from aero_bayes.errors import InputError
 from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.base_fit import BaseFit, fit_from_there
+from aero_bayes.loop.held_values import doubts, held_in
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
 from aero_bayes.loop.rival import Rival, find_rival
@@ -58,6 +59,8 @@ def search(bench: Workbench, base: BaseFit) -> Found:
     )  # fmt: skip
     if not effort.late():
         selection = refine(effort, selection, finer, len(ids))
+        held = held_in(bench.family.plain(), base.plain.parameters)
+        selection = replace(selection, doubts=doubts(effort, selection, held))
     if selection.base is not base.held:
         base = fit_from_there(bench, base, selection.base, effort.stands)
     bench.tally.lap("attribution")

@@ -157,6 +157,11 @@ class Stands:
         own = tuple(sorted({*self._own, self._plain.parameters.index(name)}))
         return Stands(self._bench, replace(self._plain, parameters=ParameterSet(items)), own)
 
+    def beside(self, held: ParameterSet) -> Stands:
+        """Stands of the same candidates that have further parameters, which stay where they are."""
+        parameters = self._plain.parameters.extended(tuple(held))
+        return Stands(self._bench, replace(self._plain, parameters=parameters), self._own)
+
     def read_otherwise(self) -> Stands | None:
         """Stands of the same candidates whose inputs are read the other way between the samples, if that is open."""
         if self._bench.settings.calibration.interpolation != "auto":

@@ -47,7 +47,7 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     return LoopResult(
         outcome=conclusion.outcome,
-        sentence=conclusion.sentence + _ended(bench.settings, found),
+        sentence=conclusion.sentence + _doubted(conclusion) + _ended(bench.settings, found),
         base=bench.family.base,
         model=written.name if written is not None else bench.family.base,
         effects=effects,
@@ -79,6 +79,19 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
         drawn=names[probing.recording] if probing is not None else names[0],
         recordings=bench.recordings,
         plain=bench.family.plain(),
+    )
+
+
+def _doubted(conclusion: Conclusion) -> str:
+    """The likeliest held value, if any, that explains as much as an effect that is named."""
+    named = {effect.id for effect in conclusion.effects}
+    doubted = [doubt for doubt in conclusion.found.selection.doubts if doubt.effect in named]
+    if not doubted:
+        return ""
+    d = min(doubted, key=lambda doubt: doubt.behind)
+    value = with_unit(f"{d.value:.3g}", d.unit)
+    return (
+        f" Or {d.parameter} is {value}, not the {d.held:.3g} at which it is held: that explains as much as {d.effect}."
     )
 
 
