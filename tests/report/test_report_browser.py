@@ -187,7 +187,7 @@ def test_full_resolution_is_reached_by_zooming(loop: Browser, runs: Path) -> Non
     axes = f"look.seen({STACK}).querySelectorAll('.y.axis')[{1 + 2 * names.index('omega_m')}]"
     across = np.array(loop.evaluate(f"look.axis(look.seen({STACK}).querySelector('.x.axis'))"))
     down = np.array(loop.evaluate(f"look.axis({axes})"))
-    assert np.ptp(across[:, 2]) < 1.5
+    assert np.ptp(across[:, 2]) < 2.0
     within = (time > across[0, 2]) & (time < across[-1, 2])
     assert np.count_nonzero(within) > 20
     x = np.interp(time[within], across[:, 2], across[:, 0])
