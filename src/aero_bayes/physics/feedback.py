@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.export.syntax import Name, names_in
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.structure import Structure, derived_in, is_derivative
+
+#: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
+Told = tuple[int, set[str], set[str]]
 
 
 def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
@@ -18,13 +21,15 @@ def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
     """
     given = _given(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
-    onward = _onward(s, given)
+    told = _told(s, given)
+    onward, read = _onward(s, told), _read(s)
     for name, index in given.items():
         e = flat.equations[index]
-        reached = _reached(s, name, given)
+        reached = _reached(s, name, given, read)
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
-        if within and acts and (reached & inputs or not within & _following(_told(s, name, given), onward)):
+        first = {head for of, names, heads in told if of != index and name in names for head in heads}
+        if within and acts and (reached & inputs or not within & _following(first, onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
@@ -45,34 +50,27 @@ def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
                         )  # fmt: skip
 
 
-def _onward(s: Structure, given: Collection[str]) -> dict[str, set[str]]:
-    """What each variable acts on at once."""
-    found: dict[str, set[str]] = {}
-    for e in s.flat.equations:
-        for name in _variables(s, e):
-            found.setdefault(name, set()).update(_heads(s, e, given))
+def _told(s: Structure, given: Collection[str]) -> list[Told]:
+    """Of each equation where it is from, the variables in it, and what it gives; all in it where it does not say."""
+    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    found: list[Told] = []
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        names = {n for n in names_in(e.left) | names_in(e.right) if n in s.same}
+        classes = {s.of(n) for n in names}
+        heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in classes if n in rates}
+        if isinstance(e.left, Name) and e.left.name in given:
+            heads = {s.of(e.left.name)}
+        found.append((index, names, heads if len(heads) == 1 else classes))
     return found
 
 
-def _variables(s: Structure, e: FlatEquation) -> set[str]:
-    return {s.of(n) for n in (names_in(e.left) | names_in(e.right)) if n in s.same}
-
-
-def _heads(s: Structure, e: FlatEquation, given: Collection[str]) -> set[str]:
-    """What an equation gives; where it does not say, all that is in it."""
-    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
-    names = _variables(s, e)
-    heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in names if n in rates}
-    if isinstance(e.left, Name) and e.left.name in given:
-        heads = {s.of(e.left.name)}
-    return heads if len(heads) == 1 else names
-
-
-def _told(s: Structure, name: str, given: Mapping[str, int]) -> set[str]:
-    """What equations give that have a signal in them by its own name, but for the one that gives it."""
-    every = zip(s.flat.equations, s.origins, strict=True)
-    others = (e for e, (index, *_) in every if index != given[name] and name in names_in(e.left) | names_in(e.right))
-    return {head for e in others for head in _heads(s, e, given)}
+def _onward(s: Structure, told: Sequence[Told]) -> dict[str, set[str]]:
+    """What each class of variables acts on at once."""
+    found: dict[str, set[str]] = {}
+    for _, names, heads in told:
+        for name in names:
+            found.setdefault(s.of(name), set()).update(heads)
+    return found
 
 
 def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
@@ -116,10 +114,11 @@ def _gives(e: FlatEquation, name: str) -> bool:
 
 def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
     """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
+    derived = {n for e in s.flat.equations for n in derived_in(e)}
     local = {
         v.name for v in flat.variables
         if v.causality == "local" and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
-        and not _derived(s, v.name) and (s.of(v.name) in s.states or len(s.members(s.of(v.name))) == 1)
+        and v.name not in derived and (s.of(v.name) in s.states or len(s.members(s.of(v.name))) == 1)
     }  # fmt: skip
     found: dict[str, list[int]] = {}
     for index, e in enumerate(flat.equations):
@@ -128,18 +127,20 @@ def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
     return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
 
 
-def _derived(s: Structure, name: str) -> bool:
-    return any(name in derived_in(e) for e in s.flat.equations)
+def _read(s: Structure) -> dict[int, set[str]]:
+    """The variables on the right of each equation before it was taken apart; of an array its elements."""
+    found: dict[int, set[str]] = {}
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        found.setdefault(index, set()).update(n for n in names_in(e.right) if n in s.same)
+    return found
 
 
-def _reached(s: Structure, name: str, given: Mapping[str, int]) -> set[str]:
-    """What a signal is computed from, by way of others that are; of an array its elements."""
+def _reached(s: Structure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+    """What a signal is computed from, by way of others that are."""
     found: set[str] = set()
     waiting = [name]
     while waiting:
-        index = given[waiting.pop()]
-        own = (e.right for e, (of, *_) in zip(s.flat.equations, s.origins, strict=True) if of == index)
-        names = {n for tree in own for n in names_in(tree) if n in s.same}
+        names = read[given[waiting.pop()]]
         waiting += [n for n in names if n in given and s.of(n) not in found]
         found |= {s.of(n) for n in names}
     return found
