@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.attribute import Search
 from aero_bayes.loop.rounds import Doubt, Selection
-from aero_bayes.loop.stand import Held
+from aero_bayes.loop.stand import Held, Stand
 from aero_bayes.simulation.model import Model
 
 #: Share of an effect's gain that a held value must promise to be fitted, and how many are.
@@ -27,50 +28,49 @@ def held_in(model: Model, parameters: ParameterSet) -> ParameterSet:
     for variable in model.parameters:
         if variable.name not in parameters.names and variable.start:
             with suppress(InputError):
-                found += parameters_from_model(model, [variable.name], {variable.name: Override(auto=True)})
+                found += parameters_from_model(model, [variable.name])
     return ParameterSet(tuple(found[:MOST]))
 
 
 def doubts(search: Search, selection: Selection, held: ParameterSet) -> tuple[Doubt, ...]:
-    """For each effect the held values that would do as well in its place, best first.
+    """For each effect the held values that would do as well in its place.
 
     A line along the sensitivity to each says which are likely; these are fitted.
     """
     if not held or not selection.effects:
         return ()
     found: list[Doubt] = []
+    wider = search.stands.beside(held)
     for effect in selection.effects:
         if search.late():
             break
         alone = len(selection.effects) == 1
         without = selection.base if alone else search.without(selection.base, selection.held, effect)
         if without is not None:
-            found += _in_place_of(search, selection, effect, without, held)
+            with suppress(CannotFinishError):
+                found += _in_place_of(search, selection, effect, without, wider.of(selection.effects), held)
+    wider.forget()
     return tuple(found)
 
 
-def _in_place_of(search: Search, selection: Selection, effect: str, without: Held, held: ParameterSet) -> list[Doubt]:
-    wider = search.stands.beside(held)
+def _in_place_of(
+    search: Search, selection: Selection, effect: str, without: Held, stand: Stand, held: ParameterSet
+) -> list[Doubt]:
+    """The held values that do as well as an effect on a stand that has them; ``without`` is the fit without it."""
     found: list[Doubt] = []
-    try:
-        now, rest = selection.held.log_evidence, without.effects
-        here = wider.of(selection.effects).fit(without.values, rest, without.optimum.noise, search.fit)
-        gain = now - here.log_evidence
-        promises = _promises(here, [p.name for p in held])
-        likely = sorted((n for n, most in promises.items() if most > LIKELY * gain), key=lambda n: -promises[n])
-        for name in likely[:TRIED]:
-            freed = wider.freed(name)
-            with suppress(CannotFinishError):
-                end = freed.of(selection.effects).fit(here.values, rest, here.optimum.noise, search.fit)
-                behind = now - end.log_evidence
-                if behind < search.settings.equivalence:
-                    p = held[name]
-                    found.append(Doubt(name, p.unit, p.start, end.values[name], effect, behind))
-            freed.forget()
-    except CannotFinishError:
-        pass
-    wider.forget()
-    return sorted(found, key=lambda doubt: doubt.behind)
+    rest, now = without.effects, selection.held.log_evidence
+    here = stand.fit(without.values, rest, without.optimum.noise, search.fit)
+    promises = _promises(here, held.names)
+    likely = [name for name in promises if promises[name] > LIKELY * (now - here.log_evidence)]
+    for name in sorted(likely, key=lambda name: -promises[name])[:TRIED]:
+        freed = replace(stand, own=(*stand.own, stand.study.parameters.index(name)))
+        with suppress(CannotFinishError):
+            end = freed.fit(here.values, rest, here.optimum.noise, search.fit)
+            behind = now - end.log_evidence
+            if behind < search.settings.equivalence:
+                p = held[name]
+                found.append(Doubt(name, p.unit, p.start, end.values[name], effect, behind))
+    return found
 
 
 def _promises(here: Held, names: Sequence[str]) -> dict[str, float]:
