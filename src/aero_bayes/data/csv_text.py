@@ -99,8 +99,10 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
         )
     store = np.empty((len(picked), rows))
     skipped: list[int] = []
-    row, line = 0, header.line + 1
+    row, line, dates = 0, header.line + 1, False
+    time = next(iter(picked))
     for block in _blocks(path, header):
+        dates = dates or (row == 0 and _begins_with_a_date(block, picked[time]))
         values, blanks, count = _parse(path, block, header.names, picked, line)
         if row + len(values) > rows:
             raise InputError(f"{path}: changed while it was read")
@@ -110,8 +112,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     if row == 0:
         raise InputError(f"{path}: holds a header but no data, expected one sample a line")
     columns = {name: store[index, :row] for index, name in enumerate(picked)}
-    time = next(iter(picked))
-    if _begins_with_a_date(path, header, picked[time]):
+    if dates:
         columns[time] = columns[time] - columns[time][0]
     return Table(columns, sha256, header.line + 1, tuple(skipped))
 
@@ -185,9 +186,9 @@ def _are_numbers(names: list[str]) -> bool:
     return all(NUMBER.fullmatch(name.replace(",", ".").encode()) for name in names if name)
 
 
-def _begins_with_a_date(path: Path, header: Header, column: int) -> bool:
-    first = next(line for block in _blocks(path, header) for line in block.splitlines() if line.strip())
-    return bool(STAMP.fullmatch(_bare(first.split(b",")[column])))
+def _begins_with_a_date(block: bytes, column: int) -> bool:
+    cells = block.lstrip(b" \r\n").partition(b"\n")[0].split(b",")
+    return len(cells) > column and bool(STAMP.fullmatch(_bare(cells[column])))
 
 
 def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
@@ -280,6 +281,7 @@ def _parse_cells(
     rows: list[list[float]] = []
     blanks: list[int] = []
     lines = block[:-1].split(b"\n")
+    time, *others = picked.items()
     for offset, text in enumerate(lines):
         if not text.strip(b" \t\r"):
             blanks.append(line + offset)
@@ -291,7 +293,6 @@ def _parse_cells(
                 f"{path}, row {line + offset}: {len(cells)} {noun}, expected {len(header)} "
                 f"({_comma_hint(text) or ', '.join(header)})"
             )
-        time, *others = picked.items()
         rows.append([_instant(path, line + offset, time[0], cells[time[1]])])
         rows[-1] += [_cell(path, line + offset, name, cells[position]) for name, position in others]
     return np.array(rows, dtype=float).reshape(-1, len(picked)), blanks, len(lines)
