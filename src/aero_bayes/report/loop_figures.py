@@ -89,10 +89,11 @@ def _rounds_drawing(
             canvas.curve([edge, edge], [_TOP - 6, _TOP + row * len(ids)], MUTED, 0.9, "4 3")
         free = left - TICK
         for gain in (10.0**power for power in range(0, 7) if 10.0**power <= most):
-            text, half = tick_text(gain), 0.5 * TICK * len(tick_text(gain))
-            if left + across(gain) - half > free:
-                canvas.text(left + across(gain), _TOP - 10, text, MUTED, 10, "middle")
-                free = left + across(gain) + half + TICK
+            text, middle = tick_text(gain), left + across(gain)
+            half = 0.5 * TICK * len(text)
+            if middle - half > free:
+                canvas.text(middle, _TOP - 10, text, MUTED, 10, "middle")
+                free = middle + half + TICK
         by_id = {c.id: c for c in step.candidates}
         for index, id_ in enumerate(ids):
             if id_ in by_id:
