@@ -7,6 +7,7 @@ take it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -39,6 +40,9 @@ EQ6_UNIT = 1e-3
 FIRST_GUESS = 0.03
 #: Residual over the least-squares one above which a noise model has swallowed part of the signal.
 SWALLOWED = 1.05
+#: How many times the noise floor a fit leaves where it may stand in a wrong valley that another reading of the inputs
+#: led it to; the floor itself is too high where the outputs are fast.
+OFF = 1.5
 
 
 @dataclass(frozen=True)
@@ -137,8 +141,11 @@ class Climber:
             for k, name in enumerate(self.objective.calibration.outputs)
         }
 
-    def to_optimum(self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator) -> Ascent:
-        """From the parameters' starts to the optimum over the free columns.
+    def to_optimum(
+        self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
+        known: pso.SwarmResult | None = None,
+    ) -> Ascent:  # fmt: skip
+        """From the parameters' starts to the optimum over the free columns; ``known`` spares the swarm.
 
         Raises
         ------
@@ -148,7 +155,7 @@ class Climber:
         start = self.objective.parameters.to_search(self.objective.parameters.start)
         swarm = None
         if self.settings.swarm is not None:
-            start, swarm = self._valley(start, free, open_simulator, rng)
+            start, swarm = self._valley(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]
         rough = self.climbing.rough(12, 1.0)
         self.progress("local", 0.0, 0.0)
@@ -238,8 +245,9 @@ class Climber:
         return found
 
     def _valley(
-        self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator
-    ) -> tuple[FloatArray, pso.SwarmResult | None]:
+        self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
+        known: pso.SwarmResult | None,
+    ) -> tuple[FloatArray, pso.SwarmResult | None]:  # fmt: skip
         """Search the whole box on a cheaper problem, then climb there from the best particles and from the start."""
         assert self.settings.swarm is not None
         cheap = hurried(leading(self.objective.calibration, self.objective.simulator, self.settings.samples))
@@ -264,7 +272,7 @@ class Climber:
                 return pack(found, "")
 
             asked = (start, tuple(free), self.settings.cost, self.settings.swarm, rng.bit_generator.state)
-            swarm = unpack(pso.SwarmResult, few.once("swarm", asked, swarming), "")
+            swarm = known or unpack(pso.SwarmResult, few.once("swarm", asked, swarming), "")
             starts = [] if near is not None else [start]
             if np.isfinite(swarm.cost):
                 for x in swarm.candidates[: self.settings.starts]:
@@ -357,12 +365,25 @@ class Climber:
         return here
 
 
-def straighter(climber: Climber, here: Optimum, open_simulator: OpenSimulator) -> tuple[Calibration, Optimum] | None:
-    """The calibration with straight lines between the samples of its inputs, if they are the likelier."""
-    lines = with_lines(climber.objective.calibration)
+def straighter(
+    climber: Climber, ascent: Ascent, open_simulator: OpenSimulator, rng: np.random.Generator
+) -> tuple[Calibration, Optimum] | None:
+    """The calibration with straight lines between the samples of its inputs, if they are the likelier.
+
+    Held inputs may have led to a valley of their own, such as a resonance beyond half the sampling rate that shows at
+    the samples as one below it does: a fit that is far off is made anew from the start.
+    """
+    here, lines = ascent.optimum, with_lines(climber.objective.calibration)
     if lines is None:
         return None
+    enough = here.log_likelihood + LEAST_GAIN
     with open_simulator(lines.problem()) as simulator:
-        other = Climber(climber.objective.on(lines, simulator), climber.settings)
-        found = other.again(here.coordinates, here.free, here.noise)
-    return (lines, found) if found.log_likelihood > here.log_likelihood + LEAST_GAIN else None
+        study = climber.objective.on(lines, simulator)
+        if over_floor(climber.objective, here.evaluation.residual) > OFF:
+            with suppress(CannotFinishError):
+                other = Climber(study, climber.settings)
+                found = other.to_optimum(here.free, open_simulator, rng, ascent.swarm).optimum
+                if found.log_likelihood > enough:
+                    return lines, found
+        found = Climber(study, climber.settings).again(here.coordinates, here.free, here.noise)
+    return (lines, found) if found.log_likelihood > enough else None

@@ -245,7 +245,7 @@ def fit_calibration(
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.to_optimum(free, open_simulator, rng)
         lines = (
-            straighter(climber, ascent.optimum, open_simulator)
+            straighter(climber, ascent, open_simulator, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )

@@ -181,8 +181,10 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
         climber = Climber(study, settings.ascent)
-        found = climber.to_optimum(_seen(study), bench.open, np.random.default_rng(settings.seed)).optimum
-        lines = straighter(climber, found, bench.open) if settings.calibration.interpolation == "auto" else None
+        rng = np.random.default_rng(settings.seed)
+        ascent = climber.to_optimum(_seen(study), bench.open, rng)
+        found = ascent.optimum
+        lines = straighter(climber, ascent, bench.open, rng) if settings.calibration.interpolation == "auto" else None
         fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
         bench.tally.count(study)
     if lines is not None:
