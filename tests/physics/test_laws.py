@@ -62,6 +62,12 @@ def bumps(z: float, heights: dict[str, float]) -> float:
     )
 
 
+def damped_stops(e: float, v: float, k_s: float, x_s: float, t_s: float) -> float:
+    """Stops at either end of a range that push and never pull: a spring and a damper beside each other."""
+    above, below = max(e - x_s, 0.0), max(-e - x_s, 0.0)
+    return k_s * (max(above + t_s * v * (above > 0), 0.0) - max(below - t_s * v * (below > 0), 0.0))
+
+
 #: What each law says where nothing is rounded, with its own parameters by name.
 CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("input", "gain"): lambda u, g: (1 + g) * u,
@@ -87,7 +93,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
     ("motion", "unbalance"): lambda x, M_g, phi_g: M_g * np.sin(x + phi_g),
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
-    ("motion", "end_stop_by_side"): lambda x, k_s, x_s, b: k_s * (x - max(b + 0.02 - x_s, min(b + 0.02 + x_s, x))),
+    ("motion", "end_stop_by_side"): lambda x, v, k_s, x_s, b, t_s: damped_stops(x - b - 0.02, v, k_s, x_s, t_s),
     ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
     ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
     ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),
