@@ -47,15 +47,20 @@ def simulated(slope, start, u, step, parts):
     return np.array(states)
 
 
-def track(name, seed):
-    """A cart that runs into a soft stop on either side, the middle between them far from zero."""
+def track(name, seed, damping):
+    """A cart that runs into a soft stop on either side, the middle between them far from zero.
+
+    A stop is a spring and a damper beside each other, and never pulls.
+    """
     rng = np.random.default_rng(seed)
     force = np.repeat(rng.uniform(-3.0, 3.0, 24), 30)
 
     def slope(x, u):
-        return np.array([x[1], (u - 2.0 * x[1] - 300.0 * (x[0] - np.clip(x[0], LEFT, RIGHT))) / 0.9])
+        into = x[0] - np.clip(x[0], LEFT, RIGHT)
+        pressed = np.sign(into) * max(np.sign(into) * (300.0 * into + damping * x[1]), 0.0)
+        return np.array([x[1], (u - 2.0 * x[1] - pressed) / 0.9])
 
-    place = simulated(slope, [0.3, 0.0], force, 0.02, 10)[:, 0]
+    place = simulated(slope, [0.3, 0.0], force, 0.02, 40)[:, 0]
     time = 0.02 * np.arange(force.size)
     return Recording(name, time, {"F": force}, {"x": place + rng.normal(0.0, BLUR, force.size)})
 
@@ -80,14 +85,16 @@ def closed(tmp_path, text, name, free, laws, *recordings):
     return close_loop([first], [second], model=name, settings=settings, workers=0)
 
 
-def test_stops_at_both_ends_of_a_track_are_found_wherever_it_is_counted_from(tmp_path):
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_stops_at_both_ends_of_a_track_are_found_wherever_it_is_counted_from(tmp_path, damping):
     laws = ("end_stop", "end_stop_by_side", "coulomb_friction", "linear_stiffness", "offset")
-    result = closed(tmp_path, TRACK, "Track", ("m", "d"), laws, track("a", 75), track("b", 76))
+    result = closed(tmp_path, TRACK, "Track", ("m", "d"), laws, track("a", 75, damping), track("b", 76, damping))
     (effect,) = result.effects
     assert effect.id == "end_stop_by_side@v"
-    stiffness, distance, _ = (p.value for p in effect.parameters)
+    stiffness, distance, _, damper = (p.value for p in effect.parameters)
     assert stiffness == pytest.approx(300.0, rel=0.05)
     assert distance == pytest.approx((RIGHT - LEFT) / 2.0, rel=0.01)
+    assert stiffness * damper == pytest.approx(damping, rel=0.05, abs=0.05)
     assert result.after.pooled("test")["x"] < 2.0 * BLUR
     assert result.before.pooled("test")["x"] > 50.0 * BLUR
 
