@@ -245,9 +245,7 @@ def fit_calibration(
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.to_optimum(free, open_simulator, rng)
         lines = (
-            straighter(climber, ascent, open_simulator, rng)
-            if settings.calibration.interpolation == "auto"
-            else None
+            straighter(climber, ascent, open_simulator, rng) if settings.calibration.interpolation == "auto" else None
         )
         if lines is not None:
             simulator = stack.enter_context(open_simulator(lines[0].problem()))
