@@ -94,7 +94,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "unbalance"): lambda x, M_g, phi_g: M_g * np.sin(x + phi_g),
     ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
     ("motion", "end_stop_by_side"): lambda x, v, k_s, x_s, b, t_s: damped_stops(x - b - 0.02, v, k_s, x_s, t_s),
-    ("motion", "backlash"): lambda x, k_b, x_b: -k_b * clip(x, x_b),
+    ("motion", "backlash"): lambda x, v, k_b, x_b, t_b: damped_stops(x, v, k_b, x_b, t_b) - k_b * (x + t_b * v),
     ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
     ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),
     ("storage", "square_loss"): lambda h, h_s, c: c * (h - h_s) * abs(h - h_s),
