@@ -269,6 +269,23 @@ def _packed(found: Found[_Slope]) -> Arrays:
     return kept | {"outputs": np.array(list(found.ground.noise)), **pack_all(list(found.ground.noise.values()))}
 
 
+def _laplace(hessian: FloatArray, width: FloatArray) -> tuple[FloatArray, float]:
+    """Covariance of a normal posterior, and the logarithm of its precision's determinant, within a box of a width.
+
+    A coordinate may be of any size: in its own unit of curvature nothing but what the data do not see is near zero.
+    """
+    if not len(hessian):
+        return hessian, 0.0
+    own = np.diag(hessian)
+    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
+    values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0))
+    # The posterior is nowhere wider than the box: in a direction that the data do not see it has the box's width.
+    _, volume = np.linalg.slogdet((vectors * values) @ vectors.T + np.diag(2.0 * math.pi * (unit / width) ** 2))
+    spread = unit[:, np.newaxis] * vectors / np.sqrt(values)
+    return spread @ spread.T, float(volume) - 2.0 * float(np.log(unit).sum())
+
+
 def climb(
     objective: Objective,
     start: FloatArray,
@@ -306,14 +323,11 @@ def climb(
             "controller needs the controller in the model"
         )
     here = found.ground
-    values, vectors = np.linalg.eigh(here.hessian)
-    values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0)) if len(values) else values
-    # The posterior is nowhere wider than the box: in a direction that the data do not see it has the box's width.
-    _, volume = np.linalg.slogdet((vectors * values) @ vectors.T + np.diag(2.0 * math.pi / (high - low) ** 2))
-    occam = 0.5 * len(values) * math.log(2.0 * math.pi) - 0.5 * float(volume)
+    covariance, volume = _laplace(here.hessian, high - low)
+    occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
     likelihood = here.whitened.log_likelihood
     return Optimum(
         tuple(free), terrain.full(found.point), dict(here.noise), likelihood, here.log_prior,
-        likelihood + here.log_prior + occam, (vectors / values) @ vectors.T, here.evaluation, here.whitened,
+        likelihood + here.log_prior + occam, covariance, here.evaluation, here.whitened,
         found.reason, found.iterations,
     )  # fmt: skip
