@@ -35,7 +35,7 @@ VISIBLY = 0.9
 MUCH = 2.0 / 3.0
 #: What they may leave then, in standard deviations of the readings: a model that is lost either way tells nothing.
 FOLLOWS = 1.0 / 3.0
-#: How many times the unseen error what is named may leave in some output where it leaves less in none.
+#: How many times the unseen error a curve may leave in some output where it leaves less in none.
 WORSE = 1.05
 #: How many standard deviations of its own uncertainty a prediction may be off on data that was not fitted.
 SENSITIVE = 4.0
@@ -113,14 +113,13 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
     unseen error is not had by chance.
     """
     named = _no_more_than_needed(bench, found, named)
-    if not _loses(found.before, named.after):
-        if not _is_open(named):
-            return named
-        sure = surely_worse(found.before, named.after, bench.recordings)
-        if sure and not _visible(named.reports):
-            return named
-        if _plainly_better(found.before, named.after, VISIBLY if sure else PLAINLY):
-            return named
+    if not _is_open(named):
+        return named
+    sure = surely_worse(found.before, named.after, bench.recordings)
+    if sure and not _visible(named.reports):
+        return named
+    if not _is_open(named) or _plainly_better(found.before, named.after, VISIBLY if sure else PLAINLY):
+        return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
         f"The residual is structured; {listed([effect.id for effect in named.effects])} {explain} part of it where it "
@@ -177,7 +176,7 @@ def _learned(bench: Workbench, found: Found, selection: Selection) -> Conclusion
     if _incomplete(found, bench.settings.left_over):
         return None
     named, refused = _added(bench, found)
-    if named is None or refused:
+    if named is None or refused or _loses(found.before, named.after):
         return None
     told = _what_carries_over(bench, found, named)
     return told if told.effects else None
