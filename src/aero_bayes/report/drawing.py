@@ -15,14 +15,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from aero_bayes.report.svg import INK, MUTED, RULE, Canvas
-from aero_bayes.report.text import cut_short
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 FloatArray = NDArray[np.float64]
 
 _FONT = 11.5
-#: Width of a letter over the size of its font, on the wide side.
-_LETTER = 0.6
 _RIGHT, _TITLE, _GAP, _FOOT = 14.0, 27.0, 9.0, 40.0
 
 
@@ -178,7 +175,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     for panel, (y_limits, ticks) in zip(panels, scales, strict=True):
         frame = _Frame(left, top + _TITLE, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
         canvas.group("panel", _panel_spec(panel, frame))
-        canvas.text(3, top + 14, cut_short(panel.title, int(width / (_LETTER * _FONT))), INK, _FONT + 0.5)
+        canvas.text(3, top + 14, panel.title, INK, _FONT + 0.5)
         top += _TITLE
         _draw_panel(canvas, panel, frame, ticks, columns_for(width))
         canvas.end()

@@ -14,7 +14,7 @@ from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NOTHING, count, cut_short, minus, plain_name, scaled_unit, significant
+from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
 from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
 
 PORT = 430.0
@@ -78,7 +78,7 @@ def _rounds_drawing(
         y = _TOP + row * index
         canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
         text = words.get(id_, id_)
-        canvas.text(0, y + 13, cut_short(text, 44) if wide else text, INK, 11.5)
+        canvas.text(0, y + 13, text if len(text) < 45 or not wide else f"{text[:43]}…", INK, 11.5)
         if wide:
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):

@@ -174,14 +174,9 @@ def role_words(role: str) -> str:
 
 
 def signal_title(name: str, unit: str, meaning: str = "") -> str:
-    """Title of a panel: symbol, unit, and the meaning, which a narrow figure may cut short."""
-    title = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
-    return f"{title}  {meaning}" if meaning else title
-
-
-def cut_short(text: str, most: int) -> str:
-    """Text of so many characters at most; what is left out is dotted."""
-    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
+    """Title of a panel: symbol, meaning, unit."""
+    title = f"{plain_name(name)}  {meaning}" if meaning else plain_name(name)
+    return f"{title} ({unit})" if unit else title
 
 
 def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
