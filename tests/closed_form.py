@@ -54,6 +54,23 @@ def runge_kutta(
     return x + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + h * c, end))
 
 
+def held(slope: Callable[[State, float], State], start: object, u: State, interval: float, steps: int) -> State:
+    """States at the samples, each input held until the next, by so many Runge-Kutta steps in between."""
+    x = np.array(start, dtype=float)
+    states = [x]
+    for level in u[:-1]:
+        for _ in range(steps):
+            x = runge_kutta(slope, x, (level, level, level), interval / steps)
+        states.append(x)
+    return np.array(states)
+
+
+def damped_stops(e: float, v: float, k_s: float, x_s: float, t_s: float) -> float:
+    """The force of stops at either end of a range: a spring and a damper beside each other that never pull."""
+    above, below = max(e - x_s, 0.0), max(-e - x_s, 0.0)
+    return k_s * (max(above + t_s * v * (above > 0), 0.0) - max(below - t_s * v * (below > 0), 0.0))
+
+
 def parameter(
     name: str, start: float, lower: float, upper: float, prior: Prior, scale: str = "linear", **more: object
 ) -> Parameter:

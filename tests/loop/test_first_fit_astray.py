@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
@@ -46,29 +46,19 @@ end Cart;
 RADIATED = 5.67e-8 * 0.045
 
 
-def simulated(slope: Callable[[float, float], float], x: float, u: np.ndarray, interval: float) -> np.ndarray:
-    """Fourth-order Runge-Kutta, inputs held, twenty steps a sample."""
-    found, h = [x], interval / 20.0
-    for held in u[:-1]:
-        for _ in range(20):
-            x = runge_kutta(slope, x, (held, held, held), h)
-        found.append(x)
-    return np.array(found)
-
-
 def culture(name: str, seed: int) -> Recording:
     rng = np.random.default_rng(seed)
     feed = np.repeat(rng.choice([0.0, 0.5e-4, 1e-4], 6), 20)
-    x = simulated(lambda x, u: 2e-4 * x + u - 1e-5 * x**2, rng.uniform(0.3, 1.0), feed, 900.0)
+    x = held(lambda x, u: 2e-4 * x + u - 1e-5 * x**2, rng.uniform(0.3, 1.0), feed, 900.0, 20)
     return Recording(name, 900.0 * np.arange(120), {"feed": feed}, {"x": x + rng.normal(0.0, 0.1, 120)})
 
 
 def body(name: str, seed: int) -> Recording:
     rng = np.random.default_rng(seed)
     heat = np.repeat(rng.choice([0.0, 150.0, 300.0], 8), 50)
-    temperature = simulated(
+    temperature = held(
         lambda x, u: (u - 0.4 * (x - 293.15) - RADIATED * (x**4 - 293.15**4)) / 250.0,
-        rng.uniform(500.0, 600.0), heat, 10.0,
+        rng.uniform(500.0, 600.0), heat, 10.0, 20,
     )  # fmt: skip
     read = temperature - 273.15 + rng.normal(0.0, 0.5, 400)
     return Recording(name, 10.0 * np.arange(400), {"P": heat}, {"T_read": read})
@@ -77,7 +67,7 @@ def body(name: str, seed: int) -> Recording:
 def cart(name: str, seed: int) -> Recording:
     rng = np.random.default_rng(seed)
     force = np.repeat(rng.normal(0.0, 3.0, 30), 10)
-    v = simulated(lambda x, u: u - x - 0.8 * x * abs(x), rng.normal(), force, 0.05)
+    v = held(lambda x, u: u - x - 0.8 * x * abs(x), rng.normal(), force, 0.05, 20)
     return Recording(name, 0.05 * np.arange(300), {"F": force}, {"v": v + rng.normal(0.0, 0.005, 300)})
 
 

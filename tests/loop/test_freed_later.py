@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
@@ -31,17 +31,14 @@ R_1, R_2, C_1, C_2, LEAK, SD = 1.1, 1.8, 1.0, 1.4, 0.2, 0.002
 def driven(name: str, seed: int) -> Recording:
     """The ladder with a leak at its end that grows by the square: fourth-order Runge-Kutta."""
     rng = np.random.default_rng(seed)
-    u, x, read = np.repeat(rng.uniform(-3.0, 3.0, 60), 12), np.zeros(2), []
-    for level in u:
-        read.append(x[1])
+    u = np.repeat(rng.uniform(-3.0, 3.0, 60), 12)
 
-        def slope(x, u):
-            between = (x[0] - x[1]) / R_2
-            return np.array([((u - x[0]) / R_1 - between) / C_1, (between - LEAK * x[1] * abs(x[1])) / C_2])
+    def slope(x, u):
+        between = (x[0] - x[1]) / R_2
+        return np.array([((u - x[0]) / R_1 - between) / C_1, (between - LEAK * x[1] * abs(x[1])) / C_2])
 
-        for _ in range(8):
-            x = runge_kutta(slope, x, (level, level, level), 0.25 / 8)
-    return Recording(name, 0.25 * np.arange(u.size), {"u": u}, {"y": np.array(read) + SD * rng.normal(size=u.size)})
+    read = held(slope, np.zeros(2), u, 0.25, 8)[:, 1]
+    return Recording(name, 0.25 * np.arange(u.size), {"u": u}, {"y": read + SD * rng.normal(size=u.size)})
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from dataclasses import replace
 import closed_form
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.data.align import to_experiment
@@ -40,15 +40,11 @@ def recording(name: str, seed: int, samples: int) -> Recording:
     spectrum = np.where(band, np.exp(2j * np.pi * rng.random(frequency.size)), 0.0)
     force = np.fft.irfft(spectrum, samples)
     force *= 20.0 / force.std()
-    x, h, y = np.zeros(2), 1.0 / RATE / 20.0, np.zeros(samples)
 
     def slope(x, f):
         return np.array([x[1], (f - C * x[1] - K * x[0] - K_3 * x[0] ** 3) / M])
 
-    for n in range(samples - 1):
-        for _ in range(20):
-            x = runge_kutta(slope, x, (force[n], force[n], force[n]), h)
-        y[n + 1] = x[0]
+    y = held(slope, np.zeros(2), force, 1.0 / RATE, 20)[:, 0]
     assert K_3 * np.max(y**2) > 1.2 * K
     return Recording(name, np.arange(samples) / RATE, {"F": force}, {"y": y + rng.normal(0.0, NOISE, samples)})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import damped_stops, held
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
@@ -34,19 +34,11 @@ def drive(name, seed):
 
     def slope(x, tau):
         w_m, w_l, phi = x
-        into = phi - np.clip(phi, -PLAY, PLAY)
-        carried = np.sign(into) * max(np.sign(into) * (STIFFNESS * into + DAMPER * (w_m - w_l)), 0.0)
+        carried = damped_stops(phi, w_m - w_l, STIFFNESS, PLAY, DAMPER / STIFFNESS)
         return np.array([(tau - carried) / 0.02, (carried - 0.15 * w_l) / 0.1, w_m - w_l])
 
-    x, step, parts = np.zeros(3), 0.01, 20
-    states = [x]
-    for tau in torque[:-1]:
-        for _ in range(parts):
-            x = runge_kutta(slope, x, (tau, tau, tau), step / parts)
-        states.append(x)
-    speeds = np.array(states)[:, :2] + rng.normal(0.0, NOISE, (torque.size, 2))
-    time = step * np.arange(torque.size)
-    return Recording(name, time, {"tau": torque}, {"w_m": speeds[:, 0], "w_l": speeds[:, 1]})
+    speeds = held(slope, np.zeros(3), torque, 0.01, 20)[:, :2] + rng.normal(0.0, NOISE, (torque.size, 2))
+    return Recording(name, 0.01 * np.arange(torque.size), {"tau": torque}, {"w_m": speeds[:, 0], "w_l": speeds[:, 1]})
 
 
 def test_play_takes_the_damper_out_of_action_too(tmp_path):

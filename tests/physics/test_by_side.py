@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import damped_stops, held
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
@@ -36,17 +36,6 @@ end Meter;
 FULL, NOISE = 1.5, 0.01
 
 
-def simulated(slope, start, u, step, parts):
-    """States at the samples: fourth-order Runge-Kutta, the input held."""
-    x = np.array(start, dtype=float)
-    states = [x]
-    for level in u[:-1]:
-        for _ in range(parts):
-            x = runge_kutta(slope, x, (level, level, level), step / parts)
-        states.append(x)
-    return np.array(states)
-
-
 def track(name, seed, damping):
     """A cart that runs into a soft stop on either side, the middle between them far from zero.
 
@@ -56,11 +45,10 @@ def track(name, seed, damping):
     force = np.repeat(rng.uniform(-3.0, 3.0, 24), 30)
 
     def slope(x, u):
-        into = x[0] - np.clip(x[0], LEFT, RIGHT)
-        pressed = np.sign(into) * max(np.sign(into) * (300.0 * into + damping * x[1]), 0.0)
+        pressed = damped_stops(x[0] - 0.5 * (LEFT + RIGHT), x[1], 300.0, 0.5 * (RIGHT - LEFT), damping / 300.0)
         return np.array([x[1], (u - 2.0 * x[1] - pressed) / 0.9])
 
-    place = simulated(slope, [0.3, 0.0], force, 0.02, 40)[:, 0]
+    place = held(slope, [0.3, 0.0], force, 0.02, 40)[:, 0]
     time = 0.02 * np.arange(force.size)
     return Recording(name, time, {"F": force}, {"x": place + rng.normal(0.0, BLUR, force.size)})
 

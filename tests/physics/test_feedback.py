@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
@@ -155,17 +155,13 @@ def motion(name: str, seed: int) -> Recording:
     """An axis whose force is limited, the controller's integral going on: fourth-order Runge-Kutta."""
     rng = np.random.default_rng(seed)
     r = np.repeat(rng.choice([-1.0, -0.4, 0.0, 0.4, 1.0], 8), 80)
-    x, y, h = np.zeros(3), np.zeros(r.size), 0.01 / 20.0
 
     def slope(x, aim):
         error = aim - x[0]
         force = np.clip(40.0 * error + 10.0 * x[2] - 4.0 * x[1], -LIMIT, LIMIT)
         return np.array([x[1], (force - 2.0 * x[1]) / 0.5, error])
 
-    for n in range(r.size - 1):
-        for _ in range(20):
-            x = runge_kutta(slope, x, (r[n], r[n], r[n]), h)
-        y[n + 1] = x[0]
+    y = held(slope, np.zeros(3), r, 0.01, 20)[:, 0]
     return Recording(name, 0.01 * np.arange(r.size), {"r": r}, {"y": y + rng.normal(0.0, NOISE, r.size)})
 
 
@@ -201,15 +197,11 @@ def cascade(name: str, seed: int) -> Recording:
     """A first filter whose output an amplifier limits at -0.8 and 0.5 V: fourth-order Runge-Kutta, the input held."""
     rng = np.random.default_rng(seed)
     u, h = np.repeat(rng.uniform(-1.5, 1.5, 150), 12), 0.02
-    x, y = np.zeros(2), np.zeros(u.size)
 
     def slope(x, level):
         return np.array([(level - x[0]) / 0.1, (np.clip(1.1 * x[0], -0.8, 0.5) - x[1]) / 0.3])
 
-    for n in range(u.size - 1):
-        for _ in range(4):
-            x = runge_kutta(slope, x, (u[n], u[n], u[n]), h / 4.0)
-        y[n + 1] = x[1]
+    y = held(slope, np.zeros(2), u, h, 4)[:, 1]
     return Recording(name, h * np.arange(u.size), {"u": u}, {"y": y + rng.normal(0.0, NOISE, u.size)})
 
 

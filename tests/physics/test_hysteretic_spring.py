@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
@@ -33,18 +33,14 @@ def shaken(name: str, seed: int) -> Recording:
     hertz = np.arange(0.2, 3.0, 0.05)
     time = STEP * np.arange(1200)
     waves = np.cos(2 * np.pi * hertz[:, None] * time + rng.uniform(0, 2 * np.pi, hertz.size)[:, None])
-    force, state, read = 2.0 * waves.sum(axis=0), np.zeros(3), []
-    for held in force:
-        read.append(state[0])
-        for _ in range(8):
-            state = runge_kutta(
-                lambda y, F: np.array([
-                    y[1], (F - 90.0 * y[0] - 1.5 * y[1] - y[2]) / 2.0,
-                    90.0 * y[1] - 18.0 * abs(y[1]) * y[2] + 22.0 * y[1] * abs(y[2]),
-                ]),
-                state, (held, held, held), STEP / 8,
-            )  # fmt: skip
-    return Recording(name, time, {"F": force}, {"x": np.array(read) + NOISE * rng.normal(size=time.size)})
+    force = 2.0 * waves.sum(axis=0)
+
+    def slope(y, F):
+        yields = 90.0 * y[1] - 18.0 * abs(y[1]) * y[2] + 22.0 * y[1] * abs(y[2])
+        return np.array([y[1], (F - 90.0 * y[0] - 1.5 * y[1] - y[2]) / 2.0, yields])
+
+    read = held(slope, np.zeros(3), force, STEP, 8)[:, 0]
+    return Recording(name, time, {"F": force}, {"x": read + NOISE * rng.normal(size=time.size)})
 
 
 def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):

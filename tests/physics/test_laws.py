@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from closed_form import damped_stops
 from numpy.random import Generator
 from physics_rigs import Numbers, explicit, rig
 
@@ -60,12 +61,6 @@ def bumps(z: float, heights: dict[str, float]) -> float:
     return float(
         np.array([heights[f"c_{k + 1}"] for k in range(places.size)]) @ np.exp(-(((z - places) / width) ** 2) / 2)
     )
-
-
-def damped_stops(e: float, v: float, k_s: float, x_s: float, t_s: float) -> float:
-    """Stops at either end of a range that push and never pull: a spring and a damper beside each other."""
-    above, below = max(e - x_s, 0.0), max(-e - x_s, 0.0)
-    return k_s * (max(above + t_s * v * (above > 0), 0.0) - max(below - t_s * v * (below > 0), 0.0))
 
 
 #: What each law says where nothing is rounded, with its own parameters by name.

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import runge_kutta
+from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
@@ -48,15 +48,14 @@ def turned(name: str, seed: int) -> Recording:
 
 def swung(name: str, seed: int) -> Recording:
     """An arm of 0.15 kg m2 with a weight of 0.8 N m that hangs 0.3 rad before the angle's zero: Runge-Kutta."""
-    tau, x, read = steps(30, 25, 0.6, seed), np.zeros(2), []
-    for level in tau:
-        read.append(x[0])
-        for _ in range(10):
-            x = runge_kutta(
-                lambda x, tau: np.array([x[1], (tau - 0.2 * x[1] - 0.8 * np.sin(x[0] + 0.3)) / 0.15]),
-                x, (level, level, level), 0.004,
-            )  # fmt: skip
-    seen = np.array(read) + 0.002 * np.random.default_rng(seed + 1000).normal(size=tau.size)
+    tau = steps(30, 25, 0.6, seed)
+
+    def slope(x, tau):
+        return np.array([x[1], (tau - 0.2 * x[1] - 0.8 * np.sin(x[0] + 0.3)) / 0.15])
+
+    seen = held(slope, np.zeros(2), tau, 0.04, 10)[:, 0] + 0.002 * np.random.default_rng(seed + 1000).normal(
+        size=tau.size
+    )
     return Recording(name, 0.04 * np.arange(tau.size), {"tau": tau}, {"phi": seen})
 
 
