@@ -118,7 +118,7 @@ def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Con
     sure = surely_worse(found.before, named.after, bench.recordings)
     if sure and not _visible(named.reports):
         return named
-    if not _is_open(named) or _plainly_better(found.before, named.after, VISIBLY if sure else PLAINLY):
+    if _plainly_better(found.before, named.after, VISIBLY if sure else PLAINLY):
         return named
     explain = "explain" if len(named.effects) > 1 else "explains"
     sentence = (
