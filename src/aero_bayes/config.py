@@ -142,6 +142,7 @@ class LoopSection(Section):
     require: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
+    leave_out: tuple[str, ...] = ()
 
 
 class SolverSection(Section):

@@ -13,7 +13,7 @@ from aero_bayes.check.structure import autocorrelation, inspect, portmanteau, sl
 from aero_bayes.estimate.climb import climb
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.loop.judge import rms_error
+from aero_bayes.judge.prediction import rms_error
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
 from aero_bayes.simulation.interface import InputSignal
 

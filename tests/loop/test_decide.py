@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 
 from aero_bayes.data import Recording
 from aero_bayes.loop.decide import PARTLY, _plainly_better
-from aero_bayes.loop.judge import Error, Prediction, gain_text, surely_worse
-from aero_bayes.loop.recordings import Recordings
+from aero_bayes.judge.prediction import Error, Prediction, gain_text, surely_worse
+from aero_bayes.judge.recordings import Recordings
 
 
 def prediction(**rms: float) -> Prediction:

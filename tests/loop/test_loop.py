@@ -13,7 +13,7 @@ from aero_bayes.checkpoint import Answers
 from aero_bayes.errors import InputError
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
 from aero_bayes.loop.base_fit import fit_as_it_stands
-from aero_bayes.loop.recordings import Recordings
+from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.simulation import WorkerPool

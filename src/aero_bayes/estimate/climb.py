@@ -121,6 +121,23 @@ class Optimum:
         k = self.free.index(column)
         return math.sqrt(max(float(self.covariance[k, k]), 0.0))
 
+    def under(self, objective: Objective, noise: Mapping[str, OutputNoise]) -> Optimum:
+        """The same point with likelihood, covariance and evidence under another noise; nothing is simulated.
+
+        Where all outputs keep their relative weights the point is still the optimum, but for the priors.
+        """
+        noise, parameters = {**self.noise, **noise}, objective.parameters
+        white = objective.whiten(self.evaluation.residual, self.evaluation.slopes, noise)
+        second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
+        low, high = (bound[list(self.free)] for bound in parameters.box)
+        hessian = white.slopes @ white.slopes.T + np.diag(np.maximum(-second, 1e-9))
+        covariance, volume = _laplace(hessian, high - low)
+        occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
+        return replace(
+            self, noise=noise, log_likelihood=white.log_likelihood, whitened=white, covariance=covariance,
+            log_evidence=white.log_likelihood + self.log_prior + occam,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class _Slope(Ground):

@@ -1,4 +1,4 @@
-"""From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge.
+"""From a residual to the effect that the model lacks: residual, search, choice, extension, judgement.
 
 >>> from pathlib import Path
 >>> from aero_bayes.loop import LoopSettings, close_loop
@@ -10,14 +10,14 @@
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import FoundEffect, LoopResult, NewParameter
-from aero_bayes.loop.settings import AttributeSettings
+from aero_bayes.search.settings import StructureSettings
 
 __all__ = [
-    "AttributeSettings",
     "ClimbSettings",
     "FoundEffect",
     "LoopResult",
     "LoopSettings",
     "NewParameter",
+    "StructureSettings",
     "close_loop",
 ]

@@ -1,12 +1,8 @@
-"""The model as it stands, fitted, with every effect of the catalogue at hand: what the search starts from.
-
-All happens on one FMU that carries every effect switched off, so that a search needs no further export.
-"""
+"""The first model at its best on the fitted readings: what every structure is compared with."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,144 +10,99 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.data import floors_of
-from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import ClimbSettings, Optimum
+from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
-from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.starts import loosened
-from aero_bayes.loop.judge import Prediction
-from aero_bayes.loop.stand import Held, Stands
 from aero_bayes.loop.workbench import Workbench
+from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import StartTarget
+
+FloatArray = NDArray[np.float64]
+Floors = Mapping[tuple[str, str], float]
 
 #: Error of an output, as a share of its range, that a search on fewer samples may make.
 CLOSE = 0.005
 #: Largest change of an output by a parameter's whole range, over that of the strongest, at which it is not seen at all.
 UNSEEN = 1e-12
+#: Standard deviations that an estimated initial value may be off its reading before it is said to imitate a term.
+FAR_FROM_READING = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class BaseFit:
-    """The model as it stands, held against the recordings.
+    """The first model, fitted to the recordings.
 
     Parameters
     ----------
     plain : Calibration
-        Of the model as it stands; a rotor's ripple is taken out of the readings.
+        A rotor's ripple is taken out of the readings. Initial values may be off their readings by a tenth of what the
+        output moves, since its sensor may be off.
     fit : Optimum
         Of ``plain``.
-    held : Held
-        The same on a stand with the first group of candidates, where a long recording is made shorter.
-    stands : Stands
-    ids : tuple of str
-        All candidates.
-    settings : ClimbSettings
-        Of each further climb.
     reports : tuple of ResidualReport
         What it leaves.
     floors : mapping of (recording, output) to float
-        Noise floors of all recordings.
-    close : (Calibration, Optimum)
-        The first fit, whose starts are held close to their readings; in ``fit`` a tenth of what the output moves is
-        open, since its sensor may be off.
+        Noise floors of all recordings, where they are known.
+    far_starts : tuple of str
+        What is said of initial values that are far off their readings.
     """
 
     plain: Calibration
     fit: Optimum
-    held: Held
-    stands: Stands
-    ids: tuple[str, ...]
-    settings: ClimbSettings
     reports: tuple[ResidualReport, ...]
-    floors: Mapping[tuple[str, str], float]
-    close: tuple[Calibration, Optimum]
+    floors: Floors
+    far_starts: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """SI values by name."""
+        parameters = self.plain.parameters
+        return dict(zip(parameters.names, parameters.from_search(self.fit.coordinates).tolist(), strict=True))
 
     def on(
         self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
-        """The same recordings held against a relative of the model; ``new`` parameters replace the effects'."""
-        plain = self.plain
-        open_ = replace(plain, parameters=loosened(plain.parameters, plain.experiments, plain.model))
-        moved = bench.family.on(open_, model)
+        """The same recordings held against the model with terms; ``new`` are their parameters."""
+        moved = bench.family.on(self.plain, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
-
-    def at_its_best(self, bench: Workbench) -> tuple[BaseFit, Prediction]:
-        """The model as it stands with starts close to their readings, if that predicts the unseen better, and what it
-        predicts: a start that made up for what is missing must not count against the model as its user knows it."""
-        before = bench.unseen.predict(self.plain, self.fit)
-        with suppress(CannotFinishError):
-            found = bench.unseen.predict(*self.close, close=True)
-            if found.log_unseen < before.log_unseen:
-                plain, fit = self.close
-                return replace(self, plain=plain, fit=fit, reports=_reports(bench, plain, fit, self.floors)), found
-        return self, before
-
-    def report(self, held: Held) -> tuple[ResidualReport, ...]:
-        """What a fit leaves."""
-        study = held.stand.study
-        return inspect(study.calibration, study.series, held.optimum, self.floors)
-
-    @property
-    def shared(self) -> list[Parameter]:
-        """The model's own parameters that all recordings have in common."""
-        return [p for p in self.plain.parameters if p.recording is None]
 
 
 def fit_as_it_stands(bench: Workbench) -> BaseFit:
-    """Fit the model without any effect."""
+    """Fit the first model: led by the first readings, then with initial values that may be off them."""
     bench.progress("building models", 0.0)
     model = bench.family.plain()
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
-    recordings, settings = bench.recordings, bench.settings
-    close = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
-    plain, fit = _loosened(bench, *close)
+    close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
+    plain = replace(close, parameters=loosened(close.parameters, close.experiments, close.model))
+    if plain.parameters != close.parameters:
+        fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
+    floors = floors_of([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
     bench.tally.lap("base fit")
-    quick = plain
-    if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) > 2 * settings.search_samples:
-        with bench.open(plain.problem()) as simulator:
-            quick = leading(plain, simulator, settings.search_samples, CLOSE)
-    ids = bench.family.prepare(quick, fit, bench.open)
-    stands = Stands(bench, quick, fit.free)
-    climbing = replace(settings.climb, floors=plain.floors)
-    values = dict(zip(plain.parameters.names, plain.parameters.from_search(fit.coordinates).tolist(), strict=True))
-    held = stands.of(bench.family.groups()[0]).fit(values, (), fit.noise, climbing)
-    bench.tally.lap("models")
-    floors = floors_of([*recordings.train, *recordings.test], recordings.outputs)
-    return BaseFit(plain, fit, held, stands, ids, climbing, _reports(bench, plain, fit, floors), floors, close)
+    return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
 
 
-def _loosened(bench: Workbench, plain: Calibration, fit: Optimum) -> tuple[Calibration, Optimum]:
-    """The fit as it is where a sensor may be off: what is missing may be just that."""
-    parameters = loosened(plain.parameters, plain.experiments, plain.model)
-    if parameters == plain.parameters:
-        return plain, fit
-    values = plain.parameters.from_search(fit.coordinates)
-    plain = replace(plain, parameters=parameters)
-    return plain, _again(bench, plain, values, fit)
+def fit_again(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
+    """The first model as the search read and freed it, from where the search found its optimum."""
+    plain, own = with_setting(base.plain, base.fit.free, found.structure)
+    values = np.array([found.values[name] for name in plain.parameters.names])
+    fit = best_fit(bench, plain, values, replace(base.fit, free=own, noise=base.fit.noise))
+    if plain is base.plain and fit.log_likelihood + fit.log_prior <= base.fit.log_likelihood + base.fit.log_prior:
+        return base
+    return replace(base, plain=plain, fit=fit, reports=_reports(bench, plain, fit, base.floors))
 
 
-def fit_from_there(bench: Workbench, base: BaseFit, held: Held, stands: Stands) -> BaseFit:
-    """The same from where a search was led that found the first fit in a wrong valley, misread, ill solved or with
-    parameters held that the data tell."""
-    plain, now = base.plain, held.stand.study.calibration
-    if now.interpolation != plain.interpolation:
-        plain = read_otherwise(plain) or plain
-    freed = (replace(p, auto=other.auto) for p, other in zip(plain.parameters, now.parameters, strict=False))
-    plain = replace(plain, solver=now.solver, parameters=ParameterSet(tuple(freed)))
-    values = np.array([held.values[name] for name in plain.parameters.names])
-    fit = _again(bench, plain, values, replace(base.fit, free=held.stand.own, noise=held.optimum.noise))
-    reports = _reports(bench, plain, fit, base.floors)
-    return replace(base, plain=plain, fit=fit, held=held, stands=stands, reports=reports)
-
-
-def _again(bench: Workbench, calibration: Calibration, values: NDArray[np.float64], last: Optimum) -> Optimum:
-    """A climb from values near an optimum, with what was free there and its noise."""
+def best_fit(bench: Workbench, calibration: Calibration, values: FloatArray, last: Optimum) -> Optimum:
+    """The optimum near SI values, under the objective of ``fit``: sensor noise, or least squares where structure is
+    left."""
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
         found = Climber(study, bench.settings.ascent).again(study.parameters.to_search(values), last.free, last.noise)
@@ -159,9 +110,16 @@ def _again(bench: Workbench, calibration: Calibration, values: NDArray[np.float6
     return found
 
 
-def _reports(
-    bench: Workbench, plain: Calibration, fit: Optimum, floors: Mapping[tuple[str, str], float]
-) -> tuple[ResidualReport, ...]:
+def for_search(bench: Workbench, plain: Calibration) -> Calibration:
+    """The calibration on fewer samples, where its inputs change so often that each simulation costs much."""
+    samples = bench.settings.search_samples
+    if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
+        return plain
+    with bench.open(plain.problem()) as simulator:
+        return leading(plain, simulator, samples, CLOSE)
+
+
+def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
     with bench.open(plain.problem()) as simulator:
         return inspect(plain, bench.objective(plain, simulator).series, fit, floors)
 
@@ -192,7 +150,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
     if not ripple:
         return calibration, found
-    return cleaned, _again(bench, cleaned, cleaned.parameters.from_search(found.coordinates), found)
+    return cleaned, best_fit(bench, cleaned, cleaned.parameters.from_search(found.coordinates), found)
 
 
 def _seen(study: Objective) -> tuple[int, ...]:
@@ -203,3 +161,18 @@ def _seen(study: Objective) -> tuple[int, ...]:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
     return tuple(j for j, own in zip(every, size, strict=True) if own > UNSEEN * float(size.max(initial=0.0)))
+
+
+def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
+    """Initial values that are far off their readings: they may imitate what is missing."""
+    said = []
+    values = plain.parameters.from_search(fit.coordinates)
+    for p, value in zip(close.parameters, values.tolist(), strict=True):
+        if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
+            off = abs(value - p.prior.mean) / p.prior.sd
+            if off > FAR_FROM_READING:
+                said.append(
+                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations off its reading: it may "
+                    "imitate what is missing."
+                )
+    return tuple(said)

@@ -1,165 +1,114 @@
-"""What was found goes into the model: written as Modelica, exported, refitted on all parameters, and judged."""
+"""The chosen terms go into the model: written as Modelica, exported, and refitted on all parameters."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, inspect, those_structured
+from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.ascent import Climber
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.export import FreeForm
-from aero_bayes.loop.conclusion import Conclusion
-from aero_bayes.loop.judge import gain_text
-from aero_bayes.loop.result import FoundEffect, LearnedCurve
-from aero_bayes.loop.rounds import Selection
-from aero_bayes.loop.search import Found
-from aero_bayes.loop.tell import fitted_parameters
+from aero_bayes.judge.prediction import Prediction
+from aero_bayes.loop.base_fit import BaseFit
+from aero_bayes.loop.result import FoundEffect, LearnedCurve, NewParameter
+from aero_bayes.loop.steps import Step, equivalents, in_order, loss_without
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.beyond import CurveFit
-from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.kin import Basis, Extension, rounded
-from aero_bayes.show import listed
-
-#: What an effect may be instead is named where it is no more than so many.
-NAMED = 2
+from aero_bayes.physics.kin import Basis, Extension
+from aero_bayes.search.beam import Explored
+from aero_bayes.search.models import FittedModel
 
 
-def add_effects(bench: Workbench, found: Found) -> Conclusion:
-    """Write the selected effects of the catalogue into the model."""
-    selection = found.selection
+@dataclass(frozen=True, eq=False)
+class ExtendedFit:
+    """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts."""
+
+    written: Extension
+    effects: tuple[FoundEffect, ...]
+    calibration: Calibration
+    fit: Optimum
+    reports: tuple[ResidualReport, ...]
+    after: Prediction
+
+
+def extend(
+    bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedModel, steps: tuple[Step, ...]
+) -> ExtendedFit:
+    """Write a structure into the model and fit it at its best.
+
+    Raises
+    ------
+    CannotFinishError
+        If it cannot be simulated over all recordings.
+    """
     bench.progress("writing the extended model", 0.75)
-    values = selection.held.values
-    written = bench.family.extend(selection.effects, values, bench.folder)
+    terms, values = in_order(explored, chosen), dict(chosen.values)
+    written = bench.family.extend(terms, values, bench.folder)
     bench.tally.written.append(written.path)
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
     bench.tally.lap("extension")
     bench.progress("refitting the extended model", 0.85)
-    calibration = found.base.on(bench, written.model, written.parameters)
-    study, fit = _final_fit(bench, found, calibration, values, selection.held.optimum)
-    reports = inspect(calibration, study.series, fit, found.base.floors)
+    calibration = base.on(bench, written.model, written.parameters)
+    with bench.open(calibration.problem()) as simulator:
+        study = bench.objective(calibration, simulator)
+        start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
+        free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
+        fit = Climber(study, bench.settings.ascent).again(start, free, base.fit.noise)
+        reports = inspect(calibration, study.series, fit, base.floors)
+        bench.tally.count(study)
     after = bench.unseen.predict(calibration, fit)
-    bench.tally.count(study)
-    study.simulator.close()
-    effects = tuple(_found_effect(bench, c, selection, written, calibration.parameters, fit) for c in selection.effects)
-    effects = tuple(replace(e, width_influence=_width_influence(bench, found, e, calibration, fit)) for e in effects)
-    structured = those_structured(reports)
-    required = bench.settings.attribute.require
-    told = sorted(effects, key=lambda e: e.kind)  # what has a name first
-    same = selection.equivalent
-    given, lacking = ([_in_words(e, same) for e in told if (e.id in required) is asked] for asked in (True, False))
-    said = [f"was given {listed(given)}, as required"] if given else []
-    said += [f"lacks {listed(lacking)}"] if lacking else []
-    sentence = f"The model {', and '.join(said)}: " + gain_text(found.before, after, bench.units)
-    if structured:
-        sentence += f" Some structure is left in {', '.join(_left(structured))}."
+    effects = []
+    for id_ in terms:
+        effect = _effect(bench, explored, chosen, id_, (written, calibration.parameters, fit), steps)
+        effects.append(replace(effect, width_influence=_width_influence(bench, effect, calibration, fit)))
     bench.tally.lap("judgement")
-    return Conclusion(found, "extended", sentence, written, effects, calibration, fit, reports, after)
+    return ExtendedFit(written, tuple(effects), calibration, fit, reports, after)
 
 
-def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
-    """The port is clear and nothing listed fits: the learned curve goes into the model as a table."""
-    bench.progress("writing the learned curve into the model", 0.75)
-    values = tuple(rounded(float(v)) for v in curve.values)
-    use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
-    family = bench.family
-    assert isinstance(family, ModelFamily), "curves are learned for these"
-    table, model = family.with_effects([use], bench.folder)
-    bench.tally.written.append(table.path)
-    written = Extension(table.name, table.path, table.text, family.diff(table), model, (), {}, {})
-    bench.tally.lap("extension")
-    start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
-    new = [curve.parameters.items[j] for j in curve.columns]
-    calibration = found.base.on(bench, model, new)
-    study, fit = _final_fit(bench, found, calibration, start, curve.refit, curve.smooth)
-    reports = inspect(calibration, study.series, fit, found.base.floors)
-    after = bench.unseen.predict(calibration, fit)
-    bench.tally.count(study)
-    study.simulator.close()
-    named = fitted_parameters(calibration.parameters, fit)
-    bar = found.selection.rounds[0].threshold if found.selection.rounds else math.nan
-    effect = FoundEffect(
-        "free_form", curve.port, "free_form", tuple(named[p.name] for p in new),
-        curve.refit.log_evidence - found.selection.base.log_evidence, bar,
-        f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, straight beyond",
-        over=curve.over,
-    )  # fmt: skip
-    rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
-    sentence = (
-        f"Something acts at the {curve.port} port as a function of {curve.over}; no effect of the catalogue fits "
-        f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after, bench.units)}"
-    )
-    bench.tally.lap("judgement")
-    return Conclusion(found, "extended", sentence, written, (effect,), calibration, fit, reports, after)
-
-
-def _left(structured: Sequence[ResidualReport]) -> list[str]:
-    """Outputs with structure, with how far it is above the noise where it is far."""
-    worst: dict[str, float] = {}
-    for report in structured:
-        worst[report.output] = max(report.ratio, worst.get(report.output, 0.0))
-    how = {o: f"{w:.2g}" if w < 100.0 else "more than a hundred" for o, w in worst.items()}
-    return [f"{o} ({how[o]} times the noise floor)" if worst[o] > TIMES_FLOOR else o for o in sorted(worst)]
-
-
-def _in_words(effect: FoundEffect, equivalent: Sequence[Sequence[str]]) -> str:
-    """An effect, and what it may be instead: the data cannot tell."""
-    if effect.kind == "catalogue":
-        others = list(dict.fromkeys(i for ids in equivalent if effect.id in ids for i in ids if i != effect.id))
-        if not others:
-            return effect.id
-        instead = " or ".join(others) if len(others) <= NAMED else f"one of {len(others)} others"
-        return f"{effect.id} (or {instead}, which the data cannot tell from it)"
-    return f"something at {effect.port} that no listed law describes, learned as a curve over {effect.over}"
-
-
-def _final_fit(
+def _effect(
     bench: Workbench,
-    found: Found,
-    calibration: Calibration,
-    start: Mapping[str, float],
-    warm: Optimum,
-    smooth: SmoothPrior | None = None,
-) -> tuple[Objective, Optimum]:
-    """Optimum on the exported model itself, from where the search ended."""
-    parameters = calibration.parameters
-    at = parameters.to_search(np.array([start[name] for name in parameters.names]))
-    study = bench.open_objective(calibration)
-    settings = replace(found.base.settings, smooth=smooth)
-    free = [j for j, p in enumerate(parameters) if not p.auto]
-    return study, climb(study, at, free, noise=warm.noise, settings=settings)
-
-
-def _found_effect(
-    bench: Workbench,
+    explored: Explored,
+    chosen: FittedModel,
     id_: str,
-    selection: Selection,
-    written: Extension,
-    parameters: ParameterSet,
-    fit: Optimum,
+    made: tuple[Extension, ParameterSet, Optimum],
+    steps: tuple[Step, ...],
 ) -> FoundEffect:
+    written, parameters, fit = made
     named = fitted_parameters(parameters, fit)
-    scored = [(r, s) for r in selection.rounds for s in r.scores if s.candidate.id == id_ and s.held is not None]
-    chosen = [(r, s) for r, s in scored if r.chosen is not None and r.chosen.candidate.id == id_] or scored
-    found, gain = (chosen[0][0], chosen[0][1].gain) if chosen else (None, math.nan)
-    same = {id_, *(found.equivalent if found is not None else ())}
     over = bench.family.learned().get(id_, "")
     columns = [parameters.index(new) for _, new in written.names[id_]]
+    same = equivalents(explored, chosen, id_, bench.settings.structures.equivalence)
+    step = next((s for s in steps if s.chosen == id_), None)
     return FoundEffect(
-        id_, selection.held.stand.candidates[id_].port, "free_form" if over else "catalogue",
-        tuple(named[new] for _, new in written.names[id_]), gain,
-        found.threshold if found is not None else math.nan, bench.family.summary(id_),
-        dict(written.widths[id_]),
-        over=over,
-        odds=sum(s.odds for s in found.scores if s.candidate.id in same) if found is not None else None,
+        id_, explored.ports[id_], "free_form" if over else "catalogue",
+        tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
+        explored.price.of_term(id_), bench.family.summary(id_), dict(written.widths[id_]), over=over,
+        odds=min(sum(r.odds for r in step.rivals if r.id in same), 1.0) if step is not None else None,
         curve=_learned(bench.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip
+
+
+def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
+    """Values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
+    values = parameters.from_search(fit.coordinates)
+    low, high = parameters.box
+    found = {}
+    for j in fit.free:
+        item = parameters.items[j]
+        sd = fit.sd(j)
+        ends = np.repeat(fit.coordinates[np.newaxis, :], 2, axis=0)
+        ends[:, j] = np.clip(fit.coordinates[j] + np.array([-1.645, 1.645]) * sd, low[j], high[j])
+        q05, q95 = parameters.from_search(ends)[:, j]
+        slope = float(parameters.jacobian(values)[j])
+        found[item.name] = NewParameter(
+            item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
+        )
+    return found
 
 
 def _learned(basis: Basis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
@@ -174,11 +123,9 @@ def _learned(basis: Basis, columns: list[int], parameters: ParameterSet, fit: Op
     )
 
 
-def _width_influence(
-    bench: Workbench, found: Found, effect: FoundEffect, calibration: Calibration, fit: Optimum
-) -> float | None:
+def _width_influence(bench: Workbench, effect: FoundEffect, calibration: Calibration, fit: Optimum) -> float | None:
     """By how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
-    doubled = {
+    doubled: Mapping[str, float] = {
         variable.name: 2.0 * width
         for name, width in effect.widths.items()
         for variable in calibration.model.parameters
@@ -186,13 +133,15 @@ def _width_influence(
     }
     if not doubled:
         return None
-    study = bench.open_objective(replace(calibration, fixed={**calibration.fixed, **doubled}))
+    wider = replace(calibration, fixed={**calibration.fixed, **doubled})
+    settings = ClimbSettings(hold_noise=True).rough(4, 0.02)
     try:
-        again = climb(study, fit.coordinates, fit.free, noise=fit.noise, settings=found.base.settings.rough(4, 0.02))
+        with bench.open(wider.problem()) as simulator:
+            again = climb(
+                bench.objective(wider, simulator), fit.coordinates, fit.free, noise=fit.noise, settings=settings
+            )
     except CannotFinishError:
         return None
-    finally:
-        study.simulator.close()
     columns = [calibration.parameters.index(p.name) for p in effect.parameters]
     moved = [abs(again.coordinates[j] - fit.coordinates[j]) / max(fit.sd(j), 1e-300) for j in columns]
-    return float(max(moved))
+    return max(moved, default=math.nan)

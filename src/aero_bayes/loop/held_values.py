@@ -1,25 +1,36 @@
-"""Values that are held and would explain as much as an effect if they were free: a wrong one passes for physics."""
+"""Values that are held and would explain as much as a chosen term if they were free: a wrong one passes for physics."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
-from aero_bayes.loop.attribute import Search
-from aero_bayes.loop.rounds import Doubt, Selection
-from aero_bayes.loop.stand import Held, Stand
+from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.search.beam import Explored
+from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.simulation.model import Model
 
-#: Share of an effect's gain that a held value must promise to be fitted, and how many are.
+#: Share of a term's gain that a held value must promise to be fitted, and how many are.
 LIKELY, TRIED = 0.05, 3
 #: Held values that are looked at; an FMU may have hundreds.
 MOST = 40
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A value that the model holds; at ``value`` it does what a term does, but for ``behind`` in log-evidence."""
+
+    parameter: str
+    unit: str
+    held: float
+    value: float
+    effect: str
+    behind: float
 
 
 def held_in(model: Model, parameters: ParameterSet) -> ParameterSet:
@@ -32,53 +43,57 @@ def held_in(model: Model, parameters: ParameterSet) -> ParameterSet:
     return ParameterSet(tuple(found[:MOST]))
 
 
-def doubts(search: Search, selection: Selection, held: ParameterSet) -> tuple[Doubt, ...]:
-    """For each effect the held values that would do as well in its place.
+def doubts(cache: ModelCache, explored: Explored, chosen: FittedModel, settings: LoopSettings) -> tuple[Doubt, ...]:
+    """For each chosen term the held values that would do as well in its place.
 
-    A line along the sensitivity to each says which are likely; these are fitted.
+    The slope by each says which are likely; these are fitted.
     """
-    if not held or not selection.effects:
+    plain = cache.source.plain
+    held = held_in(cache.source.family.plain(), plain.parameters)
+    if not held or not chosen.terms:
         return ()
-    found: list[Doubt] = []
-    wider = search.stands.beside(held)
-    for effect in selection.effects:
-        if search.late():
-            break
-        alone = len(selection.effects) == 1
-        without = selection.base if alone else search.without(selection.base, selection.held, effect)
-        if without is not None:
+    wider, found = cache.beside(held), list[Doubt]()
+    for id_ in chosen.terms:
+        rest = explored.fits.get(chosen.structure.minus(id_))
+        if rest is not None:
             with suppress(CannotFinishError):
-                found += _in_place_of(search, selection, effect, without, wider.of(selection.effects), held)
-    wider.forget()
+                found += _in_place_of(wider, chosen, id_, rest, held, settings)
+    wider.close()
     return tuple(found)
 
 
 def _in_place_of(
-    search: Search, selection: Selection, effect: str, without: Held, stand: Stand, held: ParameterSet
+    wider: ModelCache, chosen: FittedModel, id_: str, rest: FittedModel, held: ParameterSet, settings: LoopSettings
 ) -> list[Doubt]:
-    """The held values that do as well as an effect on a stand that has them; ``without`` is the fit without it."""
-    found: list[Doubt] = []
-    rest, now = without.effects, selection.held.log_evidence
-    here = stand.fit(without.values, rest, without.optimum.noise, search.fit)
-    promises = _promises(here, held.names)
-    likely = [name for name in promises if promises[name] > LIKELY * (now - here.log_evidence)]
-    for name in sorted(likely, key=lambda name: -promises[name])[:TRIED]:
-        freed = replace(stand, own=(*stand.own, stand.study.parameters.index(name)))
+    """The held values that do as well as a term; ``rest`` is the fit without it."""
+    fit = replace(settings.climb, hold_noise=True)
+    model = wider.of(rest.structure)
+    here = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.optimum.noise, fit)
+    promises = _promises(here, held)
+    needed = LIKELY * (chosen.log_evidence - here.log_evidence)
+    likely = sorted((n for n in promises if promises[n] > needed), key=lambda n: -promises[n])
+    found = []
+    for name in likely[:TRIED]:
         with suppress(CannotFinishError):
-            end = freed.fit(here.values, rest, here.optimum.noise, search.fit)
-            behind = now - end.log_evidence
-            if behind < search.settings.equivalence:
+            end = _freed(here, name, fit)
+            behind = chosen.log_evidence - end.log_evidence
+            if behind < settings.structures.equivalence:
                 p = held[name]
-                found.append(Doubt(name, p.unit, p.start, end.values[name], effect, behind))
+                found.append(Doubt(name, p.unit, p.start, end.values[name], id_, behind))
     return found
 
 
-def _promises(here: Held, names: Sequence[str]) -> dict[str, float]:
-    """Gain in log-likelihood that a line along the sensitivity to each of some parameters foretells."""
-    parameters = here.stand.study.parameters
-    slopes = here.around.across(here.optimum.coordinates, [parameters.index(name) for name in names])
+def _freed(here: FittedModel, name: str, fit: ClimbSettings) -> FittedModel:
+    freed = replace(here.model, own=(*here.model.own, here.model.objective.parameters.index(name)))
+    return freed.fit(here.structure, here.optimum.coordinates, here.optimum.noise, fit)
+
+
+def _promises(here: FittedModel, held: ParameterSet) -> dict[str, float]:
+    """Gain in log-likelihood that the slope by each of some parameters foretells."""
+    parameters, names = here.model.objective.parameters, held.names
+    slopes = here.response.across(here.optimum.coordinates, [parameters.index(name) for name in names])
     if slopes is None:
         return {}
-    along: NDArray[np.float64] = slopes[0] @ here.around.left
+    along = slopes[0] @ here.response.left
     power = np.einsum("ij,ij->i", slopes[0], slopes[0])
     return {n: float(0.5 * a * a / p) if p > 0.0 else 0.0 for n, a, p in zip(names, along, power, strict=True)}

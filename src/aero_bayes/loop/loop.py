@@ -1,12 +1,9 @@
-"""The closed loop: fit, look at what is left, find the effect that is missing, write it into the model, judge.
-
-Everything happens on one FMU that carries every effect switched off; the chosen ones are then written as a model of
-their own, exported, refitted and judged.
-"""
+"""The closed loop: fit, search over model structures, choose, write the missing terms into the model, judge."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -16,11 +13,11 @@ from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export import declaration_of
-from aero_bayes.loop.base_fit import fit_as_it_stands
-from aero_bayes.loop.decide import decide
-from aero_bayes.loop.recordings import Recordings
+from aero_bayes.judge.recordings import Recordings
+from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
+from aero_bayes.loop.conclude import conclude
+from aero_bayes.loop.held_values import doubts
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.loop.search import search
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
@@ -30,6 +27,10 @@ from aero_bayes.physics.kin import Family
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.search.beam import Explored, Library, StructureSearch, Work
+from aero_bayes.search.models import ModelCache, ModelSource
+from aero_bayes.search.parts import Parts
+from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
 
 __all__ = ["LoopSettings", "close_loop"]
@@ -93,18 +94,42 @@ def close_loop(
         answers = Checkpoint.at(checkpoint) or Answers()
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), answers)
         base = fit_as_it_stands(bench)
-        found = search(bench, base)
-        conclusion = decide(bench, found)
+        cache, explored = search(bench, base)
+        conclusion = conclude(bench, base, explored)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        found.base.stands.forget()
-        result = result_of(bench, conclusion)
+        doubted = doubts(cache, explored, conclusion.chosen, settings) if conclusion.effects else ()
+        cache.close(bench.tally.count)
+        result = result_of(bench, conclusion, doubted)
         progress("done", 1.0)
         return result
 
 
+def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
+    """Search over structures, from the first model at its best."""
+    settings, family = bench.settings, bench.family
+    plain = for_search(bench, base.plain)
+    family.prepare(plain, base.fit, bench.open)
+    source = ModelSource(
+        family, plain, base.fit.free, bench.open_objective, bench.open, settings.calibration.interpolation == "auto"
+    )
+    cache, curves = ModelCache(source), tuple(family.learned())
+    library = Library(family.groups(), family.finer(), curves)
+    fit = replace(settings.climb, floors=plain.floors)
+    work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
+    bench.progress("trying every term", 0.15)
+    model = cache.of(Structure(), library.groups[0])
+    root = model.fit(Structure(), model.at(base.values, ()), base.fit.noise, replace(fit, hold_noise=True))
+    bench.tally.lap("models")
+    bench.tally.allow(60.0 * settings.max_minutes)
+    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    explored = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work).run(root)
+    bench.tally.lap("search")
+    return cache, explored
+
+
 def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
     """The model and its relatives: with the effects that its package declares, else with laws at the ports found."""
-    require = settings.attribute.require
+    require = settings.structures.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     family: ModelFamily | RigFamily
     given = settings.sources, folder, settings.libraries, narrowed

@@ -10,31 +10,9 @@ from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.search.settings import StructureSettings
 from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import SolverSettings
-
-
-@dataclass(frozen=True)
-class AttributeSettings:
-    """When an effect has earned its place.
-
-    ``margin`` is the log-evidence asked for beyond the logarithm of the number of candidates; ``equivalence`` is the
-    difference in log-evidence within which the data do not tell two candidates apart (a hundred to one); ``starts`` is
-    how many of the best starting magnitudes of a candidate are refitted, if one of them promises a gain in
-    log-likelihood of ``promise``. Where nothing alone pays, pairs of the ``pairs`` most promising candidates are tried.
-    ``near`` is how many of the best of each round, and of the most promising others, are tried again in an effect's
-    place. ``require`` names effects that
-    are added first and need not earn their place; ``max_effects`` counts them.
-    """
-
-    margin: float = 4.0
-    equivalence: float = 4.6
-    starts: int = 2
-    promise: float = 2.0
-    max_effects: int = 3
-    pairs: int = 5
-    near: int = 5
-    require: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,7 +21,8 @@ class LoopSettings(Settings):
 
     Parameters
     ----------
-    attribute, climb, ascent, calibration : settings of the search, of each climb, of the first fit, and of the problem
+    structures, climb, ascent, calibration
+        Settings of the search, of each local fit, of whole fits, and of the problem.
     effects : tuple of str, optional
         Ids or laws to consider; all by default.
     exclude : tuple of str
@@ -69,19 +48,18 @@ class LoopSettings(Settings):
         Parameters of the base model to fit; by default those that its package declares to be searched.
     undecided : tuple of str
         Parameters that are held until a first effect lets the data tell them.
-    locate : bool
-        Whether the port signals are inferred also where an effect explains all; the page draws them.
     search_samples : int
         Samples on which candidates are compared where an input changes more than twice as often; the model that comes
         out is fitted to all.
-    left_over : float
-        What may be left beside named effects, of the error above the noise floor and of the evidence they gained;
-        beyond it they are not named.
     max_minutes : float
         Time for the search; what it has found by then is what is judged, and it is said where it ended.
-    astray : float
-        How many times what the fit leaves the error on data that was not fitted may be; beyond it effects are not
+    left_over : float
+        Share of the squared error above the noise floor that may be left beside named terms; beyond it they are not
         named.
+    times_fitted : float
+        How many times what the fit leaves the error on unseen data may be; beyond it terms are not named.
+    leave_out : tuple of str
+        Parts of the search that are left out, by the names in ``aero_bayes.search.PARTS``; to see what each is worth.
 
     Examples
     --------
@@ -90,9 +68,9 @@ class LoopSettings(Settings):
     (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
     """
 
-    attribute: AttributeSettings = field(default_factory=AttributeSettings)
+    structures: StructureSettings = field(default_factory=StructureSettings)
     climb: ClimbSettings = field(default_factory=ClimbSettings)
-    ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None, settle=False))
+    ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)
@@ -112,11 +90,11 @@ class LoopSettings(Settings):
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     undecided: tuple[str, ...] = ()
-    locate: bool = True
     search_samples: int = 5000
     max_minutes: float = 20.0
     left_over: float = 0.3
-    astray: float = 3.0
+    times_fitted: float = 3.0
+    leave_out: tuple[str, ...] = ()
 
     def allows(self, port: str) -> bool:
         """Whether the engineer lets anything be found at a port."""

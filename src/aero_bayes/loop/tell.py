@@ -1,4 +1,4 @@
-"""The loop's conclusion told: values with intervals, what changed in the model's source, and the story in sentences."""
+"""The loop's conclusion as plain values: what changed in the model's source, and the story in sentences."""
 
 from __future__ import annotations
 
@@ -11,20 +11,18 @@ from numpy.typing import NDArray
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.loop.conclusion import Conclusion
-from aero_bayes.loop.judge import shifts
-from aero_bayes.loop.result import LoopResult, NewParameter
-from aero_bayes.loop.search import Found
+from aero_bayes.judge.prediction import shifts
+from aero_bayes.loop.conclude import Conclusion
+from aero_bayes.loop.extend import fitted_parameters
+from aero_bayes.loop.held_values import Doubt
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.stand import Held
+from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.beyond import Probing
-from aero_bayes.physics.locate import rank_ports
+from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import with_unit
+from aero_bayes.show import listed, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 
 FloatArray = NDArray[np.float64]
@@ -33,59 +31,55 @@ FloatArray = NDArray[np.float64]
 EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
-def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
+def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]) -> LoopResult:
     """All that the loop found, as plain values."""
-    found = conclusion.found
-    base, selection, probing = found.base, found.selection, found.rival.probing
-    written, effects = conclusion.written, conclusion.effects
-    signals = probing.signals if probing is not None else {}
-    ports, tied = rank_ports(signals)
-    moment = found.rival.moment.moment if found.rival.moment is not None else None
+    base, written, effects = conclusion.base, conclusion.written, conclusion.effects
     named = any(effect.kind == "catalogue" for effect in effects)
-    names = bench.recordings.names
+    same = _equivalent(bench.settings, conclusion) if named else ()
     parameters = base.plain.parameters
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
+    rivals = {r.id for step in conclusion.steps for r in step.rivals}
+    sentence = conclusion.sentence + _doubted(doubted) + _ended(bench.settings, conclusion.explored.ended)
     return LoopResult(
         outcome=conclusion.outcome,
-        sentence=conclusion.sentence + _doubted(conclusion) + _ended(bench.settings, found),
+        sentence=sentence,
         base=bench.family.base,
         model=written.name if written is not None else bench.family.base,
         effects=effects,
-        equivalent=selection.equivalent if named else (),
-        before=found.before,
+        equivalent=same,
+        before=conclusion.before,
         after=conclusion.after,
         floors=base.floors,
         residual_before=base.reports,
         residual_after=conclusion.reports,
-        rounds=selection.rounds,
-        signals=signals,
-        ports=ports,
-        tied_ports=tied,
-        states=_states_at(base.held.stand.study, base.held.optimum, probing),
-        moment=moment,
+        steps=conclusion.steps,
         shifts=moved,
         parameters=fitted_parameters(conclusion.calibration.parameters, conclusion.refit),
         noise=conclusion.refit.noise,
         modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
-        separate=_separating_experiments(bench, found) if named else (),
-        story=(*_choices(bench.settings), *_story(bench.family.title, conclusion, ports, tied)),
+        separate=_separating_experiments(bench, conclusion, same),
+        story=(*_choices(bench.settings), *_story(bench, conclusion, sentence)),
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
-        words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
+        words={id_: bench.family.summary(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
-        drawn=names[probing.recording] if probing is not None else names[0],
         recordings=bench.recordings,
         plain=bench.family.plain(),
     )
 
 
-def _doubted(conclusion: Conclusion) -> str:
-    """The likeliest held value, if any, that explains as much as an effect that is named."""
-    named = {effect.id for effect in conclusion.effects}
-    doubted = [doubt for doubt in conclusion.found.selection.doubts if doubt.effect in named]
+def _equivalent(settings: LoopSettings, conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:
+    """Classes of terms that the data do not tell apart."""
+    explored, chosen = conclusion.explored, conclusion.chosen
+    classes = [equivalents(explored, chosen, t, settings.structures.equivalence) for t in in_order(explored, chosen)]
+    return tuple(ids for ids in classes if len(ids) > 1)
+
+
+def _doubted(doubted: Sequence[Doubt]) -> str:
+    """The likeliest held value, if any, that explains as much as a term that is named."""
     if not doubted:
         return ""
     d = min(doubted, key=lambda doubt: doubt.behind)
@@ -95,30 +89,11 @@ def _doubted(conclusion: Conclusion) -> str:
     )
 
 
-def _ended(settings: LoopSettings, found: Found) -> str:
+def _ended(settings: LoopSettings, where: str) -> str:
     """Where the search ended before its end, and why; empty where it came to its end."""
-    where = found.selection.ended
     if not where:
         return ""
     return f" The search had {settings.max_minutes:g} min, which were over in {where}: there may be more to find."
-
-
-def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
-    """Values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
-    values = parameters.from_search(fit.coordinates)
-    low, high = parameters.box
-    found = {}
-    for j in fit.free:
-        item = parameters.items[j]
-        sd = fit.sd(j)
-        ends = np.repeat(fit.coordinates[np.newaxis, :], 2, axis=0)
-        ends[:, j] = np.clip(fit.coordinates[j] + np.array([-1.645, 1.645]) * sd, low[j], high[j])
-        q05, q95 = parameters.from_search(ends)[:, j]
-        slope = float(parameters.jacobian(values)[j])
-        found[item.name] = NewParameter(
-            item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
-        )
-    return found
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:
@@ -132,29 +107,49 @@ def _choices(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _story(title: str, conclusion: Conclusion, ports: Sequence[str], tied: Sequence[str]) -> tuple[str, ...]:
-    found = conclusion.found
-    worst = max(found.base.reports, key=lambda r: r.ratio)
+def _story(bench: Workbench, conclusion: Conclusion, sentence: str) -> tuple[str, ...]:
+    explored, base = conclusion.explored, conclusion.base
+    worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
-        f"Fitted as it stands, {title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
-        f" ({worst.recording}); its residual is {worst.verdict}."
+        f"Fitted as it stands, {bench.family.title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
+        f" ({worst.recording}); its residual is {worst.verdict}.",
+        *base.far_starts,
+        _readings(bench),
+        _compared(conclusion),
     ]
-    if ports:
-        lines.append(f"An unknown signal explains most at the {ports[0]} port.")
-    if len(tied) > 1:
-        lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
-    lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
-    if found.selection.skipped:
-        lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(found.selection.skipped)}.")
+    lines += [f"Step {s.number}: {s.why}." for s in conclusion.steps]
+    if explored.skipped:
+        lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(explored.skipped)}.")
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
-    return (*lines, conclusion.sentence)
+    return (*lines, sentence)
+
+
+def _readings(bench: Workbench) -> str:
+    """Which readings did what."""
+    recordings = bench.recordings
+    fitted = listed([r.name for r in recordings.train])
+    if recordings.held_from:
+        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.held_from.items())
+        return f"Fitted and chosen on the beginning of {fitted}; the end ({ends}) was looked at once, after the choice."
+    unseen = listed([r.name for r in recordings.test])
+    return f"Fitted and chosen on {fitted}; {unseen} was looked at once, after the choice."
+
+
+def _compared(conclusion: Conclusion) -> str:
+    """What the evidence rests on."""
+    explored = conclusion.explored
+    counts = ", ".join(f"{n:.0f} of {o}" for o, n in explored.noise.effective_samples.items())
+    return (
+        f"{len(explored.fits)} structures were compared under one noise; the readings count for {counts} independent "
+        "ones."
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Rival:
-    """A model with some effects as it was fitted, the others out of it: what an experiment is designed from."""
+    """A model with some terms as it was fitted, the others out of it: what an experiment is designed from."""
 
     calibration: Calibration
     values: FloatArray
@@ -163,8 +158,8 @@ class _Rival:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, held: Held) -> _Rival:
-        fit, calibration = held.optimum, held.stand.study.calibration
+    def of(cls, fitted: FittedModel) -> _Rival:
+        fit, calibration = fitted.optimum, fitted.model.objective.calibration
         items, values = calibration.parameters.items, calibration.parameters.from_search(fit.coordinates)
         columns, targets = list(fit.free), [(j, p.target) for j, p in enumerate(items) if j not in fit.free]
         held_at = {t.name: float(values[j]) for j, t in targets if isinstance(t, ParameterTarget)}
@@ -176,20 +171,22 @@ class _Rival:
         return cls(own, values[columns], tuple(range(len(columns))), fit.noise, fit.covariance)
 
 
-def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
-    """For the first class of equivalent effects: the experiments that would separate them, on a rig that is known."""
-    if not found.selection.equivalent or bench.family.plain().declared.limits.input is None:
+def _separating_experiments(
+    bench: Workbench, conclusion: Conclusion, classes: Sequence[Sequence[str]]
+) -> tuple[str, ...]:
+    """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
+    if not classes or bench.family.plain().declared.limits.input is None:
         return ()
-    same = found.selection.equivalent[0]
-    scores = [s for r in reversed(found.selection.rounds) for s in r.scores]
-    held = {s.candidate.id: s.held for s in scores if s.held is not None and s.candidate.id in same}
-    first, *others = [id_ for id_ in same if id_ in held] or [""]
+    chosen, (first, *others) = conclusion.chosen, classes[0]
     lines = []
     for other in others[:2]:
+        rival = conclusion.explored.fits.get(chosen.structure.minus(first).plus(other))
         pair = f"{first} from {other}"
+        if rival is None:
+            continue
         try:
             apart = separating_experiment(
-                _Rival.of(held[first]), _Rival.of(held[other]), workers=bench.pool.size,
+                _Rival.of(chosen), _Rival.of(rival), workers=bench.pool.size,
                 settings=replace(EFFORT, seed=bench.settings.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
@@ -202,20 +199,3 @@ def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
                 "`aero-bayes design --loop` writes the signal."
             )
     return tuple(lines)
-
-
-def _states_at(study: Objective, fit: Optimum, probing: Probing | None) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Fitted states on the times of the port signals, for drawing one against the other."""
-    if probing is None or not probing.signals:
-        return {}
-    time = next(iter(probing.signals.values())).time
-    states = {}
-    for k, series in enumerate(study.series):
-        if series.experiment != probing.recording:
-            continue
-        at = series.sampling.time
-        predicted = fit.evaluation.predicted[k]
-        states[series.output] = (time, np.interp(time, at, predicted))
-        if predicted.size > 2:
-            states[f"{series.output}_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
-    return states

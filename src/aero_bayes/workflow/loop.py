@@ -75,7 +75,8 @@ def loop_settings(job: Job) -> LoopSettings:
     searched = [p for p in job.parameters if not p.auto]
     undecided = later_of(job)
     return LoopSettings(
-        attribute=replace(defaults.attribute, max_effects=section.max_effects, require=section.require),
+        structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
+        leave_out=section.leave_out,
         ascent=ascent,
         calibration=calibration,
         seed=job.options.seed,
@@ -211,4 +212,4 @@ def _level(loop: LoopResult) -> str:
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
-    return fitted | loop.series({recording.name: recording.time for recording in (*job.recordings, *job.tests)})
+    return fitted | loop.series()

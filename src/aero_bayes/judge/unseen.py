@@ -17,8 +17,8 @@ from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.starts import loosened
-from aero_bayes.loop.judge import Error, Prediction, rms_error
-from aero_bayes.loop.recordings import Recordings
+from aero_bayes.judge.prediction import Error, Prediction, rms_error
+from aero_bayes.judge.recordings import Recordings
 from aero_bayes.physics.kin import Family
 from aero_bayes.predict.carry import first_reading, typical
 from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget, Target

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.check.structure import autocorrelation
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.loop.recordings import Recordings
+from aero_bayes.judge.recordings import Recordings
 from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +51,6 @@ class Prediction:
         for (_, output), error in errors.items():
             squares.setdefault(output, []).append((error.rms**2 * error.readings, error.readings))
         return {o: math.sqrt(sum(s for s, _ in items) / sum(n for _, n in items)) for o, items in squares.items()}
-
-    @property
-    def log_unseen(self) -> float:
-        """Logarithm of the errors on data that was not fitted, summed over outputs."""
-        return sum(math.log(max(rms, 1e-300)) for rms in self.pooled("test").values())
 
     def uncertainty(self, role: str) -> dict[str, float]:
         """Standard deviation of :meth:`pooled`."""
@@ -105,8 +100,8 @@ def _sd_of_mean(series: FloatArray, interval: float) -> float:
     return float(np.std(series)) * math.sqrt(time / n)
 
 
-def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> bool:
-    """Whether a prediction misses what was not fitted by more than another in some output, by more than chance.
+def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> list[str]:
+    """Outputs of which a prediction misses unseen readings by more than another, by more than chance.
 
     Squared residuals are compared reading by reading; correlated readings count for less.
     """
@@ -123,7 +118,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             sd = _sd_of_mean(change, r.interval)
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
-    return any(extra > SURE * math.sqrt(variance[output]) for output, extra in more.items())
+    return [output for output, extra in more.items() if extra > SURE * math.sqrt(variance[output])]
 
 
 def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:

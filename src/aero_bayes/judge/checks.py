@@ -1,0 +1,152 @@
+"""Checks that a structure must pass before its terms are named; they see the fitted readings only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
+from aero_bayes.judge.holdout import held_out_gain
+from aero_bayes.search.beam import Explored
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.score import common_noise
+from aero_bayes.show import listed
+
+#: Standard errors by which a term has to improve the prediction of readings that were left out.
+STANDARD_ERRORS = 2.0
+#: Structure that is less than so much above the noise floor is not seen.
+VISIBLE = 1.1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check says of a structure: whether it passed, and in words why not."""
+
+    check: str
+    passed: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A structure before the checks.
+
+    Parameters
+    ----------
+    fitted : FittedModel
+    explored : Explored
+        All structures that were fitted.
+    before, after : sequences of ResidualReport
+        Of the first model and of this one.
+    """
+
+    fitted: FittedModel
+    explored: Explored
+    before: Sequence[ResidualReport]
+    after: Sequence[ResidualReport]
+
+
+class Check(Protocol):
+    """Judges a structure on the fitted readings."""
+
+    def judge(self, case: Case) -> Verdict:
+        """Whether its terms may be named."""
+        ...
+
+
+class LeaveBlockOut:
+    """Each term has to improve the prediction of readings that are left out by two standard errors."""
+
+    def judge(self, case: Case) -> Verdict:
+        fits, noise = case.explored.fits, case.explored.noise.outputs
+        weak = []
+        for id_ in case.fitted.terms:
+            rival = fits.get(case.fitted.structure.minus(id_))
+            if rival is not None:
+                found = held_out_gain(case.fitted.under(noise), rival.under(noise))
+                if found.in_errors < STANDARD_ERRORS:
+                    weak.append(f"{id_} by {found.in_errors:.1f} standard errors over {found.blocks} {found.by}")
+        reason = f"readings that were left out are not surely predicted better: {listed(weak)}" if weak else ""
+        return Verdict("LeaveBlockOut", not weak, reason)
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """What is left above the noise floor has to be a small share of what there was.
+
+    Parameters
+    ----------
+    share : float
+        Greatest share of the squared error above the floor, over all outputs and in each that is far above its floor.
+    """
+
+    share: float = 0.3
+
+    def judge(self, case: Case) -> Verdict:
+        left = [r for r in those_structured(case.after) if r.ratio >= VISIBLE]
+        first = {(r.recording, r.output): r for r in case.before}
+        far = [r for r in left if r.ratio > TIMES_FLOOR]
+        much = _excess(case.after) > self.share * _excess(case.before) or any(
+            _excess([r]) > self.share * _excess([first[r.recording, r.output]]) for r in far
+        )
+        if not (left and much):
+            return Verdict("LeftOver", True)
+        outputs = listed(sorted({r.output for r in left}))
+        return Verdict(
+            "LeftOver", False, f"more than {self.share:.0%} of the error above the noise is left in {outputs}"
+        )
+
+
+def _excess(reports: Sequence[ResidualReport]) -> float:
+    """Squared error above the noise floors, in squared floors, summed over outputs and recordings."""
+    return sum(max(min(r.ratio, 1e6) ** 2 - 1.0, 0.0) for r in reports)
+
+
+def reports_of(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport, ...]:
+    """What a fit leaves, against its own noise."""
+    return common_noise(fitted, explored.floors).reports
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The structure that is named, and those that were better but failed a check, with the reasons.
+
+    ``before`` and ``after`` are what the first model and the chosen one leave.
+    """
+
+    fitted: FittedModel
+    before: tuple[ResidualReport, ...]
+    after: tuple[ResidualReport, ...]
+    refused: tuple[tuple[FittedModel, Verdict], ...]
+
+
+def choose(explored: Explored, checks: Sequence[Check], required: Sequence[str] = ()) -> Choice:
+    """The best structure that passes all checks; the first model where none does.
+
+    What is ``required`` need not pass.
+    """
+    root = explored.first_model
+    before = reports_of(root, explored)
+    refused: list[tuple[FittedModel, Verdict]] = []
+    for fitted in explored.ranked:
+        if not set(required) <= set(fitted.terms):
+            continue
+        if set(fitted.terms) == set(required):
+            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused))
+        case = Case(fitted, explored, before, reports_of(fitted, explored))
+        failed = next((v for check in checks if not (v := check.judge(case)).passed), None)
+        if failed is None:
+            return Choice(fitted, before, tuple(case.after), tuple(refused))
+        refused.append((fitted, failed))
+    return Choice(root, before, before, tuple(refused))
+
+
+def disturbed(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
+    """Recording, start and end in s of a disturbance: a tenth of the recording holds most of what is left."""
+    structured = [r for r in those_structured(reports) if r.worst_share > share and math.isfinite(r.ratio)]
+    if not structured:
+        return None
+    worst = max(structured, key=lambda r: r.worst_share)
+    return worst.recording, *worst.worst_time

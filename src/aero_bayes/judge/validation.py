@@ -1,0 +1,66 @@
+"""Unseen readings: looked at once, after the choice. They may refuse a name, and never choose one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from aero_bayes.check.structure import ResidualReport, those_structured
+from aero_bayes.judge.prediction import Prediction, surely_worse
+from aero_bayes.judge.recordings import Recordings
+
+if TYPE_CHECKING:
+    from aero_bayes.loop.base_fit import BaseFit
+    from aero_bayes.loop.workbench import Workbench
+
+#: Share of its unseen error that some output must lose where the named terms leave structure.
+VISIBLY = 0.9
+#: How many standard deviations of its own uncertainty a prediction may be off on unseen data.
+SENSITIVE = 4.0
+
+
+def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
+    """Why unseen readings refuse the named terms; empty where they do not.
+
+    They do where some output is surely predicted worse, by two standard errors over correlated readings, and where
+    structure is left while no output is predicted visibly better.
+    """
+    if not after.test:
+        return ""
+    worse = surely_worse(after, before, recordings)
+    if worse:
+        return f"unseen data are predicted worse ({', '.join(worse)})."
+    better = any(error.rms < VISIBLY * before.test[key].rms for key, error in after.test.items())
+    if those_structured(left) and not better:
+        return "unseen data are predicted hardly better."
+    return ""
+
+
+@dataclass(frozen=True)
+class FarOff:
+    """How many times what the fit leaves unseen data are missed by, where that is too much, by recording and output.
+
+    ``sensitive`` are those where the uncertainty of the parameters explains it, ``beyond`` the others.
+    """
+
+    sensitive: Mapping[tuple[str, str], float]
+    beyond: Mapping[tuple[str, str], float]
+
+
+def far_off(bench: Workbench, base: BaseFit, before: Prediction) -> FarOff:
+    """Where the first model, adequate where it was fitted, misses unseen data by far."""
+    settled = {(r.recording, r.output): r.rms for r in base.reports if r.verdict == "adequate"}
+    far: dict[tuple[str, str], float] = {}
+    for (name, output), error in before.test.items():
+        own = [rms for (_, other), rms in settled.items() if other == output]
+        expected = max([base.fit.noise[output].sd, base.floors.get((name, output), 0.0), *own])
+        if error.rms > bench.settings.times_fitted * expected:
+            far[name, output] = error.rms / expected
+    if not far:
+        return FarOff({}, {})
+    unsure = bench.unseen.uncertainty_of(base.plain, base.fit)
+    sensitive = {k for k in far if before.test[k].rms <= SENSITIVE * unsure[k]}
+    return FarOff(
+        {k: v for k, v in far.items() if k in sensitive}, {k: v for k, v in far.items() if k not in sensitive}
+    )

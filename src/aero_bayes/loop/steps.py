@@ -1,0 +1,120 @@
+"""The search told as steps: one for each term that was chosen, with its rivals, their gains and odds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from aero_bayes.search.beam import Explored
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.score import UNLISTED, odds
+from aero_bayes.search.structure import Structure
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A term beside those of the steps before: its gain in log-evidence, and its odds.
+
+    ``refitted`` is False where its starts promised too little for a fit.
+    """
+
+    id: str
+    port: str
+    gain: float
+    odds: float
+    refitted: bool = True
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one term is worth beside those before it.
+
+    ``threshold`` is the least gain that counts; ``equivalent`` are terms that the data do not tell from the chosen one;
+    ``nothing`` and ``untried`` are the odds of no term and of one that no candidate is.
+    """
+
+    number: int
+    rivals: tuple[Rival, ...]
+    threshold: float
+    chosen: str | None
+    equivalent: tuple[str, ...]
+    why: str
+    nothing: float
+    untried: float
+
+
+def in_order(explored: Explored, fitted: FittedModel) -> tuple[str, ...]:
+    """Terms of a structure, those first that would be missed most."""
+    return tuple(sorted(fitted.terms, key=lambda t: (-loss_without(explored, fitted, t), t)))
+
+
+def loss_without(explored: Explored, fitted: FittedModel, id_: str) -> float:
+    """Log-evidence that a structure loses without one of its terms; NaN where that was not fitted."""
+    rest = explored.fits.get(fitted.structure.minus(id_))
+    return fitted.log_evidence - rest.log_evidence if rest is not None else math.nan
+
+
+def equivalents(explored: Explored, fitted: FittedModel, id_: str, within: float) -> tuple[str, ...]:
+    """A term and those that do as well in its place, best first.
+
+    A refinement of the term holds it as a special case, so that it does as well by itself: it is not listed.
+    """
+    rest = fitted.structure.minus(id_)
+    rivals = [
+        (f.log_evidence, new[0])
+        for s, f in explored.fits.items()
+        if s.contains(rest)
+        and len(new := s.new_terms(rest)) == 1
+        and f.log_evidence > fitted.log_evidence - within
+        and explored.refines.get(new[0]) != id_
+    ]
+    others = [other for _, other in sorted(rivals, reverse=True) if other != id_]
+    return (id_, *others)
+
+
+def steps_of(explored: Explored, fitted: FittedModel, within: float) -> tuple[Step, ...]:
+    """One step for each term, and one more that says what was tried beside them."""
+    found: list[Step] = []
+    base = fitted.structure.minus(*fitted.terms)
+    for id_ in (*in_order(explored, fitted), None):
+        step = _step(explored, base, id_, len(found) + 1, within)
+        if step is not None:
+            found.append(step)
+        base = base.plus(id_) if id_ is not None else base
+    return tuple(found)
+
+
+def _step(explored: Explored, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
+    here = explored.fits.get(base)
+    if here is None:
+        return None
+    gains = {
+        s.new_terms(base)[0]: f.log_evidence - here.log_evidence
+        for s, f in explored.fits.items()
+        if s.contains(base) and len(s.new_terms(base)) == 1
+    }
+    unfitted = {
+        s.new_terms(base)[0]: max(promise, 0.0)
+        for s, promise in explored.promised.items()
+        if s.contains(base) and len(s.new_terms(base)) == 1
+    }
+    ranked = sorted(gains, key=lambda t: (-gains[t], t))
+    every = [*ranked, *(t for t in sorted(unfitted) if t not in gains)]
+    shares, nothing = odds([gains.get(t, 0.0) for t in every])
+    rivals = tuple(
+        Rival(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
+        for t, share in zip(every, shares, strict=True)
+    )
+    price = explored.price.of_term(id_) if id_ is not None else explored.price.of_one
+    if id_ is not None and id_ in gains:
+        near = (t for t in ranked if t != id_ and gains[t] > gains[id_] - within)
+        same = (id_, *(t for t in near if explored.refines.get(t) != id_))
+        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed {price:.1f})"
+        why += f"; {', '.join(same[1:])} within {within:g} of it" if len(same) > 1 else ""
+        return Step(number, rivals, price, id_, same, why, nothing, UNLISTED)
+    if not ranked:
+        return Step(number, (), price, None, (), "no candidate promises a gain", nothing, UNLISTED)
+    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:.1f}"
+    return Step(
+        number, rivals, price, None, (), f"no candidate gains {price:.1f} in log-evidence: {best}", nothing, UNLISTED
+    )

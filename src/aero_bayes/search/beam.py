@@ -1,0 +1,429 @@
+"""The search over structures: a beam over sizes, all structures scored under one noise.
+
+Keep the best structures of each size that lie within honest evidence of the best of that size. Expand them by edits,
+fit their neighbours from the starts that the start rules give, take the noise from the best, and score all anew. The
+search ends when a whole level brings no better structure, and where the best one is down to its noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from aero_bayes.ahead import Task, waves
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.search.edits import Direction, Surroundings, term_directions
+from aero_bayes.search.models import FittedModel, ModelCache
+from aero_bayes.search.parts import Parts
+from aero_bayes.search.refit import aim_at, refit
+from aero_bayes.search.score import CommonNoise, Price, common_noise
+from aero_bayes.search.settings import StructureSettings
+from aero_bayes.search.starts import KnownTerms, Start, starting_points
+from aero_bayes.search.structure import Structure, by_size
+
+#: Does tasks of which some are asked for next, and says how far it is.
+DoAhead = Callable[[Sequence[Task], Callable[[float], None]], None]
+#: How many of the best structures give the terms that are tried in place of others.
+RIVALS = 10
+#: How many renewals of the noise may follow one another.
+RENEWALS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """What may be added to a model.
+
+    Parameters
+    ----------
+    groups : sequence of sequences of str
+        Terms that are best simulated on one model.
+    refines : mapping of str to str
+        For each term that refines another, that one.
+    curves : tuple of str
+        Terms that learn a curve.
+    """
+
+    groups: Sequence[Sequence[str]]
+    refines: Mapping[str, str]
+    curves: tuple[str, ...]
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        return tuple(id_ for group in self.groups for id_ in group)
+
+    def group_of(self, id_: str) -> tuple[str, ...]:
+        return next(tuple(group) for group in self.groups if id_ in group)
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Where a search works: the time that it has, helpers, and who is told.
+
+    ``late`` says whether the time is up; ``ahead`` gives helpers tasks that are asked for next, on which no result
+    depends; ``tell`` is told what is being done and how far it is.
+    """
+
+    late: Callable[[], bool] = lambda: False
+    ahead: DoAhead = lambda tasks, told: None
+    tell: Callable[[str, float], None] = lambda what, share: None
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One expansion: the structure that was best before, those that were fitted, and the best after."""
+
+    number: int
+    before: Structure
+    tried: tuple[Structure, ...]
+    after: Structure
+
+
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """All that a search found: every structure fitted, scored under one noise.
+
+    ``promised`` are the gains that the starts of structures promised which were not worth a fit; ``ports`` the port of
+    each term.
+    ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done when the time was
+    up, empty where the search came to its end.
+    """
+
+    fits: Mapping[Structure, FittedModel]
+    noise: CommonNoise
+    price: Price
+    levels: tuple[Level, ...]
+    floors: Mapping[tuple[str, str], float]
+    promised: Mapping[Structure, float]
+    ports: Mapping[str, str]
+    refines: Mapping[str, str]
+    skipped: tuple[str, ...] = ()
+    ended: str = ""
+
+    def score(self, structure: Structure) -> float:
+        return self.price.score(self.fits[structure])
+
+    @property
+    def ranked(self) -> list[FittedModel]:
+        """All fits, best first."""
+        return sorted(self.fits.values(), key=lambda f: (-self.price.score(f), f.structure.terms))
+
+    @property
+    def best(self) -> FittedModel:
+        return self.ranked[0]
+
+    @property
+    def first_model(self) -> FittedModel:
+        """The best fit without any term."""
+        return next(f for f in self.ranked if not f.terms)
+
+
+@dataclass(eq=False)
+class StructureSearch:
+    """Beam search.
+
+    Parameters
+    ----------
+    cache : ModelCache
+    library : Library
+    settings : StructureSettings
+    fit : ClimbSettings
+        Of each local fit.
+    floors : mapping of (recording, output) to float
+        Noise floors where they are known.
+    parts : Parts
+        Edits, start rules and restarts.
+    work : Work
+    """
+
+    cache: ModelCache
+    library: Library
+    settings: StructureSettings
+    fit: ClimbSettings
+    floors: Mapping[tuple[str, str], float]
+    parts: Parts
+    work: Work = field(default_factory=Work)
+
+    def __post_init__(self) -> None:
+        self.fit = replace(self.fit, hold_noise=True)
+        self._fits: dict[Structure, FittedModel] = {}
+        self._expanded: set[Structure] = set()
+        self._restarted: set[tuple[str, Structure]] = set()
+        self._levels: list[Level] = []
+        self._promised: dict[Structure, float] = {}
+        self._skipped: dict[str, None] = {}
+        self._ended = ""
+        special = frozenset((*self.library.refines, *self.library.curves))
+        listed = sum(1 for t in self.library.terms if t not in special)
+        undecided = len(self.cache.undecided)
+        self._price = Price(listed, self.settings.margin, special, undecided)
+
+    def run(self, root: FittedModel) -> Explored:
+        """Search from the fit of the first model.
+
+        Raises
+        ------
+        CannotFinishError
+            If the model cannot be simulated with what is required.
+        """
+        self._root = root.structure.plus(*self.settings.require)
+        self._noise = common_noise(root, self.floors)
+        self._fits[root.structure] = root.refitted(self._noise.outputs, self.fit)
+        if self.settings.require:
+            self._require(root.structure)
+        self._renew()
+        while not self._late("the search") and (frontier := self._frontier()):
+            before = self._best().structure
+            what = f"level {len(self._levels) + 1}" + (f" beside {', '.join(before.terms)}" if before.terms else "")
+            tried = self._expand(frontier, what)
+            self._renew()
+            self._restart(tried, what)
+            self._levels.append(Level(len(self._levels) + 1, before, tuple(tried), self._best().structure))
+        return Explored(
+            dict(self._fits), self._noise, self._price, tuple(self._levels), self.floors,
+            {s: p for s, p in self._promised.items() if s not in self._fits}, self.cache.ports,
+            self.library.refines, tuple(self._skipped),
+            self._ended,
+        )  # fmt: skip
+
+    # which structures to expand
+
+    def _best(self) -> FittedModel:
+        allowed = [f for s, f in self._fits.items() if s.contains_terms(self._root)]
+        return max(allowed, key=lambda f: (self._price.score(f), f.structure.terms))
+
+    def _frontier(self) -> list[FittedModel]:
+        """The best, and where structure is left those of a size that lie within honest evidence of its best."""
+        best = self._best()
+        if best.structure not in self._expanded:
+            if self._noise.adequate:
+                return [best]
+            return [best, *(f for f in self._beam(len(best.structure)) if f is not best)]
+        if self._noise.adequate or len(best.structure) + 1 >= self.settings.max_effects:
+            return []
+        # A pair may explain what neither of its terms does alone: one level further than what pays.
+        return self._beam(len(best.structure) + 1)
+
+    def _beam(self, size: int) -> list[FittedModel]:
+        """Structures of a size that are not yet expanded, best first, within honest evidence of the best."""
+        own = [self._fits[s] for s in by_size(self._fits).get(size, []) if s.contains_terms(self._root)]
+        own.sort(key=lambda f: (-self._price.score(f), f.structure.terms))
+        near = [f for f in own if self._price.score(f) > self._price.score(own[0]) - self.settings.within]
+        return [f for f in near[: self.settings.beam] if f.structure not in self._expanded]
+
+    # neighbours
+
+    def _expand(self, frontier: Sequence[FittedModel], what: str) -> list[Structure]:
+        """Fit the neighbours of structures; those that were fitted."""
+        self._moved: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
+        best, adequate, targets = self._best(), self._noise.adequate, dict[Structure, Structure]()
+        for k, fitted in enumerate(frontier):
+            self._expanded.add(fitted.structure)
+            self.work.tell(what, 0.2 * k / len(frontier))
+            here = Surroundings(
+                fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
+                self._rivals(), self.cache.undecided, tuple(self._directions(fitted)), self.cache.reading_is_open,
+                fitted is best,
+            )  # fmt: skip
+            for edit in self.parts.edits:
+                self._fit_smaller(fitted, edit.neighbours(here), targets)
+        return self._fit_larger(targets, what)
+
+    def _fit_smaller(
+        self, fitted: FittedModel, neighbours: Iterable[Structure], targets: dict[Structure, Structure]
+    ) -> None:
+        """Fit neighbours without new terms at once, from where the fit is; the others are ``targets``."""
+        for structure in neighbours:
+            if not structure.contains_terms(self._root) or len(structure) > self.settings.max_effects:
+                continue
+            if structure.new_terms(fitted.structure):
+                if structure not in self._fits:
+                    targets.setdefault(structure, fitted.structure)
+                continue
+            with suppress(CannotFinishError):
+                model = self.cache.of(structure)
+                self._keep(
+                    model.fit(structure, model.at(fitted.values, structure.terms), self._noise.outputs, self.fit)
+                )
+
+    def _fit_larger(self, targets: Mapping[Structure, Structure], what: str) -> list[Structure]:
+        """Fit structures that have new terms, the most promising first; give up what cannot matter."""
+        bases = {s: found for s, origin in targets.items() if (found := self._base_of(s, origin)) is not None}
+        rules = (*self.parts.start_rules, *([KnownTerms(self._known())] if self.parts.known_terms else []))
+        looks = {s: partial(starting_points, rules, base, s) for s, base in bases.items()}
+        self.work.ahead(list(looks.values()), lambda done: self.work.tell(what, 0.2 + 0.3 * done))
+        starts: dict[Structure, list[Start]] = {}
+        for structure, look in looks.items():
+            if self._late(what):
+                break
+            starts[structure] = look()
+            self._promised[structure] = max((s.promise for s in starts[structure]), default=0.0)
+        order = sorted(starts, key=lambda s: (-self._promise(bases[s], starts[s]), s.terms))
+        tried: list[Structure] = []
+        for wave in waves(order, self.settings.beam):
+            least = self._least([s for s in tried if s in self._fits])
+            tasks = {
+                s: partial(refit, bases[s], s, starts[s], self.settings, self._aiming(bases[s], least)) for s in wave
+            }
+            likely = {s: t for s, t in tasks.items() if self._may_reach(bases[s], starts[s], least)}
+            self.work.ahead(list(likely.values()), lambda done: None)
+            for structure, task in likely.items():
+                if tried and self._late(what):
+                    break
+                if (found := task()) is not None:
+                    self._keep(found)
+                tried.append(structure)
+            self.work.tell(what, 0.5 + 0.5 * len(tried) / max(len(order), 1))
+        return [s for s in dict.fromkeys((*tried, *starts)) if s in self._fits]
+
+    def _base_of(self, structure: Structure, origin: Structure) -> FittedModel | None:
+        """The largest explored structure within this one, on the model of the new terms; None if it cannot be
+        simulated."""
+        inside = [s for s in self._fits if structure.contains(s) and s != structure] or [origin]
+        base = max(inside, key=lambda s: (len(s), self._fits[s].log_evidence, s.terms))
+        new = structure.new_terms(base)
+        extra = tuple(dict.fromkeys(id_ for t in new for id_ in self.library.group_of(t)))
+        return self._on(self._fits[base], extra)
+
+    def _on(self, fitted: FittedModel, extra: tuple[str, ...]) -> FittedModel | None:
+        """The same fit on a model that has further terms at hand."""
+        key = fitted.structure, extra
+        if key not in self._moved:
+            try:
+                model = self.cache.of(fitted.structure, extra)
+                start = model.at(fitted.values, fitted.terms)
+                self._moved[key] = model.fit(fitted.structure, start, self._noise.outputs, self.fit)
+            except CannotFinishError:
+                # A law that is off can still be too stiff for this recording.
+                self._skipped |= dict.fromkeys(t for t in extra if t not in fitted.terms)
+                self._moved[key] = None
+        return self._moved[key]
+
+    def _directions(self, fitted: FittedModel) -> list[Direction]:
+        """Linearised response to each offered term."""
+        found: list[Direction] = []
+        for group in self.library.groups:
+            if set(group) & set(self.library.curves):
+                continue
+            moved = self._on(fitted, tuple(group))
+            if moved is not None:
+                found += [d for d in term_directions(moved) if d.id in group]
+        return found
+
+    def _rivals(self) -> tuple[str, ...]:
+        """Terms of the best structures so far."""
+        ranked = sorted(self._fits.values(), key=lambda f: (-self._price.score(f), f.structure.terms))
+        return tuple(dict.fromkeys(t for f in ranked[:RIVALS] for t in f.terms))
+
+    def _known(self) -> dict[str, dict[str, float]]:
+        """Values of each term in the best structure that has it."""
+        found: dict[str, dict[str, float]] = {}
+        for fitted in sorted(self._fits.values(), key=lambda f: (-self._price.score(f), f.structure.terms)):
+            for id_ in fitted.terms:
+                found.setdefault(id_, fitted.term_values(id_))
+        return found
+
+    # what is worth a fit
+
+    def _promise(self, base: FittedModel, starts: Sequence[Start]) -> float:
+        return base.log_evidence + (starts[0].promise if starts else -math.inf)
+
+    def _least(self, tried: Sequence[Structure]) -> float:
+        """Log-evidence below which a structure of this level cannot matter."""
+        return max((self._fits[s].log_evidence for s in tried), default=-math.inf) - self.settings.within
+
+    def _aiming(self, base: FittedModel, least: float) -> ClimbSettings:
+        return self.fit.aiming(aim_at(base, least))
+
+    def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
+        """Whether any start promises enough: a line is no more than a hint, so that a small part of it will do."""
+        promise = starts[0].promise if starts else -math.inf
+        needed = max(least - base.log_evidence, 0.0)
+        return promise >= max(self.settings.promise, self.settings.promise_share * needed)
+
+    def _keep(self, found: FittedModel) -> None:
+        """Keep the better fit of a structure."""
+        known = self._fits.get(found.structure)
+        if known is None or found.log_evidence > known.under(self._noise.outputs).log_evidence:
+            self._fits[found.structure] = found
+
+    # noise, restarts, time
+
+    def _renew(self) -> None:
+        """Take the noise from the best structure under its own noise, and score all structures under it."""
+        for _ in range(RENEWALS):
+            last = self._noise
+            self._noise = self._own_noise()
+            if self._noise.outputs == last.outputs:
+                break
+            self._rescore()
+
+    def _own_noise(self) -> CommonNoise:
+        """Noise of the structure that is best under its own noise, the likeliest tried first."""
+        sizes = by_size(s for s in self._fits if s.contains_terms(self._root))
+        tops = [max((self._fits[s] for s in own), key=lambda f: (f.log_evidence, f.terms)) for own in sizes.values()]
+        for top in sorted(tops, key=lambda f: -f.log_evidence):
+            noise = common_noise(top, self.floors)
+            scores = {s: self._price.score(f.under(noise.outputs)) for s, f in self._fits.items()}
+            rivals = [score for s, score in scores.items() if s.contains_terms(self._root) and s != top.structure]
+            if scores[top.structure] >= max(rivals, default=-math.inf) - self.settings.equivalence:
+                return noise
+        return common_noise(self._best(), self.floors)
+
+    def _rescore(self) -> None:
+        """Score all structures under the present noise; fit the best of each size anew."""
+        self._fits = {s: f.under(self._noise.outputs) for s, f in self._fits.items()}
+        again = {self._root, Structure()} | {self._best().structure.minus(t) for t in self._best().terms}
+        for own in by_size(self._fits).values():
+            own.sort(key=lambda s: (-self._price.score(self._fits[s]), s.terms))
+            again |= set(own[: self.settings.beam])
+        known = [s for s in self._fits if s in again]
+        tasks = [partial(self._fits[s].refitted, self._noise.outputs, self.fit) for s in known]
+        self.work.ahead(tasks, lambda done: None)
+        for task in tasks:
+            with suppress(CannotFinishError):
+                self._keep(task())
+
+    def _restart(self, tried: Sequence[Structure], what: str) -> None:
+        """Fit the best structures of a level again from elsewhere while structure is left."""
+        for restart, top in self.parts.restarts:
+            ranked = sorted((s for s in tried if s in self._fits), key=lambda s: (-self._fits[s].log_evidence, s.terms))
+            for structure in dict.fromkeys((self._best().structure, *ranked[: top - 1])):
+                done = type(restart).__name__, structure
+                if self._noise.adequate or self._late(what) or done in self._restarted:
+                    continue
+                self._restarted.add(done)
+                with suppress(CannotFinishError):
+                    found = restart.again(self._alone(structure), self.fit)
+                    if found is not None:
+                        self._keep(found)
+            self._renew()
+
+    def _alone(self, structure: Structure) -> FittedModel:
+        """A structure on the model that has its terms and no others."""
+        model, known = self.cache.of(structure), self._fits[structure]
+        return model.fit(structure, model.at(known.values, structure.terms), self._noise.outputs, self.fit)
+
+    def _require(self, root: Structure) -> None:
+        """The fit with the terms that must be there, one after the other."""
+        self._moved = {}
+        for id_ in self.settings.require:
+            structure = root.plus(id_)
+            base = self._base_of(structure, root)
+            if base is not None:
+                off = Start(base.optimum.coordinates, 0.0, 0.0)
+                starts = [*starting_points(self.parts.start_rules, base, structure), off]
+                if (found := refit(base, structure, starts, self.settings, self.fit)) is not None:
+                    self._keep(found)
+            if structure not in self._fits:
+                raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
+            root = structure
+
+    def _late(self, what: str) -> bool:
+        """Whether the time is up; what was being done then is kept."""
+        if self.work.late() and not self._ended:
+            self._ended = what
+        return bool(self._ended)

@@ -1,0 +1,232 @@
+"""Edits: what makes a structure's neighbours. The search knows no other way from one structure to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.physics.kin import Candidate
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.starts import with_nominal_shapes
+from aero_bayes.search.structure import Structure
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a slope that is left once the free parameters have readjusted below which they imitate the term.
+IMITATED = 1e-4
+#: Share of a pair's gain that neither term may promise alone, and how many pairs are offered.
+BEYOND_ALONE, PAIRS = 0.1, 5
+#: Angle between two directions (its sine squared) below which they are one.
+APART = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What an edit is told of a fit.
+
+    Parameters
+    ----------
+    fitted : FittedModel
+    adequate : bool
+        Whether it is down to its noise.
+    offered : tuple of str
+        Terms of the library.
+    refines : mapping of str to str
+        For each offered term that refines another, that one.
+    curves : tuple of str
+        Offered terms that learn a curve.
+    rivals : tuple of str
+        Terms of the best structures so far.
+    undecided : tuple of str
+        Parameters that may be freed.
+    directions : tuple of Direction
+        What the magnitude of each offered term changes to first order.
+    reading_is_open : bool
+        Whether the inputs may be read the other way.
+    best : bool
+        Whether it is the best structure so far.
+    """
+
+    fitted: FittedModel
+    adequate: bool
+    offered: tuple[str, ...]
+    refines: Mapping[str, str]
+    curves: tuple[str, ...]
+    rivals: tuple[str, ...]
+    undecided: tuple[str, ...]
+    directions: tuple[Direction, ...]
+    reading_is_open: bool
+    best: bool
+
+    @property
+    def structure(self) -> Structure:
+        return self.fitted.structure
+
+
+class Edit(Protocol):
+    """Gives the neighbours of a structure."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        """Structures that are worth a fit, given the fit of one."""
+        ...
+
+
+class AddTerm:
+    """Each law of the library at each port that it fits.
+
+    Refinements and learned curves are offered only where structure is left. A term whose slope the free parameters
+    imitate is not offered.
+    """
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        imitated = {d.id for d in here.directions if d.imitated}
+        for id_ in here.offered:
+            special = id_ in here.curves or id_ in here.refines
+            if id_ in here.structure.terms or id_ in imitated or (special and here.adequate):
+                continue
+            yield with_term(here, here.structure, id_)
+
+
+class AddPair:
+    """Two terms that explain much together and little alone, foretold from the linearised response."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if here.adequate or not here.best:
+            return
+        special = {*here.curves, *here.refines}
+        for one, other in likely_pairs([d for d in here.directions if d.id not in special]):
+            yield here.structure.plus(one, other)
+
+
+class RefineTerm:
+    """The finer laws of each term that the structure has, in its place."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if not here.best:
+            return
+        for finer, coarse in here.refines.items():
+            if coarse in here.structure.terms and finer in here.offered:
+                yield with_term(here, here.structure, finer)
+
+
+class DropTerm:
+    """The structure without each of its terms."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if here.best:
+            for id_ in here.structure.terms:
+                yield here.structure.minus(id_)
+
+
+class ReplaceTerm:
+    """Each term replaced by a term of the best structures so far."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if not here.best or len(here.structure) < 2:
+            return
+        for id_ in here.structure.terms:
+            for other in here.rivals:
+                if other not in here.structure.terms:
+                    yield with_term(here, here.structure.minus(id_), other)
+
+
+class FreeParameter:
+    """Each parameter that the configuration frees later."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if not here.best:
+            return
+        for name in here.undecided:
+            if name not in here.structure.freed:
+                yield replace(here.structure, freed=(*here.structure.freed, name))
+
+
+class InputInterpolation:
+    """The inputs read the other way between their samples: held, or along straight lines."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if here.best and here.reading_is_open:
+            other = replace(here.structure, other_reading=not here.structure.other_reading)
+            yield other
+            # Half a sample too early looks like a lag or a delay.
+            for id_ in here.structure.terms:
+                yield other.minus(id_)
+
+
+#: The edits of a search, in the order in which they are asked.
+EDITS: tuple[Edit, ...] = (
+    DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddPair(), RefineTerm(), ReplaceTerm(),
+)  # fmt: skip
+
+
+def with_term(here: Surroundings, structure: Structure, id_: str) -> Structure:
+    """A structure with a further term, which takes the place of what it refines."""
+    coarse = here.refines.get(id_)
+    return structure.minus(coarse).plus(id_) if coarse is not None else structure.plus(id_)
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What the magnitude of a term changes to first order, once the free parameters have readjusted.
+
+    ``across`` (N,) is the change in units of the noise, ``slope`` its product with the residual, ``room`` how far the
+    magnitude may go down and up, and ``imitated`` whether the free parameters do the same.
+    """
+
+    id: str
+    across: FloatArray
+    slope: float
+    room: tuple[float, float]
+    imitated: bool
+
+
+def term_directions(fitted: FittedModel) -> list[Direction]:
+    """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values."""
+    model, response = fitted.model, fitted.response
+    candidates: list[Candidate] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
+    origin = with_nominal_shapes(fitted, candidates)
+    sizes = [c.columns[0] for c in candidates]
+    slopes = response.across(origin, sizes) if sizes else None
+    if slopes is None:
+        return []
+    low, high = model.objective.parameters.box
+    found = []
+    for candidate, across, alone in zip(candidates, slopes[0], slopes[1], strict=True):
+        size, power, whole = candidate.columns[0], float(across @ across), float(alone @ alone)
+        if whole > 0.0:
+            room = float(low[size] - origin[size]), float(high[size] - origin[size])
+            found.append(Direction(candidate.id, across, float(across @ response.left), room, power < IMITATED * whole))
+    return found
+
+
+def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
+    """The pairs that promise most, and more than either alone."""
+    acting = [d for d in directions if not d.imitated]
+    if len(acting) < 2:
+        return []
+    rows = np.stack([d.across for d in acting])
+    gram, slope, room = rows @ rows.T, np.array([d.slope for d in acting]), np.array([d.room for d in acting])
+    alone = [_gain(gram[k : k + 1, k : k + 1], slope[k : k + 1], room[k : k + 1]) for k in range(len(acting))]
+    pairs: list[tuple[float, str, str]] = []
+    for i, j in combinations(range(len(acting)), 2):
+        both = [i, j]
+        inner = gram[np.ix_(both, both)]
+        if np.linalg.det(inner) <= APART * inner[0, 0] * inner[1, 1]:
+            continue
+        promise = _gain(inner, slope[both], room[both])
+        if promise > 0.0 and promise - max(alone[i], alone[j]) >= BEYOND_ALONE * promise:
+            pairs.append((promise, acting[i].id, acting[j].id))
+    return [(one, other) for _, one, other in sorted(pairs, key=lambda pair: -pair[0])[:PAIRS]]
+
+
+def _gain(inner: FloatArray, slope: FloatArray, room: FloatArray) -> float:
+    """What the best step gains; nothing where it leaves the bounds."""
+    step = np.linalg.solve(inner, slope)
+    if np.any(step < room[:, 0]) or np.any(step > room[:, 1]):
+        return 0.0
+    return 0.5 * float(slope @ step)

@@ -1,0 +1,235 @@
+"""Fitted models of one structure each, and the simulated models on which they are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.interpolation import read_otherwise
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.physics.kin import Candidate, Family
+from aero_bayes.search.response import LinearResponse
+from aero_bayes.search.structure import Structure
+from aero_bayes.sensors.noise import OutputNoise
+
+FloatArray = NDArray[np.float64]
+Noise = Mapping[str, OutputNoise]
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateModel:
+    """One simulated model that has candidate terms built in, switched off, held against the recordings.
+
+    Parameters
+    ----------
+    objective : Objective
+    candidates : mapping of str to Candidate
+        The terms at hand by id, with their parameters' columns.
+    own : tuple of int
+        Columns of the first model's parameters that are free.
+    open : callable
+        Opens a simulator of a part of the recordings.
+    """
+
+    objective: Objective
+    candidates: Mapping[str, Candidate]
+    own: tuple[int, ...]
+    open: OpenSimulator
+
+    def free(self, terms: Collection[str]) -> tuple[int, ...]:
+        """Columns that are free with some terms on."""
+        return (*self.own, *(j for id_ in terms for j in self.candidates[id_].columns))
+
+    def at(self, values: Mapping[str, float], terms: Collection[str]) -> FloatArray:
+        """Search coordinates of SI values by name with some terms on; the others stand at their off values."""
+        parameters = self.objective.parameters
+        on = set(self.free(terms))
+        start = [
+            values.get(p.name, p.start) if j in on or p.recording is not None else p.start
+            for j, p in enumerate(parameters)
+        ]
+        return parameters.to_search(np.array(start))
+
+    def fit(self, structure: Structure, start: FloatArray, noise: Noise, settings: ClimbSettings) -> FittedModel:
+        """Local fit of a structure from search coordinates.
+
+        Raises
+        ------
+        CannotFinishError
+            If the model cannot be simulated at the start.
+        """
+        end = climb(self.objective, start, self.free(structure.terms), noise=noise, settings=settings)
+        return FittedModel(self, structure, end)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A structure fitted to the recordings: the model on which it was fitted, and the optimum there."""
+
+    model: CandidateModel
+    structure: Structure
+    optimum: Optimum
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        return self.structure.terms
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace's approximation under the noise that the optimum carries."""
+        return self.optimum.log_evidence
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """SI values by name; terms that are off stand at their off values."""
+        parameters = self.model.objective.parameters
+        return dict(zip(parameters.names, parameters.from_search(self.optimum.coordinates).tolist(), strict=True))
+
+    @cached_property
+    def response(self) -> LinearResponse:
+        """How the free parameters readjust to a change of the outputs, to first order."""
+        return LinearResponse(self.model.objective, self.optimum)
+
+    def under(self, noise: Noise) -> FittedModel:
+        """The same fit under another noise, without a simulation."""
+        if all(self.optimum.noise[o] == n for o, n in noise.items()):
+            return self
+        return replace(self, optimum=self.optimum.under(self.model.objective, noise))
+
+    def refitted(self, noise: Noise, settings: ClimbSettings) -> FittedModel:
+        """The optimum under another noise, from here."""
+        return self.model.fit(self.structure, self.optimum.coordinates, noise, settings)
+
+    def term_values(self, id_: str) -> dict[str, float]:
+        """SI values of one term's parameters by name."""
+        names = self.model.objective.parameters.names
+        return {names[j]: self.values[names[j]] for j in self.model.candidates[id_].columns}
+
+    def rms(self) -> dict[str, float]:
+        """Root mean square of the residual by output, in the output's unit."""
+        parts: dict[str, list[FloatArray]] = {}
+        for series, residual in zip(self.model.objective.series, self.optimum.evaluation.residual, strict=True):
+            parts.setdefault(series.output, []).append(residual)
+        return {output: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for output, p in parts.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class ModelSource:
+    """Where candidate models come from.
+
+    Parameters
+    ----------
+    family : Family
+        Composes the first model with terms.
+    plain : Calibration
+        Of the first model.
+    own : tuple of int
+        Columns of ``plain`` that are free.
+    open_objective : callable
+        Holds a calibration against the recordings, on a simulator of its own.
+    open : callable
+        Opens a simulator.
+    reading_is_open : bool
+        Whether the user leaves it to the data how inputs are read between their samples.
+    """
+
+    family: Family
+    plain: Calibration
+    own: tuple[int, ...]
+    open_objective: Callable[[Calibration], Objective]
+    open: OpenSimulator
+    reading_is_open: bool
+
+
+class ModelCache:
+    """Candidate models by structure setting and terms, each built once."""
+
+    def __init__(self, source: ModelSource) -> None:
+        self.source = source
+        self._built: dict[tuple[Structure, frozenset[str]], CandidateModel] = {}
+
+    def of(self, structure: Structure, extra: Collection[str] = ()) -> CandidateModel:
+        """The model for a structure, with ``extra`` terms at hand.
+
+        Raises
+        ------
+        CannotFinishError
+            If the inputs cannot be read the other way.
+        """
+        setting, wanted = structure.minus(*structure.terms), frozenset((*structure.terms, *extra))
+        roomy = self.source.family.roomy
+        for (other, ids), built in self._built.items():
+            if other == setting and (ids == wanted or (roomy and wanted <= ids)):
+                return built
+        model = self._build(setting, wanted)
+        self._built[setting, wanted] = model
+        return model
+
+    def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
+        plain, own = with_setting(self.source.plain, self.source.own, setting)
+        offer = self.source.family.offer(wanted)
+        calibration = self.source.family.on(plain, offer.model)
+        calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
+        first = len(plain.parameters)
+        found = {}
+        for candidate, count in offer.candidates:
+            found[candidate.id] = replace(candidate, columns=tuple(range(first, first + count)))
+            first += count
+        return CandidateModel(self.source.open_objective(calibration), found, own, self.source.open)
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """Parameters that are held until the data tell them."""
+        return tuple(p.name for p in self.source.plain.parameters if p.auto)
+
+    @property
+    def reading_is_open(self) -> bool:
+        """Whether the inputs may be read the other way between their samples."""
+        return self.source.reading_is_open and read_otherwise(self.source.plain) is not None
+
+    @property
+    def ports(self) -> dict[str, str]:
+        """The port of each term that was built in."""
+        return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
+
+    def beside(self, held: ParameterSet) -> ModelCache:
+        """Models that have further parameters, which stay where they are."""
+        plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
+        return ModelCache(replace(self.source, plain=plain))
+
+    def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
+        """Close all simulators; ``count`` is told each objective."""
+        for model in self._built.values():
+            count(model.objective)
+            model.objective.simulator.close()
+        self._built.clear()
+
+
+def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure) -> tuple[Calibration, tuple[int, ...]]:
+    """The first model's calibration with the parameters freed and the inputs read as a structure says, and the columns
+    that are free.
+
+    Raises
+    ------
+    CannotFinishError
+        If the inputs cannot be read the other way.
+    """
+    if structure.other_reading:
+        other = read_otherwise(plain)
+        if other is None:
+            raise CannotFinishError("the inputs cannot be read otherwise between their samples")
+        plain = other
+    if structure.freed:
+        items = tuple(replace(p, auto=p.auto and p.name not in structure.freed) for p in plain.parameters)
+        plain = replace(plain, parameters=ParameterSet(items))
+        own = tuple(sorted({*own, *(plain.parameters.index(name) for name in structure.freed)}))
+    return plain, own

@@ -1,0 +1,45 @@
+"""Local fits of one structure from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.search import Stop
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.settings import StructureSettings
+from aero_bayes.search.starts import Start
+from aero_bayes.search.structure import Structure
+
+#: How far below what it has to reach a fit is still worth its steps, in log-evidence.
+SLACK = 20.0
+
+
+def aim_at(like: FittedModel, log_evidence: float) -> float:
+    """The cost at which a fit with the Occam factor of another has a log-evidence."""
+    occam = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
+    return occam - log_evidence + SLACK
+
+
+def refit(
+    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: ClimbSettings
+) -> FittedModel | None:
+    """The best local fit of a structure on the model of ``base``.
+
+    The first ``settings.starts`` starts are followed. A fit that converges to an optimum that an earlier start led to
+    is stopped.
+    """
+    free, objective = base.model.free(structure.terms), base.model.objective
+    ends: list[FittedModel] = []
+    for start in starts[: settings.starts]:
+        try:
+            end = climb(
+                objective, start.point, free, noise=base.optimum.noise, settings=fit, known=[e.optimum for e in ends]
+            )
+        except CannotFinishError:
+            continue
+        if end.reason is not Stop.MET:
+            ends.append(replace(base, structure=structure, optimum=end))
+    return max(ends, key=lambda e: e.log_evidence, default=None)

@@ -1,0 +1,79 @@
+"""Fit the best structure of a level again, from elsewhere, before another term may stand beside it.
+
+A term that is added to a fit in a local optimum makes up for that optimum, and passes for physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.ascent import AscentSettings, Climber
+from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.growing import grown
+from aero_bayes.search.models import CandidateModel, FittedModel
+
+#: Gives the model that has a structure's terms at hand and no others.
+ModelOf = Callable[[FittedModel], CandidateModel]
+
+
+class Restart(Protocol):
+    """Looks for a better optimum of the same structure."""
+
+    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+        """A fit from elsewhere under the same noise, whether better or not; None where there is none."""
+        ...
+
+
+class GrowingHorizon:
+    """Fit the beginning of the recordings first, then ever more of them.
+
+    The valley of a motion that turns over, or forgets its past slowly, is wide only while the recording is short.
+    Parameters of the first model that ended on a bound begin at their starting values.
+    """
+
+    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+        model, known = fitted.model, fitted.optimum.coordinates
+        start = model.objective.parameters.revived(known, model.own)
+        try:
+            free = model.free(fitted.terms)
+            point, _ = grown(model.objective, start, free, settings.rough(25, 0.01), model.open, known)
+            return model.fit(fitted.structure, point, fitted.optimum.noise, settings)
+        except CannotFinishError:
+            return None
+
+
+class Swarm:
+    """The global search of ``fit``: a particle swarm over the whole box, then local fits from its best particles.
+
+    Parameters
+    ----------
+    settings : AscentSettings
+        Of the search; without a swarm there is no restart.
+    seed : int
+    """
+
+    def __init__(self, settings: AscentSettings, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+
+    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+        if self._settings.swarm is None:
+            return None
+        model = fitted.model
+        start = model.objective.parameters.from_search(fitted.optimum.coordinates)
+        items = model.objective.parameters.with_start(start)
+        objective = model.objective.on(
+            replace(model.objective.calibration, parameters=items), model.objective.simulator
+        )
+        search = replace(self._settings, cost="weighted", staged=False, settle=False)
+        try:
+            found = Climber(objective, search).to_optimum(
+                model.free(fitted.terms), model.open, np.random.default_rng(self._seed)
+            )
+            return model.fit(fitted.structure, found.optimum.coordinates, fitted.optimum.noise, settings)
+        except CannotFinishError:
+            return None

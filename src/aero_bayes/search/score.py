@@ -1,0 +1,183 @@
+"""The one score of all structures under comparison: log-evidence under one noise, less a price for each term.
+
+The noise is that of the best structure so far, per output. Where a residual is what a sensor leaves, it is the sensor's
+noise as estimated. Where structure is left, it is the residual's root mean square times the square root of its
+integrated autocorrelation time: so a series of ``n`` readings counts for ``n / tau`` independent ones, which is the
+likelihood to the power ``1 / tau`` (a coarsened posterior: Miller and Dunson, 2019, JASA 114, 1113; composite
+likelihood: Varin, Reid and Firth, 2011, Statistica Sinica 21, 5). It weighs outputs by their effective samples as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.search.models import FittedModel, Noise
+from aero_bayes.sensors.noise import OutputNoise, estimate_noise
+
+FloatArray = NDArray[np.float64]
+
+#: Autocorrelation at which the sum for the autocorrelation time ends.
+UNCORRELATED = 0.05
+#: Prior probability that what is missing is something that no candidate is.
+UNLISTED = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class CommonNoise:
+    """The noise under which structures are compared.
+
+    Parameters
+    ----------
+    outputs : mapping of str to OutputNoise
+    autocorrelation_time : mapping of str to float
+        In samples, by output; 1 where the output is down to its noise.
+    effective_samples : mapping of str to float
+    structured : tuple of str
+        Outputs whose residual sensors do not explain.
+    reports : tuple of ResidualReport
+        Of the residual that the noise was taken from, under the noise as estimated.
+    """
+
+    outputs: Noise
+    autocorrelation_time: Mapping[str, float]
+    effective_samples: Mapping[str, float]
+    structured: tuple[str, ...]
+    reports: tuple[ResidualReport, ...]
+
+    @property
+    def total_samples(self) -> float:
+        """Effective samples of all outputs."""
+        return sum(self.effective_samples.values())
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the best structure is down to its noise in every output."""
+        return not self.structured
+
+
+def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
+    """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
+
+    The sum runs over the autocorrelation up to where it falls below :data:`UNCORRELATED`.
+    """
+    total = sum(r.size for r in residuals)
+    return sum(r.size * _one_time(r) for r in residuals) / max(total, 1)
+
+
+def _one_time(residual: FloatArray) -> float:
+    x = residual - residual.mean()
+    power = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
+    acf = np.fft.irfft(power)[: max(x.size // 3, 1)]
+    if acf[0] <= 0.0:
+        return 1.0
+    acf = acf / acf[0]
+    below = np.flatnonzero(acf < UNCORRELATED)
+    end = int(below[0]) if below.size else acf.size
+    return 1.0 + 2.0 * float(acf[1:end].sum())
+
+
+def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:
+    """The noise of a fit, for all structures that are compared with it.
+
+    Parameters
+    ----------
+    fitted : FittedModel
+    floors : mapping of (recording, output) to float
+        Noise floors of the readings, in the output's unit, where they are known.
+    """
+    objective, optimum = fitted.model.objective, fitted.optimum
+    calibration, parts = objective.calibration, _by_output(fitted)
+    estimated = {}
+    for output, own in parts.items():
+        times = [objective.series[k].sampling.time for k, _ in own]
+        least = calibration.floors.get(output, 0.0)
+        estimated[output] = estimate_noise(
+            times, [r for _, r in own], calibration.noise.kind(output), None, max(least, 1e-7 * _range(fitted, output))
+        )
+    reports = inspect(calibration, objective.series, replace(optimum, noise=estimated), floors)
+    left = {r.output for r in reports if r.verdict == "structured"} | {o for o, n in estimated.items() if n.held}
+    residuals = {output: [r for _, r in own] for output, own in parts.items()}
+    counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
+    times_of = {o: autocorrelation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
+    samples = {o: counts[o] / times_of[o] for o in parts}
+    spent = _spent(sum(samples.values()), len(optimum.free))
+    noise = dict(estimated)
+    for output in left:
+        square = sum(float(r @ r) for r in residuals[output]) / counts[output]
+        noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] * spent), 1e-300))
+    return CommonNoise(noise, times_of, samples, tuple(o for o in parts if o in left), reports)
+
+
+def _spent(samples: float, parameters: int) -> float:
+    """Factor of the unbiased variance: a fit of so many parameters leaves less than the noise.
+
+    Where there are hardly more effective samples than parameters nothing is left to tell structures apart.
+    """
+    return samples / max(samples - parameters, 1e-3 * samples)
+
+
+def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
+    found: dict[str, list[tuple[int, FloatArray]]] = {}
+    for k, series in enumerate(fitted.model.objective.series):
+        found.setdefault(series.output, []).append((k, fitted.optimum.evaluation.residual[k]))
+    return found
+
+
+def _range(fitted: FittedModel, output: str) -> float:
+    calibration = fitted.model.objective.calibration
+    return float(calibration.scale[calibration.outputs.index(output)])
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a structure pays for having been looked for, in log-evidence.
+
+    Parameters
+    ----------
+    candidates : int
+        Terms that were offered: each term pays the logarithm of their number.
+    margin : float
+        Paid for each term on top.
+    extra : tuple of str
+        Terms that pay the margin twice: a refinement is one more detail, and a curve bends to anything.
+    parameters : int
+        Parameters that may be freed; each that is pays the logarithm of their number and the margin.
+    """
+
+    candidates: int
+    margin: float
+    extra: frozenset[str]
+    parameters: int = 1
+
+    @property
+    def of_one(self) -> float:
+        """Price of one ordinary term."""
+        return math.log(max(self.candidates, 1)) + self.margin
+
+    def of_term(self, id_: str) -> float:
+        """Price of one term."""
+        return self.of_one + (self.margin if id_ in self.extra else 0.0)
+
+    def score(self, fitted: FittedModel) -> float:
+        """Log-evidence less what the structure pays."""
+        freed = len(fitted.structure.freed) * (math.log(max(self.parameters, 1)) + self.margin)
+        return fitted.log_evidence - sum(self.of_term(t) for t in fitted.terms) - freed
+
+
+def odds(gains: Sequence[float]) -> tuple[list[float], float]:
+    """Probabilities of rival terms with these gains in log-evidence, and of no term at all.
+
+    Half of the prior is with no term, half is shared; :data:`UNLISTED` is kept for what no candidate is.
+    """
+    if not gains:
+        return [], 1.0 - UNLISTED
+    logs = np.array([math.log(0.5), *(math.log(0.5 / len(gains)) + g if math.isfinite(g) else -np.inf for g in gains)])
+    shares = np.exp(logs - logs.max())
+    shares *= (1.0 - UNLISTED) / shares.sum()
+    return shares[1:].tolist(), float(shares[0])

@@ -1,0 +1,65 @@
+"""The structure of a model: its terms beside the first model, its free parameters, how inputs are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Structure:
+    """An immutable set of choices; the empty one is the first model itself.
+
+    Parameters
+    ----------
+    terms : tuple of str
+        Ids ``law@port``, sorted.
+    freed : tuple of str
+        Parameters of the first model that are free beside those of the configuration, sorted.
+    other_reading : bool
+        Whether inputs are read the other way between their samples (straight lines in place of steps, or steps in
+        place of lines).
+    """
+
+    terms: tuple[str, ...] = ()
+    freed: tuple[str, ...] = ()
+    other_reading: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(sorted(set(self.terms))))
+        object.__setattr__(self, "freed", tuple(sorted(set(self.freed))))
+
+    def __len__(self) -> int:
+        return len(self.terms)
+
+    def plus(self, *terms: str) -> Structure:
+        """With further terms."""
+        return replace(self, terms=(*self.terms, *terms))
+
+    def minus(self, *terms: str) -> Structure:
+        """Without some terms."""
+        return replace(self, terms=tuple(t for t in self.terms if t not in terms))
+
+    def new_terms(self, beside: Structure) -> tuple[str, ...]:
+        """Terms that another structure does not have."""
+        return tuple(t for t in self.terms if t not in beside.terms)
+
+    def same_setting(self, other: Structure) -> bool:
+        """Whether the free parameters of the first model and the reading of the inputs are the same."""
+        return (self.freed, self.other_reading) == (other.freed, other.other_reading)
+
+    def contains(self, other: Structure) -> bool:
+        """Whether it has all terms of another structure, and perhaps more."""
+        return self.same_setting(other) and set(other.terms) <= set(self.terms)
+
+    def contains_terms(self, other: Structure) -> bool:
+        """The same whatever is free and however the inputs are read."""
+        return set(other.terms) <= set(self.terms)
+
+
+def by_size(structures: Iterable[Structure]) -> dict[int, list[Structure]]:
+    """Structures by their number of terms."""
+    found: dict[int, list[Structure]] = {}
+    for structure in structures:
+        found.setdefault(len(structure), []).append(structure)
+    return found
