@@ -6,8 +6,6 @@ that is linear in its parameters this is exact (leave-group-out cross-validation
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +21,9 @@ BLOCKS, FEWEST = 20, 4
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """Mean over blocks of the logarithm of the error without over the error with, with its standard error.
+    """Gain in log-density of readings that were left out, with its standard error.
 
-    Errors are squared whitened residuals of readings that were left out. ``blocks`` is their number; ``by`` says what
-    was left out at a time.
+    ``blocks`` is the number of parts that were left out one at a time, ``by`` what they are.
     """
 
     gain: float
@@ -37,7 +34,7 @@ class HeldOutGain:
     @property
     def in_errors(self) -> float:
         """Gain in standard errors."""
-        return self.gain / self.standard_error if self.standard_error > 0.0 else math.copysign(math.inf, self.gain)
+        return self.gain / self.standard_error if self.standard_error > 0.0 else 0.0
 
 
 def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
@@ -52,14 +49,19 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
     -------
     HeldOutGain
         Left out are blocks of time; where there are several recordings, one of these at a time.
+
+    Notes
+    -----
+    With whitened residuals ``a`` of the rival and ``b`` of the model where each reading was left out, the gain is
+    ``(a'a - b'b) / 2`` and its variance under the noise ``|a - b|^2``. A term that acts in few blocks is told by
+    these; its parameters must be told by the other blocks.
     """
     recordings = {s.experiment for s in model.model.objective.series}
     whole = len(recordings) > 1
-    without, with_it = (np.maximum(_losses(m, whole), 1e-300) for m in (rival, model))
-    # A ratio in each block: else the blocks with the largest errors alone would decide.
-    gains = np.log(without / with_it)
-    spread = float(np.std(gains, ddof=1)) / math.sqrt(gains.size) if gains.size > 1 else math.inf
-    return HeldOutGain(float(gains.mean()), spread, gains.size, "recordings" if whole else "blocks")
+    one, other = _left_out(rival, whole), _left_out(model, whole)
+    gain, spread = 0.5 * float(one @ one - other @ other), float(np.linalg.norm(one - other))
+    count = len(recordings) if whole else len(_blocks(model)[0][1])
+    return HeldOutGain(gain, spread, count, "recordings" if whole else "blocks")
 
 
 def _blocks(fitted: FittedModel) -> list[tuple[int, list[NDArray[np.int_]]]]:
@@ -78,37 +80,29 @@ def _blocks(fitted: FittedModel) -> list[tuple[int, list[NDArray[np.int_]]]]:
     return found
 
 
-def _losses(fitted: FittedModel, whole: bool) -> FloatArray:
-    """Half the squared whitened residual of each block when it, or its whole recording, is left out."""
+def _left_out(fitted: FittedModel, whole: bool) -> FloatArray:
+    """Whitened residual (N,) of each reading when its block, or its whole recording, is left out."""
     white, optimum = fitted.optimum.whitened, fitted.optimum
     parameters = fitted.model.objective.parameters
     second = parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
     prior = np.diag(np.maximum(-second, 1e-9))
     low, high = (bound[list(optimum.free)] - optimum.coordinates[list(optimum.free)] for bound in parameters.box)
-    losses: list[float] = []
+    found = np.empty(white.residual.size)
     for experiment, blocks in _blocks(fitted):
-        columns = np.concatenate(blocks)
-        own = np.array([parameters.items[j].recording == experiment for j in optimum.free])
-        if whole:
-            left = _without(white.slopes, white.residual, columns, prior, low, high, own)
-            predicted = dict(zip(columns.tolist(), left.tolist(), strict=True))
-            losses += [0.5 * sum(predicted[c] ** 2 for c in block.tolist()) for block in blocks]
-        else:
-            none = np.zeros(len(own), dtype=bool)
-            for block in blocks:
-                left = _without(white.slopes, white.residual, block, prior, low, high, none)
-                losses.append(0.5 * float(left @ left))
-    return np.array(losses)
+        own = np.array([whole and parameters.items[j].recording == experiment for j in optimum.free], dtype=bool)
+        for block in [np.concatenate(blocks)] if whole else blocks:
+            found[block] = _without(white.slopes, white.residual, block, prior, low, high, own)
+    return found
 
 
 def _without(
     slopes: FloatArray, residual: FloatArray, block: NDArray[np.int_], prior: FloatArray, low: FloatArray,
-    high: FloatArray, own: Sequence[bool] | NDArray[np.bool_],
+    high: FloatArray, own: NDArray[np.bool_],
 ) -> FloatArray:  # fmt: skip
     """Residual (b,) of a block that is left out; ``own`` parameters are those of its recording and follow it."""
     here, r = slopes[:, block], residual[block]
     rest = slopes @ slopes.T - here @ here.T + prior
-    shared = ~np.asarray(own)
+    shared = ~own
     step = np.zeros(len(shared))
     # Readings of the block no longer hold the shared parameters: the Newton step to the optimum of the others.
     inner = rest[np.ix_(shared, shared)]
