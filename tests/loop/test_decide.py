@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from aero_bayes.loop.decide import PARTLY, _plainly_better
 from scipy.signal import lfilter
 
 from aero_bayes.data import Recording
-from aero_bayes.loop.decide import PARTLY, _plainly_better
 from aero_bayes.judge.prediction import Error, Prediction, gain_text, surely_worse
 from aero_bayes.judge.recordings import Recordings
 

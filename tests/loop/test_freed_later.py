@@ -10,7 +10,7 @@ from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 LADDER = """model Ladder "Two filters of a resistor and a capacitor each; only their time constants show"
   parameter Real R_1(unit = "Ohm", min = 0) = 1;
@@ -45,7 +45,7 @@ def driven(name: str, seed: int) -> Recording:
 def settings(tmp_path):
     (tmp_path / "Ladder.mo").write_text(LADDER, encoding="utf-8")
     return LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Ladder.mo",), free=("R_1", "R_2"),
+        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Ladder.mo",), free=("R_1", "R_2"),
         laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu", undecided=("C_1", "C_2"),
         calibration=replace(LoopSettings().calibration, interpolation="hold"),
     )  # fmt: skip

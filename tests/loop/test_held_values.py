@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 MOTOR = """model Motor "A motor with a tachometer"
   parameter Real T(unit = "s", min = 0) = 0.3;
@@ -49,7 +49,7 @@ def turned(name: str, seed: int, k: float, dead: float) -> Recording:
 def test_a_held_value_that_explains_as_much_is_said(tmp_path, k, dead, effects, said):
     (tmp_path / "Motor.mo").write_text(MOTOR, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Motor.mo",), free=("T",),
+        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Motor.mo",), free=("T",),
         laws=("gain", "offset", "dead_zone", "saturation"), ports=("u",), cache=tmp_path / "fmu",
         calibration=replace(LoopSettings().calibration, interpolation="hold"),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import AttributeSettings, LoopResult, LoopSettings, close_loop
+from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
 from aero_bayes.report.loop_figures import curve_plate
 from aero_bayes.schema import EffectResult
 
@@ -45,7 +45,7 @@ def looped(tmp_path, force: Callable[[float, float], float]) -> LoopResult:
     (tmp_path / "Slide.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(11)
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2),
+        structures=StructureSettings(max_effects=2),
         free=("k", "d"),
         laws=("coulomb_friction", "quadratic_drag", "cubic_stiffness", "offset", "curve", "position_curve"),
         sources=(tmp_path / "Slide.mo",),

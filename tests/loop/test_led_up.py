@@ -12,7 +12,7 @@ from closed_form import held
 from aero_bayes.data import Recording
 from aero_bayes.data.align import to_experiment
 from aero_bayes.estimate.interpolation import read_otherwise
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"
   parameter Real m(unit = "kg", min = 0) = 2;
@@ -54,7 +54,7 @@ def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("spring")
     (folder / "Spring.mo").write_text(SOURCE, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=1), free=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
+        structures=StructureSettings(max_effects=1), free=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
         sources=(folder / "Spring.mo",), cache=folder / "fmus",
         calibration=replace(LoopSettings().calibration, start="estimated"),
     )  # fmt: skip

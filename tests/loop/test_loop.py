@@ -11,14 +11,14 @@ from aero_bayes.bench import effect, random_levels, real, simulate_recording, wh
 from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.checkpoint import Answers
 from aero_bayes.errors import InputError
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
-from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.simulation import WorkerPool
 
-SETTINGS = LoopSettings(attribute=AttributeSettings(max_effects=2))
+SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.loop.result import LoopResult
 
 SOURCE = """model Culture "Cells that divide, and are fed"
@@ -34,7 +34,7 @@ def found(tmp_path, growth: float) -> LoopResult:
     (tmp_path / "Culture.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(5)
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=1), free=("growth",), laws=("gain", "offset"),
+        structures=StructureSettings(max_effects=1), free=("growth",), laws=("gain", "offset"),
         sources=(tmp_path / "Culture.mo",), cache=tmp_path / "fmus",
     )  # fmt: skip
     return close_loop(

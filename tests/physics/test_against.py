@@ -13,7 +13,7 @@ from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 OVEN = """model Oven "An oven in a hall whose temperature is recorded"
   parameter Real C(unit = "J/K", min = 0) = 350;
@@ -124,7 +124,7 @@ def bake(name: str, seed: int) -> Recording:
 def test_a_loss_to_a_hall_that_warms_and_cools_is_found_against_its_recording(tmp_path):
     (tmp_path / "Oven.mo").write_text(OVEN, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Oven.mo",), free=("C", "G"),
+        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Oven.mo",), free=("C", "G"),
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
         calibration=replace(LoopSettings().calibration, interpolation="linear"),
     )  # fmt: skip

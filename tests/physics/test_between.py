@@ -14,7 +14,7 @@ from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.physics.compose import compose_laws
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import general_laws
@@ -182,7 +182,7 @@ def drive(name: str, seed: int) -> Recording:
 def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_balances(tmp_path):
     (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / "Car.mo",), free=("k_s", "c_s"),
+        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Car.mo",), free=("k_s", "c_s"),
         laws=("cubic_stiffness", "coulomb_friction", "quadratic_drag"), cache=tmp_path / "fmu",
         calibration=replace(LoopSettings().calibration, interpolation="linear"),
     )  # fmt: skip

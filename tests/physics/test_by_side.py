@@ -7,7 +7,7 @@ import pytest
 from closed_form import damped_stops, held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 TRACK = """model Track "A cart, its position from the left end of its track"
   parameter Real m(unit = "kg", min = 0) = 0.8;
@@ -67,8 +67,8 @@ def meter(name, seed):
 def closed(tmp_path, text, name, free, laws, *recordings):
     source = tmp_path / f"{name}.mo"
     source.write_text(text, encoding="utf-8")
-    attribute = AttributeSettings(max_effects=2)
-    settings = LoopSettings(attribute=attribute, sources=(source,), free=free, laws=laws, cache=tmp_path / "fmu")
+    attribute = StructureSettings(max_effects=2)
+    settings = LoopSettings(structures=attribute, sources=(source,), free=free, laws=laws, cache=tmp_path / "fmu")
     first, second = recordings
     return close_loop([first], [second], model=name, settings=settings, workers=0)
 

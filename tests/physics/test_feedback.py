@@ -11,7 +11,7 @@ from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import general_laws
 
@@ -167,7 +167,7 @@ def motion(name: str, seed: int) -> Recording:
 
 def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(written(tmp_path),), free=("J", "b"),
+        structures=StructureSettings(max_effects=2), sources=(written(tmp_path),), free=("J", "b"),
         laws=("saturation", "dead_zone", "coulomb_friction"), cache=tmp_path / "fmu",
     )  # fmt: skip
     result = close_loop([motion("a", 61)], [motion("b", 62)], model="Axis", settings=settings, workers=0)
@@ -221,7 +221,7 @@ def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tm
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=3), sources=(source,), free=("T_1", "T_2", "K"),
+        structures=StructureSettings(max_effects=3), sources=(source,), free=("T_1", "T_2", "K"),
         laws=("saturation", "saturation_by_side", "dead_zone", "offset", "overflow"), cache=tmp_path / "fmu",
     )  # fmt: skip
     result = close_loop([cascade("a", 63)], [cascade("b", 64)], model="Cascade", settings=settings, workers=0)

@@ -9,7 +9,7 @@ import pytest
 from closed_form import held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
+from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 MOTOR = """model Motor "A motor that turns both ways"
   parameter Real T(unit = "s", min = 0) = 0.3;
@@ -63,7 +63,7 @@ def closed(tmp_path, source, free, laws, recordings):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     settings = LoopSettings(
-        attribute=AttributeSettings(max_effects=2), sources=(tmp_path / f"{name}.mo",), free=free, laws=laws,
+        structures=StructureSettings(max_effects=2), sources=(tmp_path / f"{name}.mo",), free=free, laws=laws,
         cache=tmp_path / "fmu", calibration=replace(LoopSettings().calibration, interpolation="hold"),
     )  # fmt: skip
     train, test = recordings

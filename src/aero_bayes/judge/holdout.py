@@ -89,7 +89,7 @@ def _left_out(fitted: FittedModel, whole: bool) -> FloatArray:
     low, high = (bound[list(optimum.free)] - optimum.coordinates[list(optimum.free)] for bound in parameters.box)
     found = np.empty(white.residual.size)
     for experiment, blocks in _blocks(fitted):
-        own = np.array([whole and parameters.items[j].recording == experiment for j in optimum.free], dtype=bool)
+        own = np.array([parameters.items[j].recording == experiment for j in optimum.free], dtype=bool)
         for block in [np.concatenate(blocks)] if whole else blocks:
             found[block] = _without(white.slopes, white.residual, block, prior, low, high, own)
     return found
@@ -99,18 +99,20 @@ def _without(
     slopes: FloatArray, residual: FloatArray, block: NDArray[np.int_], prior: FloatArray, low: FloatArray,
     high: FloatArray, own: NDArray[np.bool_],
 ) -> FloatArray:  # fmt: skip
-    """Residual (b,) of a block that is left out; ``own`` parameters are those of its recording and follow it."""
-    here, r = slopes[:, block], residual[block]
-    rest = slopes @ slopes.T - here @ here.T + prior
-    shared = ~own
-    step = np.zeros(len(shared))
+    """Residual (b,) of a block that is left out.
+
+    ``own`` parameters, such as the initial values of its recording, are no prediction: they follow all readings.
+    """
+    here, r, shared = slopes[:, block], residual[block], ~own
+    whole = slopes @ slopes.T + prior
+    rest = whole - here @ here.T
+    inner, follow = rest[np.ix_(shared, shared)], np.zeros((0, int(shared.sum())))
+    if own.any():
+        follow = np.linalg.solve(whole[np.ix_(own, own)], whole[np.ix_(own, shared)])
+        cross = rest[np.ix_(own, shared)]
+        inner = inner - cross.T @ np.linalg.solve(whole[np.ix_(own, own)], cross)
     # Readings of the block no longer hold the shared parameters: the Newton step to the optimum of the others.
-    inner = rest[np.ix_(shared, shared)]
-    step[shared] = -np.linalg.solve(inner, here[shared] @ r)
-    step = np.clip(step, low, high)
-    left = r - step @ here
-    if not shared.all():
-        mine = here[~shared]
-        follow = np.linalg.solve(mine @ mine.T + prior[np.ix_(~shared, ~shared)], mine @ left)
-        left = left - follow @ mine
-    return left
+    step = np.zeros(len(own))
+    step[shared] = np.clip(-np.linalg.solve(inner, here[shared] @ r), low[shared], high[shared])
+    step[own] = np.clip(-follow @ step[shared], low[own], high[own])
+    return r - step @ here

@@ -175,6 +175,7 @@ class StructureSearch:
         if self.settings.require:
             self._require(root.structure)
         self._renew()
+        self._restart([], "the first model")
         while not self._late("the search") and (frontier := self._frontier()):
             before = self._best().structure
             what = f"level {len(self._levels) + 1}" + (f" beside {', '.join(before.terms)}" if before.terms else "")
@@ -342,7 +343,8 @@ class StructureSearch:
         """Whether any start promises enough: a line is no more than a hint, so that a small part of it will do."""
         promise = starts[0].promise if starts else -math.inf
         needed = max(least - base.log_evidence, 0.0)
-        return promise >= max(self.settings.promise, self.settings.promise_share * needed)
+        likely = base.response.possible(promise) >= self.settings.promise
+        return likely and promise >= self.settings.promise_share * needed
 
     def _keep(self, found: FittedModel) -> None:
         """Keep the better fit of a structure."""

@@ -17,8 +17,8 @@ from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a slope that is left once the free parameters have readjusted below which they imitate the term.
-IMITATED = 1e-4
+#: Share of a squared slope beyond what the free parameters' slopes span, below which they imitate the term.
+IMITATED = 1e-7
 #: Share of a pair's gain that neither term may promise alone, and how many pairs are offered.
 BEYOND_ALONE, PAIRS = 0.1, 5
 #: Angle between two directions (its sine squared) below which they are one.
@@ -195,13 +195,22 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
     if slopes is None:
         return []
     low, high = model.objective.parameters.box
+    beyond = slopes[1] - _projected(slopes[1], response.base.whitened.slopes)
     found = []
-    for candidate, across, alone in zip(candidates, slopes[0], slopes[1], strict=True):
-        size, power, whole = candidate.columns[0], float(across @ across), float(alone @ alone)
+    for k, (candidate, across, alone) in enumerate(zip(candidates, slopes[0], slopes[1], strict=True)):
+        size, whole = candidate.columns[0], float(alone @ alone)
         if whole > 0.0:
             room = float(low[size] - origin[size]), float(high[size] - origin[size])
-            found.append(Direction(candidate.id, across, float(across @ response.left), room, power < IMITATED * whole))
+            imitated = float(beyond[k] @ beyond[k]) < IMITATED * whole
+            found.append(Direction(candidate.id, across, float(across @ response.left), room, imitated))
     return found
+
+
+def _projected(rows: FloatArray, slopes: FloatArray) -> FloatArray:
+    """Rows (q, N) as far as some slopes (f, N) span them."""
+    unit = np.linalg.norm(slopes, axis=1)
+    basis = slopes[unit > 0.0] / unit[unit > 0.0, np.newaxis]
+    return np.asarray((rows @ basis.T) @ np.linalg.pinv(basis @ basis.T, 1e-12, hermitian=True) @ basis)
 
 
 def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:

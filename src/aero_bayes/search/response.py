@@ -93,6 +93,16 @@ class LinearResponse:
         self.own: FloatArray = self._step @ (slopes @ residual + first)
         self.left: FloatArray = residual - self.own @ slopes
 
+    def possible(self, gain: float) -> float:
+        """A gain in log-likelihood as it would be if all that is left beside it were white noise.
+
+        Where structure is left, the noise is as large as that, and no gain can be larger than half of the effective
+        samples; under the noise that a right term leaves it may be far more.
+        """
+        whole = 0.5 * float(self.base.whitened.residual @ self.base.whitened.residual)
+        share = min(gain / max(whole, 1e-300), 1.0 - 1e-9)
+        return -0.5 * self.base.whitened.readings * math.log1p(-share)
+
     def simulate(self, columns: Sequence[int], values: Sequence[tuple[float, ...]]) -> list[Tried]:
         """Points with some columns at each of several SI values, all else as in the fit, and the residuals there."""
         if not len(values):

@@ -22,8 +22,8 @@ from aero_bayes.sensors.noise import OutputNoise, estimate_noise
 
 FloatArray = NDArray[np.float64]
 
-#: Autocorrelation at which the sum for the autocorrelation time ends.
-UNCORRELATED = 0.05
+#: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
+UNCORRELATED, WINDOW = 0.05, 5.0
 #: Prior probability that what is missing is something that no candidate is.
 UNLISTED = 0.02
 
@@ -64,7 +64,8 @@ class CommonNoise:
 def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
-    The sum runs over the autocorrelation up to where it falls below :data:`UNCORRELATED`.
+    The sum runs over the autocorrelation up to where it falls below :data:`UNCORRELATED`, or to a lag of
+    :data:`WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
     """
     total = sum(r.size for r in residuals)
     return sum(r.size * _one_time(r) for r in residuals) / max(total, 1)
@@ -77,9 +78,9 @@ def _one_time(residual: FloatArray) -> float:
     if acf[0] <= 0.0:
         return 1.0
     acf = acf / acf[0]
-    below = np.flatnonzero(acf < UNCORRELATED)
-    end = int(below[0]) if below.size else acf.size
-    return 1.0 + 2.0 * float(acf[1:end].sum())
+    times = 2.0 * np.cumsum(acf) - 1.0
+    ends = np.flatnonzero((acf < UNCORRELATED) | (np.arange(acf.size) >= WINDOW * times))
+    return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
 
 
 def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:

@@ -90,11 +90,14 @@ class NominalSizes:
             return []
         response = fitted.response
         lines = nominal_lines(response, candidate)
-        if _foretold(lines) < LEAST_GAIN:
+        if response.possible(_foretold(lines)) < LEAST_GAIN:
             lines += [response.line(*tried) for tried in _smaller(response, candidate, lines)]
         starts = _ends(response, candidate, lines)
         promise = max((s.promise for s in starts), default=0.0)
-        if promise > WORTH_REFIT and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise:
+        if (
+            response.possible(promise) > WORTH_REFIT
+            and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise
+        ):
             starts += _with_term_held(response, lines)
         return starts
 
@@ -165,7 +168,7 @@ def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line])
     for steps in ([1.0] * len(acting), [line.within for line in acting]):
         ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:LINES]
     starts = [(line.best_gain, response.point(candidate, line, step)) for line, step in ends]
-    if _foretold(lines) < LEAST_GAIN:
+    if response.possible(_foretold(lines)) < LEAST_GAIN:
         return [Start(point, promise) for promise, point in starts]
     gains = response.gains([point for _, point in starts])
     found = [Start(point, promise, gain) for (promise, point), gain in zip(starts, gains, strict=True)]
