@@ -102,7 +102,7 @@ class FitSection(Section):
     method: Literal["pso+local", "pso", "local"] = "pso+local"
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
-    max_input_delay: Annotated[float, Field(ge=0)] | None = None
+    max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()

@@ -134,7 +134,7 @@ def summarise(recording: Recording) -> Summary:
     >>> print(aero_bayes.summarise(recording))
     train.csv: 2,001 rows, 40 s at 50 Hz, even
       F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
-      position: -0.1042 to 0.1357, noise 0.00031
+      position: -0.1042 to 0.1357, noise 0.0003
     """
     intervals = np.diff(recording.time)
     median = float(np.median(intervals))
