@@ -46,7 +46,8 @@ KEYS: Mapping[str, str] = {
     "data.inputs": "inputs of the model that are recorded; left out: all that it declares",
     "data.outputs": "outputs of the model that are recorded; left out: all that it declares",
     "data.interpolation": "between samples every input holds, or runs in straight lines; `auto`: the fit decides for "
-    "each that moves from sample to sample. Left out: what the package declares (the AERO: `hold`), else `auto`",
+    "each that moves from sample to sample; `{T_amb = 'linear'}`: by name, the others hold. Left out: what the package "
+    "declares (the AERO: `hold`), else `auto`",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",

@@ -68,7 +68,7 @@ class DataSection(Section):
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
-    interpolation: Literal["auto", "hold", "linear"] | None = None
+    interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 

@@ -8,6 +8,7 @@ from scipy.signal import cont2discrete, dlsim
 
 import aero_bayes
 from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.interpolation import moving_inputs
@@ -88,3 +89,5 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.interpolation == {"T_amb": "linear", "heater": "hold"}
     assert moving_inputs(calibration) == ("T_amb",)
+    with pytest.raises(InputError, match="interpolation of wind: house has no such input; it has T_amb, heater"):
+        calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -229,6 +229,8 @@ def calibrate(
     if settings.delay == "free" and not limit:
         raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
     outputs = _outputs(recordings, model, settings)
+    if isinstance(settings.interpolation, Mapping):
+        _check_inputs(recordings, settings.interpolation, "interpolation")
     driven = {variable.name for variable in model.inputs}
     experiments: list[Experiment] = []
     nuisances: list[Parameter] = []
@@ -318,14 +320,17 @@ def input_delay(name: str, limit: float) -> Parameter:
 
 def _delays(recordings: Sequence[Recording], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
     """Those of single inputs."""
-    for name in limits:
-        for recording in recordings:
-            if name not in recording.inputs:
-                raise InputError(
-                    f"{recording.name}: has no input {name} to delay; it has {', '.join(recording.inputs)}"
-                )
+    _check_inputs(recordings, limits, "delay")
     wanted = {name: limit for name, limit in limits.items() if limit and _delay_wanted(recordings, policy, limit, name)}
     return [input_delay(name, limit) for name, limit in wanted.items()]
+
+
+def _check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what: str) -> None:
+    for name in names:
+        for recording in recordings:
+            if name not in recording.inputs:
+                has = ", ".join(recording.inputs) or "none"
+                raise InputError(f"{of_what} of {name}: {recording.name} has no such input; it has {has}")
 
 
 def _delay_wanted(recordings: Sequence[Recording], policy: DelayPolicy, limit: float, name: str | None = None) -> bool:
