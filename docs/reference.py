@@ -45,8 +45,9 @@ KEYS: Mapping[str, str] = {
     "model.libraries": "folders that hold packages which the sources use",
     "data.inputs": "inputs of the model that are recorded; left out: all that it declares",
     "data.outputs": "outputs of the model that are recorded; left out: all that it declares",
-    "data.interpolation": "between samples an input holds, or runs in straight lines; `auto`: the fit decides where an "
-    "input changes at most samples. Left out: what the package declares (the AERO: `hold`), else `auto`",
+    "data.interpolation": "between samples every input holds, or runs in straight lines; `auto`: the fit decides for "
+    "each that moves from sample to sample; `{T_amb = 'linear'}`: by name, the others hold. Left out: what the package "
+    "declares (the AERO: `hold`), else `auto`",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
@@ -68,7 +69,8 @@ KEYS: Mapping[str, str] = {
     "fit.method": "which searches run",
     "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
     "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
-    "fit.max_input_delay": "largest delay of the input that is searched, in s; left out: what the package declares "
+    "fit.max_input_delay": "largest delay of the inputs that is searched, in s: one number for all of them together, "
+    "anew in each recording, or `{heater = 1200}` for a dead time of single ones; left out: what the package declares "
     "(the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
     "fit.stages[].parameters": "parameters of this stage",

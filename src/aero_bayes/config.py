@@ -68,7 +68,7 @@ class DataSection(Section):
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
-    interpolation: Literal["auto", "hold", "linear"] | None = None
+    interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 
@@ -102,7 +102,7 @@ class FitSection(Section):
     method: Literal["pso+local", "pso", "local"] = "pso+local"
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
-    max_input_delay: Annotated[float, Field(ge=0)] | None = None
+    max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()

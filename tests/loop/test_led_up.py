@@ -79,10 +79,10 @@ def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:
     )  # fmt: skip
     lines = read_otherwise(held)
     assert lines is not None
-    assert lines.interpolation == lines.experiments[0].inputs[0].interpolation == "linear"
+    assert lines.interpolation == {"F": "linear"}
     again = read_otherwise(lines)
     assert again is not None
-    assert again.interpolation == "hold"
+    assert again.interpolation == {"F": "hold"}
     before, after = held.experiments[0].inputs[0], again.experiments[0].inputs[0]
     assert (after.name, after.interpolation) == (before.name, "hold")
     np.testing.assert_array_equal(after.time, before.time)

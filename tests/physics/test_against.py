@@ -126,7 +126,7 @@ def test_a_loss_to_a_hall_that_warms_and_cools_is_found_against_its_recording(tm
     settings = LoopSettings(
         structures=StructureSettings(max_effects=2), sources=(tmp_path / "Oven.mo",), free=("C", "G"),
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, interpolation="linear"),
+        calibration=replace(LoopSettings().calibration, interpolation={"T_hall": "linear"}),
     )  # fmt: skip
     result = close_loop([bake("a", 71)], [bake("b", 72)], model="Oven", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["square_loss@T-T_hall"]

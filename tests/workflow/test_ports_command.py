@@ -68,7 +68,7 @@ def test_a_recording_sees_what_its_outputs_answer_to(rig):
 
 
 def test_the_response_is_that_of_the_probe_that_is_imitated_least(rig):
-    """Of an offset and a gain of the reading, less what the outflow's slope and the unknown first level imitate."""
+    """Of offset, gain and lag of the reading, less what the outflow's slope and the unknown first level imitate."""
     found = {r["id"]: r for r in json.loads(ports("--config", rig / "rig.toml", "--data", rig / "run.csv", "--json"))}
     time, u, _ = np.loadtxt(rig / "run.csv", delimiter=",", skiprows=1).T
     decay, level, slope = np.exp(-0.05), np.zeros(400), np.zeros(400)
@@ -78,9 +78,44 @@ def test_the_response_is_that_of_the_probe_that_is_imitated_least(rig):
         slope[n + 1] = -4.0 * u[n] * (1.0 - decay) + decay * (slope[n] - 0.1 * (level[n] - 2.0 * u[n]))
     imitated = np.column_stack([slope, np.exp(-0.5 * time)])
     size = np.quantile(np.abs(level), 0.995)
-    probes = np.column_stack([np.full(400, size), level])
+    rate = u - 0.5 * level
+    probes = np.column_stack([np.full(400, size), level, size / np.quantile(np.abs(rate), 0.995) * rate])
     left = probes - imitated @ np.linalg.lstsq(imitated, probes, rcond=None)[0]
     assert found["level"]["response"] == pytest.approx(np.linalg.norm(left, axis=0).max() / SD, rel=0.15)
+
+
+SCALED = """model Scaled "A vessel whose gauge is not calibrated"
+  parameter Real gain(unit = "V/kg", min = 0.1, max = 10) = 1 "Of the gauge";
+  parameter Real zero(unit = "V", min = -10, max = 10) = 0 "Of the gauge";
+  input Real u(unit = "kg/s");
+  output Real gauge(unit = "V") = gain * a + zero;
+  Real a(unit = "kg", start = 0, fixed = true);
+equation
+  der(a) = u - 0.5 * a;
+end Scaled;
+"""
+
+
+def test_a_reading_that_a_lag_would_move_is_seen_though_offset_and_gain_are_free(rig):
+    """The least that a lag by T moves it is T times its rate, less what gain and zero imitate of that."""
+    (rig / "Scaled.mo").write_text(SCALED)
+    (rig / "scaled.toml").write_text(
+        '[model]\nsources = ["Scaled.mo"]\nname = "Scaled"\n[parameters]\ngain = {free = true}\nzero = {free = true}\n'
+        '[fit]\ninitial_states = "reading"\n'
+    )
+    time, u, level = np.loadtxt(rig / "run.csv", delimiter=",", skiprows=1).T
+    np.savetxt(rig / "gauge.csv", np.column_stack([time, u, level]), delimiter=",", header="time,u,gauge", comments="")
+    options = ("--config", rig / "scaled.toml", "--data", rig / "gauge.csv", "--json")
+    (found,) = (row for row in json.loads(ports(*options)) if row["id"] == "gauge")
+    truth = np.zeros(400)
+    for n in range(399):
+        truth[n + 1] = 2.0 * u[n] + (truth[n] - 2.0 * u[n]) * np.exp(-0.05)
+    rate = u - 0.5 * truth
+    rate = np.quantile(np.abs(truth), 0.995) / np.quantile(np.abs(rate), 0.995) * rate
+    imitated = np.column_stack([truth, np.ones(400)])
+    left = rate - imitated @ np.linalg.lstsq(imitated, rate, rcond=None)[0]
+    assert found["response"] == pytest.approx(np.linalg.norm(left) / SD, rel=0.15)
+    assert found["seen"] == "seen"
 
 
 STILL = """model Still "A weight on a string that is cut by nobody: gravity is all that acts"

@@ -51,13 +51,15 @@ class ResidualReport:
 
     ``autocorrelation`` are of the plain residual at ``lags`` (s); ``correlations`` with inputs and fitted states;
     ``worst_time`` (start and end in s) is the tenth of the recording that holds most of the excess, ``worst_share`` its
-    share of the squared innovations.
+    share of the squared innovations. ``noise_floor`` is None where it is unknown, ``noise`` the fitted noise's standard
+    deviation.
     """
 
     recording: str
     output: str
     rms: float
-    noise_floor: float
+    noise_floor: float | None
+    noise: float
     tests: tuple[StructureTest, ...]
     lags: FloatArray
     autocorrelation: FloatArray
@@ -68,8 +70,9 @@ class ResidualReport:
 
     @property
     def ratio(self) -> float:
-        """Residual over noise floor."""
-        return self.rms / self.noise_floor if self.noise_floor > 0.0 else math.inf
+        """Residual over the noise floor, over the fitted noise where no floor is known."""
+        size = self.noise if self.noise_floor is None else self.noise_floor
+        return self.rms / size if size > 0.0 else math.inf
 
     @property
     def p_value(self) -> float:
@@ -81,7 +84,7 @@ class ResidualReport:
         return {
             "rms": self.rms,
             "noise_floor": self.noise_floor,
-            "ratio": self.ratio,
+            "ratio": None if self.noise_floor is None else self.ratio,
             "white": self.p_value >= SIZE,
             "p_value": self.p_value,
             "verdict": self.verdict,
@@ -184,7 +187,7 @@ def inspect(
         Of the objective that was climbed.
     fit : Optimum
     floors : mapping of (recording, output) to float
-        Noise floors from the data alone; where there is none, the fitted noise stands in.
+        Noise floors from the data alone, as far as they are known.
     """
     reports = []
     units = {v.name: v.unit for v in calibration.model.outputs}
@@ -201,16 +204,16 @@ def inspect(
         ]
         tests += [smooth_structure(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
-        floor = floors.get((calibration.names[own.experiment], own.output), noise.sd)
+        floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
-        structured = worst < SIZE or rms > TIMES_FLOOR * max(floor, 1e-300)
+        structured = worst < SIZE or (floor is not None and rms > TIMES_FLOOR * max(floor, 1e-300))
         lags, acf = autocorrelation(residual, own.sampling.interval)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.names[own.experiment], own.output, rms, floor, tuple(tests), lags, acf, correlations,
-                window, share, "structured" if structured else "adequate",
+                calibration.names[own.experiment], own.output, rms, floor, noise.sd, tuple(tests), lags, acf,
+                correlations, window, share, "structured" if structured else "adequate",
             )
         )  # fmt: skip
     return tuple(reports)

@@ -3,10 +3,10 @@
 from aero_bayes.data.align import hold_signal, input_before, to_experiment
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.layout import ColumnMap, Layout
-from aero_bayes.data.noise import NoiseFloor, floors_of, noise_floor, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, floors_of, noise_floor, noise_of, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import input_jumps, ripple
+from aero_bayes.data.ripple import ripple
 from aero_bayes.data.summary import InputSummary, OutputSummary, Summary, summarise
 from aero_bayes.declared import Quantity
 
@@ -23,8 +23,8 @@ __all__ = [
     "floors_of",
     "hold_signal",
     "input_before",
-    "input_jumps",
     "noise_floor",
+    "noise_of",
     "quantisation_step",
     "read_recording",
     "ripple",

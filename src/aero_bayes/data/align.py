@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aero_bayes.data.recording import FloatArray, Recording
-from aero_bayes.simulation.interface import Experiment, InputSignal
+from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation
 
 #: How long before the first sample the earlier input value is placed, in s: longer than any input delay.
 LEAD = 1.0
@@ -20,8 +20,9 @@ def to_experiment(
     start: Mapping[str, float] | None = None,
     before: Mapping[str, float] | None = None,
     zero_at_rest: Sequence[str] | None = None,
+    interpolation: Mapping[str, Interpolation] | Interpolation = "hold",
 ) -> Experiment:
-    """The run that a model must repeat, with its inputs reduced to the samples where they change.
+    """The run that a model must repeat, with its held inputs reduced to the samples where they change.
 
     Parameters
     ----------
@@ -34,6 +35,8 @@ def to_experiment(
         Value of each input before the first sample, which acts until the input's delay has passed.
     zero_at_rest : sequence of str, optional
         Tells the others, see :func:`input_before`.
+    interpolation : {"hold", "linear"} or mapping
+        What inputs do between their samples: all of them, or by name; one that is not named holds.
 
     Returns
     -------
@@ -47,8 +50,14 @@ def to_experiment(
     """
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
     known = input_before(recording, zero_at_rest) | dict(before or {})
+    linear = set(recording.inputs) if interpolation == "linear" else set()
+    if not isinstance(interpolation, str):
+        linear = {name for name, how in interpolation.items() if how == "linear"}
     signals = tuple(
-        hold_signal(name, recording.time, values, known.get(name)) for name, values in recording.inputs.items()
+        InputSignal(name, np.ascontiguousarray(recording.time), np.ascontiguousarray(values), "linear")
+        if name in linear
+        else hold_signal(name, recording.time, values, known.get(name))
+        for name, values in recording.inputs.items()
     )
     return Experiment(
         time=np.ascontiguousarray(recording.time),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.data.differences import input_jumps
 from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -12,15 +13,6 @@ FloatArray = NDArray[np.float64]
 PIECE = 0.5
 #: Speeds in rad/s below which a rotor is not looked at.
 SLOWEST = 20.0
-
-
-def input_jumps(recording: Recording) -> FloatArray:
-    """Times in s at which any input changes from one sample to the next by more than a hundredth of its range."""
-    changed = np.zeros(recording.rows - 1, dtype=bool)
-    for values in recording.inputs.values():
-        changed |= np.abs(np.diff(values)) > 0.01 * max(float(np.ptp(values)), 1e-300)
-    jumps: FloatArray = recording.time[1:][changed]
-    return jumps
 
 
 def _rotor_speed(recording: Recording) -> FloatArray | None:
@@ -50,7 +42,7 @@ def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) 
         return {}
     values, time, angle = recording.outputs[output], recording.time, _rotor_angle(recording, speed)
     size = max(int(PIECE * recording.rate_hz), 24)
-    jumps = input_jumps(recording)
+    jumps = input_jumps(time, list(recording.inputs.values()))
     powers: dict[int, list[tuple[float, float]]] = {order: [] for order in orders}
     for first in range(0, recording.rows - size + 1, size):
         part = slice(first, first + size)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data.noise import NoiseFloor, noise_floor, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, noise_of, quantisation_step
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import input_jumps, ripple
+from aero_bayes.data.ripple import ripple
 from aero_bayes.show import table_html, with_unit
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +59,8 @@ class OutputSummary:
     def text(self) -> str:
         """One line."""
         noise = self.noise
-        parts = [with_unit(f"{self.name}: {self.lowest:.4g} to {self.highest:.4g}", self.unit), f"noise {noise.sd:.2g}"]
+        told = f"noise unknown (at most {noise.at_most:.2g})" if noise.sd is None else f"noise {noise.sd:.2g}"
+        parts = [with_unit(f"{self.name}: {self.lowest:.4g} to {self.highest:.4g}", self.unit), told]
         if noise.slow > 0.0:
             parts[-1] += f" (white {noise.white:.2g}, slow {noise.slow:.2g} over {noise.slow_time:.2g} s)"
         if noise.quantum is not None:
@@ -133,11 +134,10 @@ def summarise(recording: Recording) -> Summary:
     >>> print(aero_bayes.summarise(recording))
     train.csv: 2,001 rows, 40 s at 50 Hz, even
       F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
-      position: -0.1042 to 0.1357, noise 0.00031
+      position: -0.1042 to 0.1357, noise 0.0003
     """
     intervals = np.diff(recording.time)
     median = float(np.median(intervals))
-    jumps = input_jumps(recording)
     return Summary(
         name=recording.path.name if recording.path else recording.name,
         sha256=recording.sha256,
@@ -148,7 +148,7 @@ def summarise(recording: Recording) -> Summary:
         dropped=int((intervals > 1.5 * median).sum()),
         longest_interval=float(intervals.max()),
         inputs=tuple(_input(recording, name) for name in recording.inputs),
-        outputs=tuple(_output(recording, name, jumps) for name in recording.outputs),
+        outputs=tuple(_output(recording, name) for name in recording.outputs),
     )
 
 
@@ -168,11 +168,11 @@ def _input(recording: Recording, name: str) -> InputSummary:
     )
 
 
-def _output(recording: Recording, name: str, jumps: FloatArray) -> OutputSummary:
+def _output(recording: Recording, name: str) -> OutputSummary:
     values = recording.outputs[name]
     seen = np.isfinite(values)
     at = recording.time[seen]
-    noise = noise_floor(values, recording.time, jumps)
+    noise = noise_of(recording, name)
     smallest = 0.25 * noise.quantum if noise.quantum else 0.0
     return OutputSummary(
         name=name,

@@ -121,11 +121,15 @@ class Forecaster:
                 raise InputError(f"limit of {name}: model {calibration.model.name} has no such output")
         self.limited = tuple(limits.travel)
         self.outputs = calibration.outputs + tuple(n for n in self.limited if n not in calibration.outputs)
-        columns = [j for j, p in enumerate(calibration.parameters) if isinstance(p.target, ParameterTarget)]
+        columns = [
+            j
+            for j, p in enumerate(calibration.parameters)
+            if isinstance(p.target, ParameterTarget | DelayTarget) and p.target != DelayTarget()
+        ]
         self.shared = ParameterSet(tuple(calibration.parameters.items[j] for j in columns))
         self.values = fit.values[columns]
         self._columns = columns
-        delays = [j for j, p in enumerate(calibration.parameters) if isinstance(p.target, DelayTarget)]
+        delays = [j for j, p in enumerate(calibration.parameters) if p.target == DelayTarget()]
         self.delay: Parameter | None = calibration.parameters.items[delays[0]] if delays else None
         self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
         every = -(-time.size // MOST_SAMPLES)

@@ -22,7 +22,7 @@ from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb, noise_of
 from aero_bayes.estimate.coarse import hurried, leading
 from aero_bayes.estimate.delays import best_valleys, delay_columns, scan_delays
 from aero_bayes.estimate.growing import OpenSimulator, grown, over_floor
-from aero_bayes.estimate.interpolation import LEAST_GAIN, with_lines
+from aero_bayes.estimate.interpolation import LEAST_GAIN, moving_inputs, read_as, with_lines
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
@@ -40,8 +40,7 @@ EQ6_UNIT = 1e-3
 FIRST_GUESS = 0.03
 #: Residual over the least-squares one above which a noise model has swallowed part of the signal.
 SWALLOWED = 1.05
-#: How many times the noise floor a fit leaves where it may stand in a wrong valley that another reading of the inputs
-#: led it to; the floor itself is too high where the outputs are fast.
+#: How many times the noise floor a fit leaves where another reading of the inputs may have led it to a wrong valley.
 OFF = 1.5
 
 
@@ -290,10 +289,9 @@ class Climber:
         """Where the starting values lead; None where nobody asks."""
         if self.settings.enough <= 0.0 or self.settings.cost == "eq6":
             return None
-        try:
+        with suppress(CannotFinishError):
             return self._climb(start, free, None, self.by_squares.rough(25, 0.1), objective)
-        except CannotFinishError:
-            return None
+        return None
 
     def _best(
         self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],
@@ -303,10 +301,8 @@ class Climber:
         eq6 = self.settings.cost == "eq6"
         found = [near] if near is not None else []
         for at in starts:
-            try:
+            with suppress(CannotFinishError):
                 found.append(self._climb(at, free, noise if eq6 else None, self.by_squares.rough(25, 0.1), objective))
-            except CannotFinishError:
-                continue
         if not found:
             bad = [o for o in self.objective.outcomes if o is not Outcome.OK]
             worst = max(bad, key=lambda o: self.objective.outcomes[o]).text if bad else "no reason given"
@@ -368,22 +364,37 @@ class Climber:
 def straighter(
     climber: Climber, ascent: Ascent, open_simulator: OpenSimulator, rng: np.random.Generator
 ) -> tuple[Calibration, Optimum] | None:
-    """The calibration with straight lines between the samples of its inputs, if they are the likelier.
+    """The calibration with each input read as is likeliest, held or in straight lines; None if all hold as before.
 
     Held inputs may have led to a valley of their own, such as a resonance beyond half the sampling rate that shows at
-    the samples as one below it does: a fit that is far off is made anew from the start.
+    the samples as one below it: a fit that is far off is made anew with lines. Then each is read the other way alone.
     """
-    here, lines = ascent.optimum, with_lines(climber.objective.calibration)
-    if lines is None:
+    before, here = climber.objective.calibration, ascent.optimum
+    if (lines := with_lines(before)) is None:
         return None
+    far = over_floor(climber.objective, here.evaluation.residual) > OFF
+    found = _likelier(climber, here, lines, open_simulator, (rng, ascent.swarm) if far else None)
+    best, here = (before, here) if found is None else (lines, found)
+    moving = moving_inputs(before)
+    for name in moving if len(moving) > 1 else ():
+        other = read_as(best, {name: "hold" if best.interpolation[name] == "linear" else "linear"})
+        found = _likelier(climber, here, other, open_simulator)
+        best, here = (best, here) if found is None else (other, found)
+    return None if best is before else (best, here)
+
+
+def _likelier(
+    climber: Climber, here: Optimum, other: Calibration, open_simulator: OpenSimulator,
+    anew: tuple[np.random.Generator, pso.SwarmResult | None] | None = None,
+) -> Optimum | None:  # fmt: skip
+    """The best fit of another calibration, from the start if asked and else from an optimum, if it is the likelier."""
     enough = here.log_likelihood + LEAST_GAIN
-    with open_simulator(lines.problem()) as simulator:
-        study = climber.objective.on(lines, simulator)
-        if over_floor(climber.objective, here.evaluation.residual) > OFF:
+    with open_simulator(other.problem()) as simulator:
+        study = climber.objective.on(other, simulator)
+        if anew is not None:
             with suppress(CannotFinishError):
-                other = Climber(study, climber.settings)
-                found = other.to_optimum(here.free, open_simulator, rng, ascent.swarm).optimum
+                found = Climber(study, climber.settings).to_optimum(here.free, open_simulator, *anew).optimum
                 if found.log_likelihood > enough:
-                    return lines, found
+                    return found
         found = Climber(study, climber.settings).again(here.coordinates, here.free, here.noise)
-    return (lines, found) if found.log_likelihood > enough else None
+    return found if found.log_likelihood > enough else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -18,7 +18,7 @@ from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.starts import StartPolicy, start_parameters
 from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.simulation.interface import DelayTarget, Experiment, Problem, SolverSettings
+from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
@@ -37,10 +37,12 @@ class CalibrationSettings:
     outputs : tuple of str, optional
         Outputs to fit; all that were recorded and that the model has by default.
     delay : {"auto", "free", "none"}
-        A delay of each recording's input: a nuisance parameter. ``auto`` frees it where the input jumps and the
-        samples are closer than five times ``delay_limit``.
-    delay_limit : float, optional
-        Upper bound of the delay in s; what the model's package declares by default, and where it declares none there
+        A delay of the inputs: of all by one time, a nuisance parameter of each recording, or of single ones, a
+        parameter of the rig. ``auto`` frees it where the input changes and the samples are closer than five times
+        ``delay_limit``.
+    delay_limit : float or mapping of str to float, optional
+        Upper bound of the delay in s, or of the delays of single inputs by name. A delay moves the recorded signal, so
+        that it is exact however long. By default what the model's package declares, and where it declares none there
         is no delay.
     start : {"auto", "reading", "estimated"}
         Initial values of states, see :class:`StartPolicy`.
@@ -52,9 +54,9 @@ class CalibrationSettings:
         Readings of an output that a recording keeps; beyond it every n-th is kept.
     standing : bool
         Whether every reading of a count that stands still counts; a comparison of models takes few of them.
-    interpolation : {"auto", "hold", "linear"}
-        Whether an input holds from its sample to the next; ``auto`` lets the fit decide where it changes at most
-        samples (see :mod:`aero_bayes.estimate.interpolation`).
+    interpolation : {"auto", "hold", "linear"} or mapping
+        Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
+        the fit decide for each that moves from sample to sample (see :mod:`aero_bayes.estimate.interpolation`).
     solver : SolverSettings
 
     Examples
@@ -67,12 +69,12 @@ class CalibrationSettings:
 
     outputs: tuple[str, ...] | None = None
     delay: DelayPolicy = "auto"
-    delay_limit: float | None = None
+    delay_limit: float | Mapping[str, float] | None = None
     start: StartPolicy = "auto"
     resting: tuple[str, ...] | None = None
     most_readings: int | None = None
     standing: bool = True
-    interpolation: Literal["auto", "hold", "linear"] = "hold"
+    interpolation: Literal["auto", "hold", "linear"] | Mapping[str, Interpolation] = "hold"
     solver: SolverSettings = field(default_factory=SolverSettings)
 
 
@@ -97,8 +99,6 @@ class Calibration:
         Where the experiments came from (empty if they were given directly).
     floors : mapping of str to float
         Least standard deviation of the noise by output, where a sensor counts.
-    interpolation : {"hold", "linear"}
-        What inputs do between their samples.
     """
 
     model: Model
@@ -110,7 +110,6 @@ class Calibration:
     solver: SolverSettings = field(default_factory=SolverSettings)
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
-    interpolation: Literal["hold", "linear"] = "hold"
 
     @cached_property
     def identity(self) -> str:
@@ -121,6 +120,11 @@ class Calibration:
     @property
     def outputs(self) -> tuple[str, ...]:
         return self.experiments[0].outputs
+
+    @property
+    def interpolation(self) -> dict[str, Interpolation]:
+        """What each input does between its samples, by name."""
+        return {signal.name: signal.interpolation for e in self.experiments for signal in e.inputs}
 
     @property
     def measured(self) -> tuple[FloatArray, ...]:
@@ -225,6 +229,8 @@ def calibrate(
     if settings.delay == "free" and not limit:
         raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
     outputs = _outputs(recordings, model, settings)
+    if isinstance(settings.interpolation, Mapping):
+        _check_inputs(recordings, settings.interpolation, "interpolation")
     driven = {variable.name for variable in model.inputs}
     experiments: list[Experiment] = []
     nuisances: list[Parameter] = []
@@ -234,18 +240,20 @@ def calibrate(
         if missing:
             raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
-        experiment = _experiment(recording, outputs, floors, settings.standing, known.zero_at_rest)
+        experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
         nuisances += extra
-        if limit and _delay_wanted(experiment, recording, settings.delay, limit):
+        if not isinstance(limit, Mapping) and limit and _delay_wanted([recording], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
         if settings.most_readings is not None:
             experiment = thin(experiment, settings.most_readings)
         experiments.append(replace(experiment, start=start))
+    if isinstance(limit, Mapping):
+        nuisances += _delays(recordings, limit, settings.delay)
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
-    made = Calibration(
+    return Calibration(
         model,
         tuple(experiments),
         tuple(recording.name for recording in recordings),
@@ -256,11 +264,6 @@ def calibrate(
         tuple(recordings),
         floors,
     )
-    if settings.interpolation == "linear":
-        from aero_bayes.estimate.interpolation import with_lines
-
-        return with_lines(made) or made
-    return made
 
 
 def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:
@@ -281,7 +284,7 @@ def _experiment(
     recording: Recording,
     outputs: tuple[str, ...],
     floors: dict[str, float],
-    standing: bool,
+    settings: CalibrationSettings,
     zero_at_rest: tuple[str, ...],
 ) -> Experiment:
     """All ``outputs`` of a recording, NaN where it has none; of a count that stands still, few readings count."""
@@ -293,11 +296,12 @@ def _experiment(
             if step > 0.0:
                 # A little less than the count's own spread, which a motion through many counts may undercut.
                 floors[name] = max(0.9 * step / 12.0**0.5, floors.get(name, 0.0))
-                if not standing:
+                if not settings.standing:
                     values[~thin_standstill(recording.time, values)] = np.nan
             measured[:, column] = values
     own = [name for name in outputs if name in recording.outputs]
-    base = to_experiment(recording, own, zero_at_rest=zero_at_rest)
+    between = "hold" if settings.interpolation == "auto" else settings.interpolation
+    base = to_experiment(recording, own, zero_at_rest=zero_at_rest, interpolation=between)
     return replace(base, outputs=outputs, measured=measured)
 
 
@@ -308,8 +312,32 @@ def _delay(limit: float, index: int, suffix: str) -> Parameter:
     )  # fmt: skip
 
 
-def _delay_wanted(experiment: Experiment, recording: Recording, policy: DelayPolicy, limit: float) -> bool:
+def input_delay(name: str, limit: float) -> Parameter:
+    """The delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
+    prior, about = Uniform(0.0, limit), f"delay of {name}"
+    return Parameter(f"{name}_delay", "s", 0.3 * limit, 0.0, limit, prior, "linear", about, DelayTarget(name))
+
+
+def _delays(recordings: Sequence[Recording], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
+    """Those of single inputs."""
+    _check_inputs(recordings, limits, "delay")
+    wanted = {name: limit for name, limit in limits.items() if limit and _delay_wanted(recordings, policy, limit, name)}
+    return [input_delay(name, limit) for name, limit in wanted.items()]
+
+
+def _check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what: str) -> None:
+    for name in names:
+        for recording in recordings:
+            if name not in recording.inputs:
+                has = ", ".join(recording.inputs) or "none"
+                raise InputError(f"{of_what} of {name}: {recording.name} has no such input; it has {has}")
+
+
+def _delay_wanted(recordings: Sequence[Recording], policy: DelayPolicy, limit: float, name: str | None = None) -> bool:
+    """Whether a delay of an input (of any by default) is searched: asked for, or seen in one of the recordings."""
     if policy != "auto":
         return policy == "free"
-    jumps = any(s.interpolation == "hold" and np.any(np.diff(s.values)) for s in experiment.inputs)
-    return jumps and recording.rate_hz >= 0.2 / limit
+    return any(
+        r.rate_hz >= 0.2 / limit and any(np.any(np.diff(r.inputs[n])) for n in ([name] if name else r.inputs))
+        for r in recordings
+    )

@@ -28,6 +28,8 @@ LEAST_GAIN = 0.5
 #: Where searches may start between two samples, as shares of the interval. A reading taken a moment after a jump sees
 #: a current on its way, so that the last percents of an interval can hold a valley of their own.
 SHARES = (0.15, 0.5, 0.85, 0.95, 0.98, 0.99, 0.996)
+#: Intervals, the nearest to the delay as it is, in which valleys are looked for.
+NEAREST = 60
 #: Points of a first scan.
 POINTS = 41
 
@@ -117,7 +119,7 @@ def _starts(
     width = item.upper - item.lower
     interval = intervals[item.recording] if item.recording is not None else min(intervals)
     offsets = np.add.outer(interval * np.arange(width / interval), interval * np.array(SHARES)).ravel()
-    offsets = offsets[offsets < width]
+    offsets = offsets[(offsets < width) & (np.abs(offsets - point[k] * width) <= 0.5 * NEAREST * interval)]
     if offsets.size < 2:
         return []
     trial = np.tile(point, (offsets.size, 1))

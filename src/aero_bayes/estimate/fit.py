@@ -140,7 +140,7 @@ def fit(
     --------
     >>> free = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
     >>> aero_bayes.fit(recording, model, parameters=free, workers=0)
-    <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0006261 m>
+    <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0006229 m>
     """
     from aero_bayes.simulation import open_simulator
 

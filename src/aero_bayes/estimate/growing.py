@@ -62,9 +62,15 @@ def grown(
 
 
 def over_floor(objective: Objective, residual: Sequence[FloatArray]) -> float:
-    """How many times the noise floor of the recordings the output that is followed worst is off."""
-    worst = 0.0
-    for (_, output), floor in floors_of(objective.calibration.recordings, objective.outputs).items():
+    """How many times the noise floor of the recordings the output that is followed worst is off.
+
+    Infinite where a floor is unknown: nothing then says that a fit has come down to it.
+    """
+    recordings, worst = objective.calibration.recordings, 0.0
+    floors = floors_of(recordings, objective.outputs)
+    if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):
+        return math.inf
+    for (_, output), floor in floors.items():
         own = [r for s, r in zip(objective.series, residual, strict=True) if s.output == output]
         size = math.sqrt(float(np.mean(np.concatenate(own) ** 2)))
         worst = max(worst, size / floor if floor > 0.0 else math.inf)

@@ -298,6 +298,7 @@ class Fit:
             "fit": {
                 "cost_eq6": self.cost_eq6,
                 "rms": {"train": self.rms},
+                "interpolation": self.calibration.interpolation,
                 "log_likelihood": self.log_likelihood,
                 "log_posterior": self.log_posterior,
                 "bic": self.bic,

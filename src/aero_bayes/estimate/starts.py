@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, floors_of
+from aero_bayes.data import Recording, noise_of
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.simulation import open_simulator
@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 #: ``auto``: those that are outputs and may start anywhere are estimated about their reading.
 StartPolicy = Literal["auto", "reading", "estimated"]
 
-#: Spread of a start about its reading, in noise floors of the output, and its least and most as shares of its range: a
-#: reading tells where its state is.
+#: Spread of a start about its reading, in standard deviations that the noise has at most, and its least and most as
+#: shares of its range: a reading tells where its state is.
 FLOORS, LEAST, MOST = 5.0, 0.002, 0.1
 #: How far a start may lie from where it is expected, in spreads.
 REACH = 8.0
@@ -70,8 +70,7 @@ def start_parameters(
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
             moved = _range(values)
-            (floor,) = floors_of([recording], [name]).values()
-            spread = max(min(max(FLOORS * floor, LEAST * moved), MOST * moved), 1e-9)
+            spread = max(min(max(FLOORS * noise_of(recording, name).at_most, LEAST * moved), MOST * moved), 1e-9)
             found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, floors_of
+from aero_bayes.data import Recording, noise_of
 from aero_bayes.data.beginning import Beginning, first_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.starts import state_of
@@ -58,5 +58,4 @@ def first_reading(recording: Recording, target: Target, calibration: Calibration
     output = next((o for o, s in states.items() if s == target.state), None)
     if output is None or (values := recording.outputs.get(output)) is None:
         return None
-    (floor,) = floors_of([recording], [output]).values()
-    return first_level(values, recording.time, floor)
+    return first_level(values, recording.time, noise_of(recording, output).sd or 0.0)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.interpolation import with_lines
 from aero_bayes.estimate.result import Fit
 from aero_bayes.predict.carry import first_reading, typical
 from aero_bayes.simulation import open_simulator
@@ -96,7 +95,7 @@ def run(
     """
     calibration = fit.calibration
     own = _index(recording, calibration)
-    experiment = to_experiment(recording, [])
+    experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
     experiment = replace(experiment, outputs=fit.outputs, measured=None)
     if own is not None:
         experiment = replace(experiment, start=calibration.experiments[own].start)
@@ -115,8 +114,6 @@ def run(
         columns.pop(StartTarget(state), None)
         experiment = replace(experiment, start={**experiment.start, state: float(value)})
     alone = replace(calibration, experiments=(experiment,), names=(recording.name,), recordings=(recording,))
-    if calibration.interpolation == "linear":
-        alone = with_lines(alone) or alone
     problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
     matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
     engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"

@@ -95,9 +95,10 @@ def rms_table(run: RunDirectory) -> Markup | None:
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
-    """Cost and ending of the optimisers."""
+    """How inputs were read, cost and ending of the optimisers."""
     fit = run.result.fit
-    facts = []
+    words = {"hold": "holds", "linear": "in straight lines"}
+    facts = [(f"{name} between samples", words[how]) for name, how in fit.interpolation.items()]
     if fit.cost_eq6 is not None:
         facts.append(("sum of squared errors", significant(fit.cost_eq6, 4)))
     if fit.pso is not None:

@@ -13,8 +13,6 @@ from aero_bayes.report.text import count, duration, role_words, scaled_unit, sig
 from aero_bayes.schema import RunResult, Verdict
 
 _HASH_SHOWN = 16
-#: Share of the noise floor below which a residual says that the floor, taken from readings alone, is none.
-BELOW_FLOOR = 0.7
 
 
 @dataclass(frozen=True)
@@ -106,10 +104,10 @@ def _residual_reading(result: RunResult, output: str) -> Reading:
     words = "structured: something is missing" if structured else "no structure left"
     ratio = max(ratios, default=None)
     sizes = [entry.rms for entry in entries if entry.rms is not None]
-    if ratio is not None and ratio < BELOW_FLOOR and sizes:
+    if ratio is None and sizes:
         factor, unit = scaled_unit(max(sizes), result.unit(output))
         size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return Reading(label, size, f"RMS; changes too fast for a noise floor; {words}", level)
+        return Reading(label, size, f"RMS; noise floor unknown; {words}", level)
     return Reading(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
 
 

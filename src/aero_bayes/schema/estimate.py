@@ -59,10 +59,11 @@ class StageResult(Part):
 
 
 class FitResult(Part):
-    """The best fit; ``rms`` by role and output."""
+    """The best fit; ``rms`` by role and output, ``interpolation`` what each input did between its samples."""
 
     cost_eq6: Number = None
     rms: dict[str, dict[str, Number]] = {}
+    interpolation: dict[str, Literal["hold", "linear"]] = {}
     log_likelihood: Number = None
     log_posterior: Number = None
     bic: Number = None

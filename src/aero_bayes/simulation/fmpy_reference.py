@@ -44,14 +44,15 @@ class _TimedOutError(Exception):
 
 
 def delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> tuple[InputSignal, ...]:
-    """The signals with this run's delay and additions to grid values."""
-    delay = sum(float(v) for v, t in zip(values, row, strict=True) if isinstance(t, DelayTarget))
+    """The signals with this run's delays and additions to grid values."""
     signals = []
     for signal in experiment.inputs:
-        level = signal.values.astype(float).copy()
+        level, delay = signal.values.astype(float).copy(), 0.0
         for value, target in zip(values, row, strict=True):
             if isinstance(target, InputTarget) and target.input == signal.name:
                 level[target.index] += value
+            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
+                delay += float(value)
         signals.append(replace(signal, time=signal.time + delay, values=level))
     return tuple(signals)
 

@@ -115,7 +115,9 @@ class StartTarget:
 
 @dataclass(frozen=True)
 class DelayTarget:
-    """A column that delays every input by so many seconds (>= 0)."""
+    """A column that delays an input, or every input, by so many seconds (>= 0): exactly, and by any time."""
+
+    input: str | None = None
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,9 @@ def _check_target(model: Model, experiment: Experiment, target: Target | None, w
         model.parameter(target.name)
     elif isinstance(target, StartTarget):
         model.state_index(target.state)
+    elif isinstance(target, DelayTarget):
+        if target.input is not None:
+            signal_index(experiment, target.input)
     elif isinstance(target, InputTarget):
         signal = experiment.inputs[signal_index(experiment, target.input)]
         if not 0 <= target.index < signal.time.size:
@@ -154,7 +157,7 @@ def _target(model: Model, experiment: Experiment, target: Target | None) -> tupl
     if isinstance(target, StartTarget):
         return 2, model.state_index(target.state), 0, scale
     if isinstance(target, DelayTarget):
-        return 3, 0, 0, scale
+        return 3, -1 if target.input is None else signal_index(experiment, target.input), 0, scale
     if isinstance(target, InputTarget):
         return 4, signal_index(experiment, target.input), target.index, scale
     return 0, 0, 0, scale

@@ -6,10 +6,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from aero_bayes.check.structure import inspect, reports_table
-from aero_bayes.data import Recording, input_jumps, noise_floor
+from aero_bayes.data import Recording, floors_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
@@ -53,13 +51,8 @@ def is_simulated(recording: Recording) -> bool:
 
 
 def recording_row(recording: Recording, role: str) -> Json:
-    """What result.json says of a recording; noise floors of outputs that were read often enough."""
-    jumps = input_jumps(recording)
-    floor = {
-        name: noise_floor(values, recording.time, jumps).sd
-        for name, values in recording.outputs.items()
-        if np.isfinite(values).sum() > 50
-    }
+    """What result.json says of a recording; noise floors of the outputs whose floor is known."""
+    floor = {output: sd for (_, output), sd in floors_of([recording], list(recording.outputs)).items()}
     return {
         "name": recording.name,
         "role": role,

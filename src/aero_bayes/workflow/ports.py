@@ -29,7 +29,7 @@ from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.laws import STANDING
 from aero_bayes.physics.ports import Port, PortKind, port_table, signal_of
 from aero_bayes.physics.rig import RigFamily
-from aero_bayes.physics.sizes import port_sizes
+from aero_bayes.physics.sizes import MOST, port_sizes
 from aero_bayes.physics.use import plain_name
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
@@ -112,8 +112,9 @@ def visibility(response: float | None) -> str:
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
     """How many standard deviations of noise a probe of each port's own size moves the outputs by.
 
-    A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square.
-    The one counts that changes of the fitted parameters and of the initial states imitate least.
+    A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square;
+    at an output also by its rate, which is how a lag or a delay of the reading sets in. The one counts that changes of
+    the fitted parameters and of the initial states imitate least.
 
     Parameters
     ----------
@@ -138,9 +139,35 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
         run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
         if run is None:
             raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
-        rows = objective.whiten(run.residual, run.slopes, found.optimum.noise).slopes
-    left = iter(np.linalg.norm(_apart(rows[len(free) :], rows[: len(free)]), axis=1))
-    return {p.id: max(float(next(left)) for _ in names[p.id]) for p in ports}
+        assert run.slopes is not None
+        late, whose = _late(objective, run.predicted, ports, sizes)
+        slopes = [np.concatenate(rows) for rows in zip(run.slopes, late, strict=True)]
+        rows = objective.whiten(run.residual, slopes, found.optimum.noise).slopes
+    left = np.linalg.norm(_apart(rows[len(free) :], rows[: len(free)]), axis=1)
+    probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
+    return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
+
+
+def _late(
+    objective: Objective,
+    predicted: Sequence[FloatArray],
+    ports: Sequence[Port],
+    sizes: Mapping[str, Mapping[str, float]],
+) -> tuple[list[FloatArray], list[str]]:
+    """Responses to readings that come late, (q, n) a series, and the ports at which they do.
+
+    A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
+    change as large as the output.
+    """
+    outputs = [p for p in ports if p.via == "output"]
+    rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
+    rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
+    for q, port in enumerate(outputs):
+        own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
+        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), MOST) if own else 0.0
+        for k in own if fastest > 0.0 else ():
+            rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
+    return rows, [port.id for port in outputs]
 
 
 def _probed(

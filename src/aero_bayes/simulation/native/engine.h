@@ -53,6 +53,12 @@ typedef struct {
     double scale; /* a natural size of the column, for differences */
 } Target;
 
+/* Does a column delay this signal? Its a is the signal's index, or negative for all of them. */
+static inline int delays(const Target *t, int signal)
+{
+    return t->kind == TARGET_DELAY && (t->a < 0 || t->a == signal);
+}
+
 typedef struct {
     int64_t n, m;
     const double *time;
@@ -180,7 +186,7 @@ typedef struct Run {
     int time_dependent, events_seen, nominals_changed;
     int64_t taken, rejected, evaluations, deadline;
     /* inputs */
-    double delay, shift_delay;
+    double *delay, *u_before; /* of each signal; its value before a jump */
     double **signal_values, *signal_store; /* with input targets added */
     int64_t *cell;
     double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
@@ -259,6 +265,7 @@ double first_step(Run *, double limit);
 
 /* sensitivity.c */
 int sensitivity_begin(Run *);
+int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
 double sensitivity_step(Run *, double h, double root);
 void sensitivity_enter(Run *, double t);

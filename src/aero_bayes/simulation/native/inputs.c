@@ -1,4 +1,4 @@
-/* Input signals: hold or linear on a grid of their own, delayed together, constant beyond their ends. */
+/* Input signals: hold or linear on a grid of their own, each with its delay, constant beyond their ends. */
 #include <float.h>
 
 #include "engine.h"
@@ -42,9 +42,11 @@ void inputs_prepare(Run *r)
     const Experiment *e = r->e;
     const double tiny = r->resolution = resolution(r), from = e->time[0] + tiny, to = e->time[e->n - 1] + tiny;
     r->t_end = e->time[e->n - 1];
-    r->delay = r->shift_delay;
-    for (int64_t j = 0; r->values && j < r->problem->p; j++)
-        if (e->targets[j].kind == TARGET_DELAY) r->delay += r->values[j];
+    for (int i = 0; i < e->n_signals; i++) {
+        r->delay[i] = 0.0;
+        for (int64_t j = 0; r->values && j < r->problem->p; j++)
+            if (delays(&e->targets[j], i)) r->delay[i] += r->values[j];
+    }
     add_targets(r);
     r->n_breaks = r->next_break = 0;
     r->any_linear = 0;
@@ -58,7 +60,7 @@ void inputs_prepare(Run *r)
         const int64_t before = r->n_breaks;
         for (int64_t b = 0; b < s->n_breaks; b++) {
             const int64_t k = s->breaks[b];
-            const double t = s->time[k] + r->delay;
+            const double t = s->time[k] + r->delay[i];
             if (t <= from || t > to) continue;
             r->breaks[r->n_breaks++] = (Break){t, !s->linear && k > 0 && v[k] != v[k - 1]};
         }
@@ -76,7 +78,7 @@ void inputs_enter(Run *r, double t)
     r->u_time = t;
     for (int i = 0; i < e->n_signals; i++) {
         const Signal *s = &e->signals[i];
-        const double *v = r->signal_values[i], at = t - r->delay;
+        const double *v = r->signal_values[i], at = t - r->delay[i];
         int64_t k = r->cell[i];
         while (k + 1 < s->count && s->time[k + 1] <= at + r->resolution) k++;
         r->cell[i] = k;
@@ -103,7 +105,7 @@ double input_weight(const Run *r, const Target *target, double t)
     const Signal *s = &r->e->signals[target->a];
     const int64_t k = target->b;
     if (!s->linear) return r->cell[target->a] == k ? 1.0 : 0.0;
-    const double at = t - r->delay, x = s->time[k];
+    const double at = t - r->delay[target->a], x = s->time[k];
     if (at <= x) {
         if (k == 0) return 1.0;
         return at <= s->time[k - 1] ? 0.0 : (at - s->time[k - 1]) / (x - s->time[k - 1]);

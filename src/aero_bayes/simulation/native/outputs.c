@@ -68,7 +68,7 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
         }
         for (int i = 0; i < e->n_signals && k < r->alive; i++) {
             double w = 0.0;
-            if (target->kind == TARGET_DELAY) w = -r->slope[i];
+            if (delays(target, i)) w = -r->slope[i];
             if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
             if (w == 0.0) continue;
             r->seed_reference[known] = r->u_reference[i];

@@ -57,6 +57,7 @@ static void lay_out(Run *r, Pool *p)
     r->signal_store = REALS(grid);
     r->cell = PART(int64_t, inputs);
     r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
+    r->delay = REALS(inputs), r->u_before = REALS(inputs);
     r->u_reference = PART(fmi_reference, inputs);
     r->breaks = PART(Break, e->n_breaks);
     r->column_target = PART(Target, q);
@@ -401,6 +402,7 @@ static int cross(Run *r, Segment *g)
         if (worse(status = rhs(r, r->t, r->x, r->f1))) return outcome_of(r, status);
     } else if ((jump || timed || g->event) && r->n && worse(status = set_point(r, r->t, r->x)))
         return outcome_of(r, status);
+    memcpy(r->u_before, r->u0, sizeof *r->u0 * (size_t)r->e->n_signals);
     if (jump || kink) inputs_enter(r, r->t);
     if (jump || timed || g->event) {
         if ((outcome = enter_event(r, jump || kink))) return outcome;
@@ -431,9 +433,7 @@ static int cross(Run *r, Segment *g)
         g->fresh = 0; /* nothing happened: the step size still fits */
     else if (g->event && !r->sensitive)
         r->events_seen = 1; /* the time of a state event moves with the parameters: its step cannot be repeated */
-    for (int k = 0; shifts && k < r->q; k++)
-        if (r->column_target[k].kind == TARGET_DELAY)
-            for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] += r->f1[i] - r->f[i];
+    if (shifts && worse(status = delay_jump(r, &g->have_f))) return outcome_of(r, status);
     return AB_OK;
 }
 

@@ -29,32 +29,78 @@ static double from_time(const Run *r, const Target *t)
     if (t->kind != TARGET_INPUT) return -INFINITY;
     const Signal *s = &r->e->signals[t->a];
     const int64_t k = s->linear ? t->b - 1 : t->b;
-    return k <= 0 ? -INFINITY : s->time[k] + r->delay;
+    return k <= 0 ? -INFINITY : s->time[k] + r->delay[t->a];
 }
 
-/* An input that jumps at the first sample already moves the delay's column: x(t0) waits for it. */
+static int jumps(const Run *r, int signal)
+{
+    return !r->e->signals[signal].linear && r->u_before[signal] != r->u0[signal];
+}
+
+static void swap_jumps(Run *r, const Target *column)
+{
+    for (int i = 0; i < r->e->n_signals; i++) {
+        if (!jumps(r, i) || !delays(column, i)) continue;
+        const double after = r->u0[i];
+        r->u0[i] = r->u_before[i];
+        r->u_before[i] = after;
+    }
+}
+
+/* f at r->t with those inputs that a column delays as they were before they jumped. */
+static int slope_before(Run *r, const Target *column, double *to)
+{
+    swap_jumps(r, column);
+    int status = inputs_apply(r, r->t);
+    if (!worse(status)) status = rhs(r, r->t, r->x, to);
+    swap_jumps(r, column);
+    return status;
+}
+
+/* Inputs jumped at r->t, from r->u_before and the slope r->f1 to the slope r->f: for the columns that delay some of them
+ * these jump later. have_f is cleared where the FMU stood elsewhere. */
+int delay_jump(Run *r, int *have_f)
+{
+    int moved = 0, status = FMI_OK;
+    for (int k = 0; k < r->q && !worse(status); k++) {
+        const Target *column = &r->column_target[k];
+        const double *before = r->f1;
+        int own = 0, others = 0;
+        for (int i = 0; i < r->e->n_signals; i++) {
+            if (!jumps(r, i)) continue;
+            own |= delays(column, i);
+            others |= !delays(column, i);
+        }
+        if (!own) continue;
+        if (others) {
+            moved = 1;
+            before = r->u;
+            status = slope_before(r, column, r->u);
+        }
+        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] += before[i] - r->f[i];
+    }
+    if (!moved || worse(status)) return status;
+    *have_f = 0;
+    return inputs_apply(r, r->t);
+}
+
+/* An input that jumps at the first sample already moves its delay's column: x(t0) waits for it. */
 static int delay_at_start(Run *r)
 {
-    int column = -1, jumps = 0;
-    for (int k = 0; k < r->q; k++)
-        if (r->column_target[k].kind == TARGET_DELAY) column = k;
-    if (column < 0 || !r->n) return FMI_OK;
+    const Target all = {.kind = TARGET_DELAY, .a = -1};
+    int any = 0, have_f = 1;
     for (int i = 0; i < r->e->n_signals; i++) {
         const Signal *s = &r->e->signals[i];
         const int64_t k = r->cell[i];
-        if (s->linear || k == 0 || fabs(s->time[k] + r->delay - r->t) > r->resolution) continue;
-        jumps |= r->signal_values[i][k] != r->signal_values[i][k - 1];
-        r->u0[i] = r->signal_values[i][k - 1];
+        const int now = k > 0 && fabs(s->time[k] + r->delay[i] - r->t) <= r->resolution;
+        r->u_before[i] = now ? r->signal_values[i][k - 1] : r->u0[i];
+        for (int c = 0; c < r->q; c++) any |= jumps(r, i) && delays(&r->column_target[c], i);
     }
-    if (!jumps) return FMI_OK;
-    int status = inputs_apply(r, r->t);
-    if (!worse(status)) status = rhs(r, r->t, r->x, r->f1);
-    inputs_enter(r, r->t);
+    if (!any || !r->n) return FMI_OK;
+    int status = slope_before(r, &all, r->f1);
     if (!worse(status)) status = inputs_apply(r, r->t);
     if (!worse(status)) status = rhs(r, r->t, r->x, r->f);
-    if (worse(status)) return status;
-    for (int i = 0; i < r->n; i++) r->s[i * r->ld + column] += r->f1[i] - r->f[i];
-    return FMI_OK;
+    return worse(status) ? status : delay_jump(r, &have_f);
 }
 
 /* Sorts the active columns and sets S(t0). Returns an outcome. */
@@ -87,7 +133,7 @@ static int needs_signal(const Run *r, int signal)
 {
     const Target *t = r->column_target;
     for (int k = 0; k < r->alive; k++) {
-        if (t[k].kind == TARGET_DELAY && r->slope[signal] != 0.0) return 1;
+        if (delays(&t[k], signal) && r->slope[signal] != 0.0) return 1;
         if (t[k].kind == TARGET_INPUT && t[k].a == signal) return 1;
     }
     return 0;
@@ -118,7 +164,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
         for (int k = 0; k < r->alive; k++) {
             const Target *target = &r->column_target[k];
             double w = 0.0;
-            if (target->kind == TARGET_DELAY)
+            if (delays(target, signal))
                 w = -r->slope[signal];
             else if (target->kind == TARGET_INPUT && target->a == signal)
                 w = input_weight(r, target, t);

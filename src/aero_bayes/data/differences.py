@@ -1,0 +1,236 @@
+"""Differences of readings, and what of them noise and a moving signal may be.
+
+A difference of order p over k samples has weights that take away any local polynomial of degree p - 1 and are scaled
+to keep the variance of white noise. With readings x_j its variance is
+
+- the same at every lag k for white noise;
+- ``1 + 2 sum_j (-1)^j C(2p, p + j) / C(2p, p) r^j`` with r = exp(-k dt / tau) for an Ornstein-Uhlenbeck process;
+- in proportion to k for a signal whose values jump or drift at random, to k^3 for one whose slope does, and to k^2p
+  for one that is smooth over the p k samples.
+
+What is constant over the lags is therefore white noise; what grows may be either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+FloatArray = NDArray[np.float64]
+LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+#: Differences that are looked at for each lag, spread evenly over a longer recording.
+WINDOWS = 20_000
+#: Relative differences of the time steps below which they are the same.
+EVEN = 1e-6
+#: Share of the differences, by size, that counts; the largest are jumps of the signal.
+KEPT = 0.8
+#: Mean square of a standard normal variable below its 80 % quantile in absolute value.
+TRIMMED = 0.4377
+#: How many samples ago a jump of an input is over: the longest that leaves at least the share ``LEFT`` of the readings.
+SETTLING = (1000, 500, 300, 200, 100, 50, 30, 20, 10, 0)
+LEFT = 0.4
+#: Lags count up to the first whose variance is so many times that of the first: beyond it is nothing but signal.
+NEAR = 10.0
+#: Relative error that the shapes themselves may have.
+SLOPPY = 0.04
+#: How much better (in chi-squared) noise with memory must explain the differences than white noise under a smooth
+#: signal, and than a signal that drifts, before it is believed.
+GAIN, AHEAD = 12.0, 2.0
+#: Longest correlation time as a share of the longest lag: what is longer shows no end, and may as well be a drift.
+LONGEST = 0.5
+#: Samples back for which differences of the inputs are held against those of an output.
+BACK = 12
+
+
+@dataclass(frozen=True)
+class Split:
+    """Variances of noise as differences of one order show them.
+
+    Parameters
+    ----------
+    white, slow : float
+        Of white noise and of noise with memory.
+    memory : float
+        Correlation time of the latter in samples, 0 where there is none.
+    near : float
+        Variance of the noise's differences of neighbouring readings.
+    whole : float
+        That of all differences of neighbouring readings, signal and all.
+    windows : int
+        How many of those there were.
+    """
+
+    white: float
+    slow: float
+    memory: float
+    near: float
+    whole: float
+    windows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Readings whose differences are asked for.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        NaN in gaps.
+    time : ndarray, shape (n,)
+        Increasing; the steps need not be even.
+    inputs : sequence of ndarray, shape (n,)
+        What was applied.
+    """
+
+    values: FloatArray
+    time: FloatArray
+    inputs: Sequence[FloatArray] = ()
+
+    def split(self, order: int) -> Split | None:
+        """Noise by the growth of the differences' variance over the lags; None for too few readings."""
+        lags, variances, windows, calm = self._variances(order)
+        if not lags.size or lags[0] != 1.0:
+            return None
+        if variances[0] == 0.0:
+            return Split(0.0, 0.0, 0.0, 0.0, 0.0, windows)
+        lags, variances = lags[variances > 0.0], variances[variances > 0.0]
+        beyond = np.flatnonzero(variances > NEAR * variances[0])
+        stop = int(beyond[0]) + 1 if beyond.size else lags.size
+        return _split(lags[:stop], variances[:stop], order, windows, calm)
+
+    def explained(self, order: int) -> float:
+        """Share of the variance of neighbouring readings' differences that those of the inputs tell in advance.
+
+        A regression on the inputs up to ``BACK`` samples ago, fitted on one half of the recording and judged on the
+        other. 1 where inputs move and there are too few readings for it.
+        """
+        weights, rows = _weights(self.time, order, 1)
+        found = (weights * self.values[rows]).sum(axis=1)
+        use, _ = self._undisturbed(rows, np.isfinite(found) & (rows[:, 0] >= BACK))
+        weights, rows = weights[use], rows[use]
+        columns = [(weights * u[rows - back]).sum(axis=1) for u in self.inputs for back in range(BACK)]
+        columns = [column for column in columns if np.any(column)]
+        if not columns:
+            return 0.0
+        design = np.column_stack(columns)
+        design /= np.sqrt(np.mean(design**2, axis=0))
+        target, half = found[use], int(use.sum()) // 2
+        if half < 2 * design.shape[1]:
+            return 1.0
+        left = target.copy()
+        for fitted, judged in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
+            own = design[fitted]
+            gram = own.T @ own + 1e-6 * len(own) * np.eye(own.shape[1])
+            left[judged] -= design[judged] @ np.linalg.solve(gram, own.T @ target[fitted])
+        whole = _trimmed(target)
+        return max(1.0 - _trimmed(left) / whole, 0.0) if whole > 0.0 else 0.0
+
+    def _variances(self, order: int) -> tuple[FloatArray, FloatArray, int, bool]:
+        """Lags, trimmed variances, number of windows at the first lag, and whether inputs were at rest in them."""
+        lags, variances, windows, rested = [], [], 0, False
+        for lag in LAGS:
+            if self.values.size < max(2 * order * lag, order * lag + 5):
+                break
+            weights, rows = _weights(self.time, order, lag)
+            found = (weights * self.values[rows]).sum(axis=1)
+            use, calm = self._undisturbed(rows, np.isfinite(found))
+            if use.sum() < 5:
+                continue
+            if lag == 1:
+                windows, rested = int(use.sum()), calm
+            lags.append(float(lag))
+            variances.append(_trimmed(found[use]))
+        return np.array(lags), np.array(variances), windows, rested
+
+    def _undisturbed(self, rows: NDArray[np.intp], usable: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], bool]:
+        """Windows (w, p + 1) in which no input jumps, none having jumped lately; all where that leaves too few."""
+        since, interval = _since_jump(self.time, self.inputs), float(np.median(np.diff(self.time)))
+        length = self.time[rows[:, -1]] - self.time[rows[:, 0]]
+        # Undisturbed: the jump before the window's end also lies before its start.
+        calm = np.where(since[rows[:, -1]] >= length, since[rows[:, 0]] / interval, -1.0)
+        for settled in SETTLING:
+            chosen = usable & (calm > settled)
+            if chosen.sum() >= LEFT * usable.sum():
+                return chosen, True
+        return usable, False
+
+
+def input_jumps(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
+    """Times at which any input changes from one sample to the next by more than a hundredth of its range."""
+    changed = np.zeros(time.size - 1, dtype=bool)
+    for values in inputs:
+        changed |= np.abs(np.diff(values)) > 0.01 * max(float(np.ptp(values)), 1e-300)
+    jumps: FloatArray = time[1:][changed]
+    return jumps
+
+
+def _since_jump(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
+    """Time since the last jump of an input, infinite before the first."""
+    jumps = input_jumps(time, inputs)
+    if jumps.size == 0:
+        return np.full(time.size, np.inf)
+    last = np.searchsorted(jumps, time, side="right") - 1
+    return np.where(last >= 0, time - jumps[np.maximum(last, 0)], np.inf)
+
+
+def _weights(time: FloatArray, order: int, lag: int) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Weights of divided differences, of norm one, and the rows that they belong to, both (w, order + 1)."""
+    windows = time.size - order * lag
+    first = np.arange(windows) if windows <= WINDOWS else np.linspace(0, windows - 1, WINDOWS).astype(np.intp)
+    rows = first[:, None] + lag * np.arange(order + 1)
+    steps = np.diff(time)
+    if np.ptp(steps) < EVEN * steps.min():
+        row = np.array([(-1.0) ** j * comb(order, j) for j in range(order + 1)]) / comb(2 * order, order) ** 0.5
+        return np.broadcast_to(row, rows.shape), rows
+    at = time[rows]
+    weights = np.ones_like(at)
+    for j in range(order + 1):
+        for other in range(order + 1):
+            if other != j:
+                weights[:, j] /= at[:, j] - at[:, other]
+    return weights / np.sqrt((weights**2).sum(axis=1, keepdims=True)), rows
+
+
+def _trimmed(differences: FloatArray) -> float:
+    squares = np.sort(differences**2)
+    return float(squares[: max(int(KEPT * squares.size), 1)].mean() / TRIMMED)
+
+
+def _with_memory(lags: FloatArray | float, memory: float, order: int) -> FloatArray:
+    """Variance of differences of an Ornstein-Uhlenbeck process of variance one."""
+    r = np.exp(-np.asarray(lags) / memory)
+    whole = comb(2 * order, order)
+    terms = [2.0 * (-1) ** j * comb(2 * order, order + j) / whole * r**j for j in range(1, order + 1)]
+    return np.asarray(1.0 + sum(terms))
+
+
+def _split(lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool) -> Split:
+    """Least squares over the lags; memory is believed where inputs rest and it is likelier than a drift."""
+    # A window of p lags holds about one independent difference; their squares spread by sqrt(2).
+    error = np.sqrt(2.0 * order * lags / windows / KEPT + SLOPPY**2)
+    over = lags / lags[-1]
+    steady, smooth, drift, kinks = np.ones(lags.size), over ** (2 * order), over, over**3
+
+    def fit(*columns: FloatArray) -> tuple[float, FloatArray]:
+        scale = 1.0 / (error * variances)
+        solution, misfit = nnls(np.column_stack(columns) * scale[:, None], variances * scale)
+        return float(misfit**2), solution
+
+    if calm and lags.size >= 5:
+        best, memory, shares = np.inf, 0.0, np.zeros(3)
+        for tried in np.geomspace(1.0, LONGEST * lags[-1], 20):
+            misfit, solution = fit(steady, smooth, _with_memory(lags, tried, order))
+            if misfit < best:
+                best, memory, shares = misfit, float(tried), solution
+        gain, ahead = fit(steady, smooth)[0] - best, fit(steady, smooth, drift)[0] - best
+        white, slow = float(shares[0]), float(shares[2])
+        if slow > 0.0 and gain >= GAIN and ahead > AHEAD:
+            near = white + slow * float(_with_memory(1.0, memory, order))
+            return Split(white, slow, memory, near, float(variances[0]), windows)
+    white = float(fit(steady, smooth, drift, kinks)[1][0])
+    return Split(white, 0.0, 0.0, white, float(variances[0]), windows)

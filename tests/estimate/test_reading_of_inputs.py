@@ -1,0 +1,93 @@
+"""Inputs between their samples: held or in straight lines, each as asked or as the fit finds, against exact answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, dlsim
+
+import aero_bayes
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.interpolation import moving_inputs
+from aero_bayes.simulation.interface import Interpolation
+
+HOUSE = """model House "A room with a heater"
+  parameter Real tau(unit = "h", min = 0.1, max = 100) = 3 "Time constant";
+  parameter Real gain(unit = "K/kW", min = 0.1, max = 100) = 3 "Of the heater";
+  input Real T_amb(unit = "K");
+  input Real heater(unit = "kW");
+  output Real T(unit = "K", start = 0, fixed = true);
+equation
+  tau * der(T) = T_amb - T + gain * heater;
+end House;
+"""
+TAU, GAIN, STEP, NOISE = 2.0, 5.0, 0.5, 0.02
+TIME = STEP * np.arange(600)
+
+
+def answer(u: np.ndarray, gain: float, how: Interpolation) -> np.ndarray:
+    """Of the room at its samples to an input that holds or runs in straight lines between them."""
+    method = {"hold": "zoh", "linear": "foh"}[how]
+    one = np.ones((1, 1))
+    system = cont2discrete((-one / TAU, gain * one / TAU, one, 0.0 * one), STEP, method=method)
+    # the discrete system of straight lines has a state of its own, which starts at rest with the input at zero
+    return dlsim(system, u)[1][:, 0]
+
+
+def house(heater_is: Interpolation, at_night: bool) -> Recording:
+    """Outdoors in straight lines; the heater as asked, off at night (most of the day) or always at work."""
+    rng = np.random.default_rng(8)
+    outside = np.cumsum(rng.standard_normal(TIME.size))
+    heater = rng.uniform(0.0, 4.0, TIME.size)
+    if at_night:
+        heater[(TIME % 24.0 > 9.0)] = 0.0
+    outside[0] = heater[0] = 0.0
+    room = answer(outside, 1.0, "linear") + answer(heater, GAIN, heater_is)
+    return Recording(
+        "house", TIME, {"T_amb": outside, "heater": heater}, {"T": room + NOISE * rng.standard_normal(TIME.size)}
+    )
+
+
+def fitted(modelica, recording: Recording, interpolation) -> aero_bayes.Fit:
+    model = modelica(HOUSE)
+    settings = aero_bayes.FitSettings(
+        method="local", calibration=CalibrationSettings(start="reading", interpolation=interpolation)
+    )
+    free = parameters_from_model(model, overrides={name: Override() for name in ("tau", "gain")})
+    return aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0)
+
+
+@pytest.mark.parametrize("at_night", [True, False])
+def test_straight_lines_that_are_asked_for_are_every_inputs(modelica, at_night: bool) -> None:
+    recording = house("linear", at_night)
+    assert (np.mean(np.diff(recording.inputs["heater"]) != 0.0) < 0.5) == at_night
+    fit = fitted(modelica, recording, "linear")
+    assert fit.to_dict()["fit"]["interpolation"] == {"T_amb": "linear", "heater": "linear"}
+    assert fit.rms["T"] == pytest.approx(NOISE, rel=0.1)
+    np.testing.assert_allclose(fit.simulate(recording).outputs["T"], recording.outputs["T"], atol=5.0 * NOISE)
+
+
+@pytest.mark.parametrize("heater_is", ["hold", "linear"])
+@pytest.mark.parametrize("at_night", [True, False])
+def test_the_fit_decides_for_each_input(modelica, heater_is: Interpolation, at_night: bool) -> None:
+    fit = fitted(modelica, house(heater_is, at_night), "auto")
+    assert fit.to_dict()["fit"]["interpolation"] == {"T_amb": "linear", "heater": heater_is}
+    assert fit.rms["T"] == pytest.approx(NOISE, rel=0.1)
+    assert fit.parameters["gain"].value == pytest.approx(GAIN, rel=0.01)
+
+
+def test_a_reading_by_name_and_what_may_move(modelica) -> None:
+    recording = house("hold", at_night=True)
+    steps = np.repeat(np.arange(60.0), 10)
+    recording = Recording("house", TIME, {**recording.inputs, "heater": steps}, recording.outputs)
+    model = modelica(HOUSE)
+    free = parameters_from_model(model, overrides={"tau": Override()})
+    settings = CalibrationSettings(start="reading", interpolation={"T_amb": "linear"})
+    calibration = calibrate([recording], model, free, settings=settings)
+    assert calibration.interpolation == {"T_amb": "linear", "heater": "hold"}
+    assert moving_inputs(calibration) == ("T_amb",)
+    with pytest.raises(InputError, match="interpolation of wind: house has no such input; it has T_amb, heater"):
+        calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))
