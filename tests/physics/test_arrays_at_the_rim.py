@@ -14,7 +14,7 @@ from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.syntax import Call, Name, Number
+from aero_bayes.language.syntax import Call, Name, Number
 from aero_bayes.physics.compose import Models, compose_laws
 from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.export.syntax import Expression, Name, Statement
+from aero_bayes.language.syntax import Expression, Name, Statement
 
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
 Causality = Literal["local", "input", "output"]

@@ -17,7 +17,7 @@ from aero_bayes.export.library import check_model_name, library_roots, needed_li
 from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
-from aero_bayes.export.units import spelled
+from aero_bayes.language.units import spelled
 from aero_bayes.scratch import ScratchFolder
 
 TIME_LIMIT = 300.0

@@ -14,7 +14,8 @@ from aero_bayes.export.events import Events
 from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
 from aero_bayes.export.flat import FlatEquation, Function, Place
 from aero_bayes.export.solved import unsolved
-from aero_bayes.export.syntax import (
+from aero_bayes.export.tables import call_table, is_table_function, searched_anew
+from aero_bayes.language.syntax import (
     All,
     Array,
     AssertStatement,
@@ -36,7 +37,6 @@ from aero_bayes.export.syntax import (
     WhileStatement,
     show,
 )
-from aero_bayes.export.tables import call_table, is_table_function, searched_anew
 
 _OPERATORS = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Expression
+from aero_bayes.language.syntax import Call, Expression
 
 SOLVE = "Modelica.Math.Matrices.solve"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from aero_bayes.export.syntax import Expression, Name, children, names_in
+from aero_bayes.language.syntax import Expression, Name, children, names_in
 from aero_bayes.physics.between import differences, taken_apart
 from aero_bayes.physics.ports import KELVIN, MINUS, Port
 from aero_bayes.physics.quantities import unit_in

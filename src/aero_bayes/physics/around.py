@@ -8,7 +8,7 @@ from functools import cached_property
 
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatModel, FlatVariable
-from aero_bayes.export.syntax import Name, Number
+from aero_bayes.language.syntax import Name, Number
 from aero_bayes.physics.compose import Models, compose_laws
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import Law

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.edit import Edit
+from aero_bayes.language.edits import Edit
+from aero_bayes.language.tokens import Token, find_outside
 from aero_bayes.physics.terms import DIVIDES, Dimension, Term, dimension, evaluate, has_number, parse_term
-from aero_bayes.physics.tokens import Token, find_outside
 
 Driver = Callable[[Term], bool]
 #: Of a vector equation: the number of a row, from one, and of how many.

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Expression, Name, children
+from aero_bayes.language.syntax import Call, Expression, Name, children
 from aero_bayes.physics.connections import joined
 from aero_bayes.physics.ports import MINUS, Port
 from aero_bayes.physics.quantities import owner_of, relative, unit_in

@@ -20,7 +20,7 @@ from aero_bayes.export.compose import (
 )
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.syntax import Call, Expression, Name, Number, rebuilt, reference
+from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, reference
 from aero_bayes.physics.feedback import giving
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of

@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.classes import ClassText, Component, read_classes
+from aero_bayes.language.classes import ClassText, Component, read_classes
+from aero_bayes.language.edits import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
+from aero_bayes.language.tokens import Token
 from aero_bayes.physics.component_copy import ComponentCopy, retyped
-from aero_bayes.physics.edit import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
 from aero_bayes.physics.inline import alone, with_bases
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.sources import SourceFile, Sources
-from aero_bayes.physics.tokens import Token
 from aero_bayes.physics.use import Use, plain_name
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Array, Call, Expression, Name, Number, children, rebuilt, reference, show
+from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, children, rebuilt, reference, show
 from aero_bayes.physics.balance import Driver, Entry, Row, entry_of, row_of
 from aero_bayes.physics.rows import swapped
 from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.export.syntax import Name, names_in
+from aero_bayes.language.syntax import Name, names_in
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.structure import Structure, derived_in, is_derivative
 

@@ -9,8 +9,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.export.translate import translate
+from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference
 from aero_bayes.physics.against import against
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.between import between

@@ -12,9 +12,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.files import whole_file
+from aero_bayes.language.edits import unified_diff
 from aero_bayes.physics.around import Seam, Surroundings
 from aero_bayes.physics.coupled import couple, state_name
-from aero_bayes.physics.edit import unified_diff
 from aero_bayes.physics.kin import OpenSimulator, moved
 from aero_bayes.physics.ports import Candidate, Port, candidates
 from aero_bayes.physics.rig import RigFamily, Sizes

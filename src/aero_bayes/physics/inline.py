@@ -6,10 +6,10 @@ import re
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.classes import ClassText, Component, Statement, read_classes
-from aero_bayes.physics.edit import Edit, add_equations, apply, replace_names
+from aero_bayes.language.classes import ClassText, Component, Statement, read_classes
+from aero_bayes.language.edits import Edit, add_equations, apply, replace_names
+from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group, split_outside
 from aero_bayes.physics.sources import SourceFile, Sources
-from aero_bayes.physics.tokens import Token, find_outside, one_line, skip_group, split_outside
 
 
 def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.physics.classes import ClassText, Component, Statement
-from aero_bayes.physics.edit import Edit, apply, indentation, replace_names
+from aero_bayes.language.classes import ClassText, Component, Statement
+from aero_bayes.language.edits import Edit, apply, indentation, replace_names
+from aero_bayes.language.tokens import one_line, tokenize
 from aero_bayes.physics.laws import STANDING, Law
 from aero_bayes.physics.terms import evaluate, parse_term
-from aero_bayes.physics.tokens import one_line, tokenize
 
 
 def class_text(

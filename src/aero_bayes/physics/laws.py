@@ -10,10 +10,10 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.physics.classes import ClassText, Component, read_classes
-from aero_bayes.physics.edit import apply, replace_names
+from aero_bayes.language.classes import ClassText, Component, read_classes
+from aero_bayes.language.edits import apply, replace_names
+from aero_bayes.language.tokens import Token
 from aero_bayes.physics.terms import Term, coherent, dimension, evaluate, parse_term, unit_factors, unit_text
-from aero_bayes.physics.tokens import Token
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.export.flat import Place
-from aero_bayes.export.syntax import Call, Expression, reference
+from aero_bayes.language.syntax import Call, Expression, reference
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import STANDING, Law
 

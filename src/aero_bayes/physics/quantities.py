@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from aero_bayes.export.syntax import names_in
+from aero_bayes.language.syntax import names_in
 from aero_bayes.physics.ports import PortKind
 from aero_bayes.physics.structure import Structure
 from aero_bayes.physics.terms import dimension_of_unit

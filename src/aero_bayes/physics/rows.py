@@ -12,7 +12,7 @@ from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.solved import unsolved
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
+from aero_bayes.language.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
 #: Operations beyond which a row is only the names that are in it.

@@ -17,7 +17,7 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.syntax import Call, Expression, Name, Number
+from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import KELVIN, Port, signal_of
 from aero_bayes.physics.structure import Structure, structure_of

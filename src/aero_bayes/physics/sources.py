@@ -10,8 +10,8 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel, Place
 from aero_bayes.export.library import rig_packages
-from aero_bayes.physics.classes import ClassText, innermost, read_classes
-from aero_bayes.physics.tokens import tokenize
+from aero_bayes.language.classes import ClassText, innermost, read_classes
+from aero_bayes.language.tokens import tokenize
 
 
 @dataclass(frozen=True)

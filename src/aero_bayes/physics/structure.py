@@ -10,7 +10,7 @@ from itertools import pairwise
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.syntax import Call, Expression, Name, Number, children, names_in
+from aero_bayes.language.syntax import Call, Expression, Name, Number, children, names_in
 from aero_bayes.physics.rows import Origin, by_elements
 from aero_bayes.physics.together import Signed, Together, distances, moving_together
 

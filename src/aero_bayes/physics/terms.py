@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.units import base_units
-from aero_bayes.physics.tokens import Token, find_outside, skip_group, split_outside
+from aero_bayes.language.tokens import Token, find_outside, skip_group, split_outside
+from aero_bayes.language.units import base_units
 
 _LOOSE = frozenset({"and", "or", "not", "<", ">", "<=", ">=", "==", "<>", ":", "for"})
 _PLUS = frozenset({"+", "-", ".+", ".-"})

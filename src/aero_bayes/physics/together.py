@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in
 
 #: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
 Together = Mapping[str, tuple[str, int]]

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from aero_bayes.physics.classes import ClassText, Component
-from aero_bayes.physics.tokens import Token
+from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.tokens import Token
 
 
 class OwnClasses:

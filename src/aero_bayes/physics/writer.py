@@ -8,12 +8,13 @@ from dataclasses import replace
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.export.syntax import reference
+from aero_bayes.language.classes import ClassText, Component, Statement
+from aero_bayes.language.edits import Edit, insert_before_connector, text_of
+from aero_bayes.language.syntax import reference
+from aero_bayes.language.tokens import find_outside, split_outside, with_numbers
 from aero_bayes.physics.balance import Entry, entry_of, in_vector, sides_of
-from aero_bayes.physics.classes import ClassText, Component, Statement
 from aero_bayes.physics.component_copy import without_numbers
 from aero_bayes.physics.draft import Draft
-from aero_bayes.physics.edit import Edit, insert_before_connector, text_of
 from aero_bayes.physics.entrance import parameter_values
 from aero_bayes.physics.find import driver_names, is_driver
 from aero_bayes.physics.law_class import formula
@@ -21,7 +22,6 @@ from aero_bayes.physics.ports import MINUS, Port, Via
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.terms import Term, parse_term
-from aero_bayes.physics.tokens import find_outside, split_outside, with_numbers
 from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.

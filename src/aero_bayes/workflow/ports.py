@@ -23,7 +23,7 @@ from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import in_library
-from aero_bayes.export.syntax import Call, Expression, Name, Number
+from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.physics.compose import probe
 from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.laws import STANDING

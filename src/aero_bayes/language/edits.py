@@ -6,8 +6,8 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.physics.classes import ClassText, Statement
-from aero_bayes.physics.tokens import Token, split_outside, tokenize
+from aero_bayes.language.classes import ClassText, Statement
+from aero_bayes.language.tokens import Token, split_outside, tokenize
 
 
 @dataclass(frozen=True)

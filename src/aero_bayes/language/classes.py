@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.tokens import Token, find_outside, skip_group, split_outside, tokenize
+from aero_bayes.language.tokens import Token, find_outside, skip_group, split_outside, tokenize
 
 CLASS_WORDS = frozenset(
     {"class", "model", "block", "record", "connector", "type", "package", "function", "operator"}
