@@ -21,8 +21,9 @@ from aero_bayes.language.edits import (
     replace_names,
     unified_diff,
 )
+from aero_bayes.language.parse import sides_of
 from aero_bayes.language.tokens import one_line, tokenize
-from aero_bayes.physics.balance import entry_of, sides_of
+from aero_bayes.physics.balance import entry_of
 from aero_bayes.physics.find import is_driver
 
 NOISE = [

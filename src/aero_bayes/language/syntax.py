@@ -1,20 +1,27 @@
-"""The trees of flat Modelica: expressions and the statements of algorithms."""
+"""The trees of Modelica: expressions, and the statements of algorithms."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Number:
+class Part:
+    """An expression; ``span`` is where it begins and ends in the text that it was read from."""
+
+    span: tuple[int, int] = field(default=(0, 0), compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Number(Part):
     """A literal; Booleans are 0 and 1, enumeration literals their ordinals."""
 
     value: float
 
 
 @dataclass(frozen=True)
-class Name:
+class Name(Part):
     """A component reference; ``subscripts`` of its last part, if any."""
 
     name: str
@@ -22,12 +29,12 @@ class Name:
 
 
 @dataclass(frozen=True)
-class Text:
+class Text(Part):
     value: str
 
 
 @dataclass(frozen=True)
-class Call:
+class Call(Part):
     """A function call, or an operator by its symbol."""
 
     function: str
@@ -35,35 +42,35 @@ class Call:
 
 
 @dataclass(frozen=True)
-class If:
+class If(Part):
     condition: Expression
     then: Expression
     otherwise: Expression
 
 
 @dataclass(frozen=True)
-class Array:
+class Array(Part):
     """Elements of an array, fields of a record, or results of a function with several."""
 
     items: tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
-class Comprehension:
+class Comprehension(Part):
     item: Expression
     variable: str
     values: Expression
 
 
 @dataclass(frozen=True)
-class Range:
+class Range(Part):
     first: Expression
     step: Expression | None
     last: Expression
 
 
 @dataclass(frozen=True)
-class Index:
+class Index(Part):
     """An element of something that is not a plain name, such as ``der(x)[2]``."""
 
     of: Expression
@@ -71,7 +78,7 @@ class Index:
 
 
 @dataclass(frozen=True)
-class Field:
+class Field(Part):
     """A field of a record that is not a plain name, such as ``f(x).re``."""
 
     of: Expression
@@ -79,11 +86,19 @@ class Field:
 
 
 @dataclass(frozen=True)
-class All:
+class Named(Part):
+    """An argument that is given by its name: ``f(x = 1)``."""
+
+    name: str
+    value: Expression
+
+
+@dataclass(frozen=True)
+class All(Part):
     """The subscript ``:``."""
 
 
-Expression = Number | Name | Text | Call | If | Array | Comprehension | Range | Index | Field | All
+Expression = Number | Name | Text | Call | If | Array | Comprehension | Range | Index | Field | Named | All
 
 
 @dataclass(frozen=True)
@@ -169,9 +184,45 @@ def children(tree: Expression) -> tuple[Expression, ...]:
             return (first, last) if step is None else (first, step, last)
         case Index(of, subscripts):
             return (of, *subscripts)
-        case Field(of, _):
-            return (of,)
+        case Field(inner, _) | Named(_, inner):
+            return (inner,)
     return ()
+
+
+def walk(tree: Expression) -> Iterator[Expression]:
+    """An expression and all that it is made of."""
+    yield tree
+    for inner in children(tree):
+        yield from walk(inner)
+
+
+def summands(tree: Expression) -> list[tuple[int, Expression]]:
+    """The terms that an expression adds up, each with its sign; itself where it is no sum."""
+    match tree:
+        case Call("+" | ".+", (one, two)):
+            return [*summands(one), *summands(two)]
+        case Call("-" | ".-", (one, two)):
+            return [*summands(one), *((-sign, t) for sign, t in summands(two))]
+        case Call("neg", (one,)):
+            return [(-sign, t) for sign, t in summands(one)]
+    return [(1, tree)]
+
+
+#: Operators that divide, as numbers or element by element.
+DIVIDES = frozenset({"/", "./"})
+_INVERSE = {"*": "/", "/": "*", ".*": "./", "./": ".*"}
+
+
+def factors(tree: Expression) -> list[tuple[str, Expression]]:
+    """The factors of an expression, each with the operator before it; itself where it is no product."""
+    match tree:
+        case Call("*" | ".*" | "/" | "./" as operator, (one, two)):
+            first, *others = factors(two)
+            others = [(_INVERSE[o], t) for o, t in others] if operator in DIVIDES else others
+            return [*factors(one), (operator, first[1]), *others]
+        case Call("neg", (one,)):
+            return [("*", Number(-1.0)), *factors(one)]
+    return [("*", tree)]
 
 
 def reference(name: str) -> Name:
@@ -216,6 +267,8 @@ def rebuilt(tree: Expression, change: Callable[[Name], Expression]) -> Expressio
             return Index(rebuilt(of, change), tuple(rebuilt(s, change) for s in subscripts))
         case Field(of, name):
             return Field(rebuilt(of, change), name)
+        case Named(name, value):
+            return Named(name, rebuilt(value, change))
     return tree
 
 

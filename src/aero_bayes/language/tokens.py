@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 
@@ -92,29 +92,3 @@ def split_outside(tokens: Sequence[Token], word: str = ",") -> list[Sequence[Tok
         parts.append(tokens[begin:end])
         begin = end + 1
     return parts
-
-
-def with_numbers(tokens: Sequence[Token], values: Mapping[str, int]) -> tuple[Token, ...]:
-    """The tokens with whole numbers in the place of names, and one number in the place of a subscript such as ``2+1``.
-
-    What stays keeps its position.
-    """
-    found: list[Token] = []
-    for at, t in enumerate(tokens):
-        known = t.kind == "name" and t.word in values and not (at > 0 and tokens[at - 1].word == ".")
-        found.append(replace(t, kind="number", word=str(values[t.word])) if known else t)
-        if t.word in ("]", ",") and t.kind == "sign":
-            _count(found)
-    return tuple(found)
-
-
-def _count(found: list[Token]) -> None:
-    """Add up what stands before the last sign, where that is a subscript of whole numbers."""
-    at = len(found) - 1
-    while at > 0 and (found[at - 1].word.isdigit() or found[at - 1].word in ("+", "-")):
-        at -= 1
-    if at > 0 and found[at - 1].word in ("[", ",") and len(found) - at > 2 and found[-2].word.isdigit():
-        total, sign = 0, 1
-        for t in found[at:-1]:
-            total, sign = (total + sign * int(t.word), 1) if t.word.isdigit() else (total, 1 if t.word == "+" else -1)
-        found[at:-1] = [Token("number", str(total), found[at].start, found[-2].end)]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, children, rebuilt, reference, show
+from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
+from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, rebuilt, reference, show, walk
 from aero_bayes.physics.balance import Driver, Entry, Row, entry_of, row_of
 from aero_bayes.physics.rows import swapped
-from aero_bayes.physics.terms import Dimension, Term, dimension_of_unit, unit_text, without_angle
 
 #: Where an opposing term stands in what the residual of a vector equation grows by.
 TERM = Name("")
@@ -52,9 +52,7 @@ def entrance_of(
     ``row`` is the one of a vector equation.
     """
     e = flat.equations[equation]
-    trees: dict[int, Expression] = {}
-    kept: list[Term] = []
-    sides = _term(e.left, trees, kept), _term(e.right, trees, kept)
+    sides = e.left, e.right
     constants = frozenset(v.name for v in flat.variables if v.constant)
     entry = entry_of(sides, driver, constants=constants, values=values, row=row)
     if entry is None:
@@ -62,40 +60,29 @@ def entrance_of(
     if row is not None:
         items = row_of(sides[0], row), row_of(sides[1], row)
         # the terms of a side that is written element by element are numbers
-        numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in item.walk()}
-        beside = tuple(
-            trees[id(t)] if id(t) in numbers else Call("*", (_unit_vector(row, Number(1.0)), trees[id(t)]))
-            for t in entry.like
-            if id(t) in trees
-        )
-        return _in_row(flat, equation, entry, row, trees, _unit(entry, items, units), beside)
+        numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in walk(item)}
+        one = _unit_vector(row, Number(1.0))
+        beside = tuple(t if id(t) in numbers else Call("*", (one, t)) for t in entry.like)
+        return _in_row(flat, equation, entry, row, _unit(entry, items, units), beside)
     scale: Expression = Number(float(entry.sign * entry.side))
     for operator, factor in entry.factors:
-        scale = Call(operator, (scale, trees.get(id(factor), Number(-1.0))))
+        scale = Call(operator, (scale, factor))
     return Entrance(
         equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, sides, units)
     )
 
 
 def _in_row(
-    flat: FlatModel,
-    equation: int,
-    entry: Entry,
-    row: Row,
-    trees: Mapping[int, Expression],
-    unit: str,
-    beside: tuple[Expression, ...],
-) -> Entrance | None:
+    flat: FlatModel, equation: int, entry: Entry, row: Row, unit: str, beside: tuple[Expression, ...]
+) -> Entrance:
     e = flat.equations[equation]
-    whole, group = (e.left if entry.side > 0 else e.right), trees.get(id(entry.group))
-    if group is None:
-        return None
+    whole = e.left if entry.side > 0 else e.right
     if entry.row is None:
         # the side is written element by element
         item = whole.items[row[0] - 1] if isinstance(whole, Array) else whole
-        scale = _unit_vector(row, swapped(item, group, TERM))
+        scale = _unit_vector(row, swapped(item, entry.group, TERM))
     else:
-        scale = swapped(whole, group, _unit_vector(row, TERM))
+        scale = swapped(whole, entry.group, _unit_vector(row, TERM))
     signed = scale if entry.sign * entry.side > 0 else Call("neg", (scale,))
     return Entrance(equation, signed, unit, row, beside)
 
@@ -116,7 +103,7 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
     return found
 
 
-def _unit(entry: Entry, sides: tuple[Term, Term], units: Mapping[str, str]) -> str:
+def _unit(entry: Entry, sides: tuple[Expression, Expression], units: Mapping[str, str]) -> str:
     """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
 
     def unit_of(name: str) -> str:
@@ -124,8 +111,8 @@ def _unit(entry: Entry, sides: tuple[Term, Term], units: Mapping[str, str]) -> s
         return units.get(name) or units.get(name.partition("[")[0], "")
 
     for term in entry.like:
-        if term.kind == "name" and unit_of(term.word):
-            return unit_of(term.word)
+        if isinstance(term, Name) and unit_of(show(term)):
+            return unit_of(show(term))
 
     def of(name: str) -> Dimension | None:
         return dimension_of_unit(unit_of(name))
@@ -135,44 +122,3 @@ def _unit(entry: Entry, sides: tuple[Term, Term], units: Mapping[str, str]) -> s
         return ""
     mechanical = "kg" in found and "rad" in found
     return unit_text(without_angle(found) if mechanical else found)
-
-
-def _term(tree: Expression, trees: dict[int, Expression], kept: list[Term]) -> Term:
-    """The tree as sums and products; ``trees`` leads back by the identity of the terms, which ``kept`` keeps alive."""
-
-    def inner(t: Expression) -> Term:
-        return _term(t, trees, kept)
-
-    def grouped(t: Expression, *kinds: str) -> Term:
-        term = inner(t)
-        return made(Term("group", 0, 0, "", (("", term),)), t) if term.kind in kinds else term
-
-    def made(term: Term, t: Expression) -> Term:
-        kept.append(term)
-        trees[id(term)] = t
-        return term
-
-    match tree:
-        case Number(value):
-            found = Term("number", 0, 0, repr(value))
-        case Name():
-            found = Term("name", 0, 0, show(tree))
-        case Call("+" | "-" | ".+" | ".-" as sign, (one, two)):
-            first = inner(one)
-            parts = first.parts if first.kind == "sum" else (("+", first),)
-            found = Term("sum", 0, 0, "", (*parts, (sign[-1], grouped(two, "sum"))))
-        case Call("neg", (one,)):
-            found = Term("sum", 0, 0, "", (("-", grouped(one, "sum")),))
-        case Call("*" | "/" | ".*" | "./" as operator, (one, two)):
-            first = grouped(one, "sum")
-            parts = first.parts if first.kind == "product" else (("*", first),)
-            found = Term("product", 0, 0, "", (*parts, (operator, grouped(two, "sum", "product"))))
-        case Call("^", (one, two)):
-            found = Term("power", 0, 0, "", (("", inner(one)), ("^", inner(two))))
-        case Array(items):
-            found = Term("array", 0, 0, "", tuple(("", grouped(i)) for i in items))
-        case Call(function, args):
-            found = Term("call", 0, 0, function, tuple(("", inner(a)) for a in args))
-        case _:
-            found = Term("opaque", 0, 0, "", tuple(("", inner(c)) for c in children(tree)))
-    return made(found, tree)

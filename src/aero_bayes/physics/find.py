@@ -10,7 +10,8 @@ from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.translate import translate
-from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference
+from aero_bayes.language.dimensions import dimension_of_unit
+from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
 from aero_bayes.physics.against import against
 from aero_bayes.physics.balance import Driver
 from aero_bayes.physics.between import between
@@ -31,7 +32,6 @@ from aero_bayes.physics.quantities import (
     units_of,
 )
 from aero_bayes.physics.structure import Structure, derived_names, structure_of
-from aero_bayes.physics.terms import Term, dimension_of_unit
 
 
 def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
@@ -249,10 +249,13 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
     def same(word: str, name: str) -> bool:
         return word == name or (whole and word.partition("[")[0] == name.partition("[")[0])
 
-    def found(t: Term) -> bool:
-        if name.startswith("der("):
-            return t.kind == "call" and t.word == "der" and same(t.parts[0][1].word, name[4:-1])
-        return t.kind == "name" and same(t.word, name)
+    def found(t: Expression) -> bool:
+        match t:
+            case Name():
+                return same(show(t), name)
+            case Call("der", (Name() as inner,)):
+                return name.startswith("der(") and same(show(inner), name[4:-1])
+        return False
 
     return found
 

@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 
 from aero_bayes.language.classes import ClassText, Component, Statement
 from aero_bayes.language.edits import Edit, apply, indentation, replace_names
-from aero_bayes.language.tokens import one_line, tokenize
+from aero_bayes.language.parse import parse_expression, parse_text
+from aero_bayes.language.syntax import summands
+from aero_bayes.language.tokens import one_line
+from aero_bayes.language.values import evaluate
 from aero_bayes.physics.laws import STANDING, Law
-from aero_bayes.physics.terms import evaluate, parse_term
 
 
 def class_text(
@@ -95,7 +97,7 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
     values = {k: float(v) for k, v in sizes.items()}
     for c in law.cls.components():
         if "final" in c.prefixes:
-            values[c.name] = evaluate(parse_term(c.binding), values)
+            values[c.name] = evaluate(parse_expression(c.binding), values)
         elif c.name not in names:
             return None
     numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
@@ -105,7 +107,8 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
     text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(law.text[begin:end], edits)))
     text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
     text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
-    return f"({text})" if parse_term(tokenize(text)).kind == "sum" else text
+    tree = parse_text(text)
+    return text if summands(tree) == [(1, tree)] else f"({text})"
 
 
 def _declared(cls: ClassText) -> list[tuple[Statement, list[Component]]]:

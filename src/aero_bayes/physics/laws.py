@@ -11,9 +11,12 @@ from typing import Literal
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
 from aero_bayes.language.classes import ClassText, Component, read_classes
+from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
 from aero_bayes.language.edits import apply, replace_names
+from aero_bayes.language.parse import parse_expression
+from aero_bayes.language.syntax import Expression, names_in
 from aero_bayes.language.tokens import Token
-from aero_bayes.physics.terms import Term, coherent, dimension, evaluate, parse_term, unit_factors, unit_text
+from aero_bayes.language.values import evaluate
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
@@ -56,10 +59,10 @@ class LawParameter:
 
     name: str
     description: str
-    default: Term
-    minimum: Term | None
-    maximum: Term | None
-    nominal: Term
+    default: Expression
+    minimum: Expression | None
+    maximum: Expression | None
+    nominal: Expression
 
     def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
         """One of its attributes in numbers; a bound that is not given is infinite."""
@@ -70,7 +73,7 @@ class LawParameter:
 
     def unit(self, of_size: Mapping[str, str]) -> str:
         """Unit by the units of the port's sizes; empty where they do not tell."""
-        if not _names(self.nominal):
+        if not names_in(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in of_size.items()}
         return unit_text(coherent(dimension(self.nominal, factors.get)))
@@ -227,7 +230,7 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
     parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
-    sizes = {c.name: evaluate(parse_term(c.binding), {}) for c in inherited if _is_size(c)}
+    sizes = {c.name: evaluate(parse_expression(c.binding), {}) for c in inherited if _is_size(c)}
     for p in parameters:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
@@ -254,16 +257,12 @@ def _is_size(c: Component) -> bool:
 
 
 def _parameter(c: Component) -> LawParameter:
-    terms = {name: parse_term(tokens) for name, tokens in c.modifiers}
+    terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
     return LawParameter(
-        c.name, c.description, parse_term(c.binding), terms.get("min"), terms.get("max"), terms["nominal"]
+        c.name, c.description, parse_expression(c.binding), terms.get("min"), terms.get("max"), terms["nominal"]
     )
-
-
-def _names(term: Term) -> set[str]:
-    return {t.word for t in term.walk() if t.kind == "name"}
 
 
 def _units(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:

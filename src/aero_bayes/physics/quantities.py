@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import names_in
 from aero_bayes.physics.ports import PortKind
 from aero_bayes.physics.structure import Structure
-from aero_bayes.physics.terms import dimension_of_unit
 
 SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 

@@ -17,7 +17,7 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.language.syntax import Call, Expression, Name, Number
+from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
 from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.physics.ports import KELVIN, Port, signal_of
 from aero_bayes.physics.structure import Structure, structure_of
@@ -213,20 +213,11 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     if port.entrance.row is not None:
         return list(port.entrance.beside)
     equation = flat.equations[port.entrance.equation]
-    terms = (*_summands(equation.left), *_summands(equation.right))
+    terms = [t for side in (equation.left, equation.right) for _, t in summands(side)]
     inside = f"{equation.component}." if equation.component else "."
     # what flows at a component's connectors may be far more than stands in one of its equations
     flows = [Name(v.name) for v in flat.variables if v.flow and v.name.startswith(inside) and v.unit == port.unit]
     return [*(Call("/", (t, port.entrance.scale)) for t in terms), *flows]
-
-
-def _summands(tree: Expression) -> list[Expression]:
-    match tree:
-        case Call("+" | "-", (one, two)):
-            return [*_summands(one), *_summands(two)]
-        case Call("neg", (one,)):
-            return _summands(one)
-    return [tree]
 
 
 def signal_size(parts: Sequence[FloatArray]) -> float:

@@ -10,9 +10,10 @@ from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.classes import ClassText, Component, Statement
 from aero_bayes.language.edits import Edit, insert_before_connector, text_of
-from aero_bayes.language.syntax import reference
-from aero_bayes.language.tokens import find_outside, split_outside, with_numbers
-from aero_bayes.physics.balance import Entry, entry_of, in_vector, sides_of
+from aero_bayes.language.parse import parse_expression, sides_of
+from aero_bayes.language.syntax import Expression, Name, reference
+from aero_bayes.language.tokens import find_outside, split_outside
+from aero_bayes.physics.balance import Entry, entry_of, in_vector
 from aero_bayes.physics.component_copy import without_numbers
 from aero_bayes.physics.draft import Draft
 from aero_bayes.physics.entrance import parameter_values
@@ -21,7 +22,6 @@ from aero_bayes.physics.law_class import formula
 from aero_bayes.physics.ports import MINUS, Port, Via
 from aero_bayes.physics.sources import SourceFile, Sources
 from aero_bayes.physics.structure import structure_of
-from aero_bayes.physics.terms import Term, parse_term
 from aero_bayes.physics.use import Use, plain_name
 
 #: A law whose formula is longer than this is written as a component.
@@ -161,14 +161,14 @@ class Writer:
         _, cls, position = self.known.at(equation.place)
         return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
 
-    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Term, Term] | None:
+    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Expression, Expression] | None:
         """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
         if s.section == "equation":
-            return sides_of(with_numbers(s.core, whole))
+            return sides_of(s.core, whole)
         c = next((c for c in cls.components() if c.statement is s and c.binding), None)
         if c is None or c.prefixes & {"parameter", "constant"}:
             return None
-        return Term("name", c.name_token.start, c.name_token.end, c.name), parse_term(c.binding)
+        return Name(c.name, span=(c.name_token.start, c.name_token.end)), parse_expression(c.binding)
 
     # connections
 
