@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.diagram import model_diagrams
-from aero_bayes.diagram.source import read_library
-from aero_bayes.diagram.structure import grow, look_up
 from aero_bayes.export import modelica_root
+from aero_bayes.language.component_tree import grow, look_up, read_library
+from aero_bayes.language.diagram import model_diagrams
 from aero_bayes.schema import Component, Diagram
 from aero_bayes.simulation.model import Model, Variable
 

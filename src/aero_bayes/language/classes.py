@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
+from aero_bayes.language.parse import parse_expression
+from aero_bayes.language.syntax import Expression, arguments_of
 from aero_bayes.language.tokens import Token, find_outside, skip_group, split_outside, tokenize
 
 CLASS_WORDS = frozenset(
@@ -18,7 +21,11 @@ _VARIABLE_PREFIXES = frozenset(
     {"parameter", "constant", "discrete", "input", "output", "flow", "stream", "final", "inner", "outer",
      "replaceable", "redeclare", "each"}
 )  # fmt: skip
+_MODIFYING = frozenset({"each", "final", "redeclare", "replaceable"})
 _COMPOUND = frozenset({"if", "for", "when", "while"})
+_ANNOTATION = frozenset({"annotation"})
+#: Values by the names of what they modify.
+Modifiers = tuple[tuple[str, tuple[Token, ...]], ...]
 
 
 @dataclass(frozen=True)
@@ -44,14 +51,7 @@ class Statement:
     @property
     def core(self) -> tuple[Token, ...]:
         """The tokens before a description or an annotation."""
-        at = find_outside(self.tokens, frozenset({"annotation"}))
-        rest = at
-        while rest > 0 and (self.tokens[rest - 1].kind == "text" or self.tokens[rest - 1].word == "+"):
-            rest -= 1
-        # a text after one of these is a value
-        if rest > 0 and self.tokens[rest - 1].word in ("=", ":=", "==", "<>", "then", "else", "return"):
-            return self.tokens[:at]
-        return self.tokens[:rest]
+        return tuple(_without_comment(self.tokens))
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,14 @@ class Component:
     name: str
     type: str
     prefixes: frozenset[str]
-    modifiers: tuple[tuple[str, tuple[Token, ...]], ...]
+    modifiers: Modifiers
     binding: tuple[Token, ...]
     description: str
     statement: Statement
     type_tokens: tuple[Token, ...]
     name_token: Token
     arguments: tuple[Token, ...]
+    annotation: tuple[Token, ...]
 
 
 @dataclass
@@ -113,7 +114,20 @@ class ClassText:
 
     def bases(self) -> list[str]:
         """Names of the classes that it extends, as written."""
-        return [_dotted(s.tokens[1:])[0] for s in self.declarations if s.first == "extends"]
+        return [name for name, _ in self.extended()]
+
+    def extended(self) -> list[tuple[str, Modifiers]]:
+        """The classes that it extends, with modifiers."""
+        clauses = [s.core[1:] for s in self.declarations if s.first == "extends"]
+        return [(name, _modifiers(c[at + 1 : -1])) for c in clauses for name, at in [dotted_name(c)]]
+
+    def aliases(self) -> dict[str, str]:
+        """Names of short class definitions, such as replaceable models, and of the classes that they stand for."""
+        found = {}
+        for s in (s for s in self.statements if s.section == "class"):
+            at = next(k for k, t in enumerate(s.tokens) if t.word == "=")
+            found[s.tokens[at - 1].word] = dotted_name(s.tokens[at + 1 :])[0]
+        return found
 
     def walk(self) -> Iterator[ClassText]:
         """This class and those inside it."""
@@ -134,7 +148,7 @@ def innermost(classes: Sequence[ClassText], at: int) -> ClassText | None:
     return min(around, key=lambda c: c.end - c.start, default=None)
 
 
-def _dotted(tokens: Sequence[Token]) -> tuple[str, int]:
+def dotted_name(tokens: Sequence[Token]) -> tuple[str, int]:
     """A dotted name at the beginning and how many tokens it takes."""
     at = 1 if tokens and tokens[0].word == "." else 0
     words = []
@@ -147,8 +161,18 @@ def _dotted(tokens: Sequence[Token]) -> tuple[str, int]:
     return ".".join(words), at
 
 
+def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
+    """What stands before a description or an annotation."""
+    at = rest = find_outside(tokens, _ANNOTATION)
+    while rest > 0 and (tokens[rest - 1].kind == "text" or tokens[rest - 1].word == "+"):
+        rest -= 1
+    # a text after one of these is a value
+    value = rest > 0 and tokens[rest - 1].word in ("=", ":=", "==", "<>", "then", "else", "return")
+    return tokens[: at if value else rest]
+
+
 def _components(statement: Statement) -> list[Component]:
-    tokens = statement.core
+    tokens = statement.tokens
     at = 0
     prefixes = set()
     while at < len(tokens) and tokens[at].word in _VARIABLE_PREFIXES:
@@ -158,7 +182,7 @@ def _components(statement: Statement) -> list[Component]:
         return []
     if statement.section == "protected":
         prefixes.add("protected")
-    type_, used = _dotted(tokens[at:])
+    type_, used = dotted_name(tokens[at:])
     type_tokens = tuple(tokens[at : at + used])
     at += used
     if at < len(tokens) and tokens[at].word == "[":
@@ -167,7 +191,8 @@ def _components(statement: Statement) -> list[Component]:
     for part in split_outside(tokens[at:]):
         if not part or part[0].kind != "name":
             continue
-        rest = part[1:]
+        core = _without_comment(part)
+        rest = core[1:]
         if rest and rest[0].word == "[":
             rest = rest[skip_group(rest, 0) :]
         arguments: Sequence[Token] = ()
@@ -178,26 +203,38 @@ def _components(statement: Statement) -> list[Component]:
         binding = rest[1:stop] if rest and rest[0].word in ("=", ":=") else ()
         found.append(
             Component(
-                part[0].word, type_, frozenset(prefixes), tuple(_modifiers(arguments[1:-1])), tuple(binding),
-                _description(statement), statement, type_tokens, part[0], tuple(arguments),
+                part[0].word, type_, frozenset(prefixes), _modifiers(arguments[1:-1]), tuple(binding),
+                _description(part[len(core) :]), statement, type_tokens, part[0], tuple(arguments),
+                tuple(part[find_outside(part, _ANNOTATION) :]),
             )
         )  # fmt: skip
     return found
 
 
-def _description(statement: Statement) -> str:
-    rest = statement.tokens[len(statement.core) :]
-    return "".join(t.word[1:-1] for t in rest[: find_outside(rest, frozenset({"annotation"}))] if t.kind == "text")
+def _description(comment: Sequence[Token]) -> str:
+    return "".join(t.word[1:-1] for t in comment[: find_outside(comment, _ANNOTATION)] if t.kind == "text")
 
 
-def _modifiers(tokens: Sequence[Token]) -> Iterator[tuple[str, tuple[Token, ...]]]:
+def _modifiers(tokens: Sequence[Token]) -> Modifiers:
+    found = []
     for part in split_outside(tokens):
-        body = [t for t in part]
-        while body and body[0].word in ("each", "final", "redeclare", "replaceable"):
+        body = part
+        while body and (body[0].word in _MODIFYING or body[0].word in CLASS_WORDS):
             body = body[1:]
-        name, used = _dotted(body)
+        name, used = dotted_name(body)
         if used < len(body) and body[used].word == "=":
-            yield name, tuple(body[used + 1 :])
+            found.append((name, tuple(body[used + 1 :])))
+    return tuple(found)
+
+
+def annotated(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
+    """The named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``; none without it."""
+    inside = tokens[find_outside(tokens, _ANNOTATION) + 2 : -1]
+    for part in split_outside(inside):
+        if part and part[0].word == name:
+            with suppress(InputError):
+                return arguments_of(parse_expression(part))
+    return {}
 
 
 class _Reader:

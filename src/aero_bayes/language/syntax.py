@@ -189,6 +189,17 @@ def children(tree: Expression) -> tuple[Expression, ...]:
     return ()
 
 
+def arguments_of(tree: Expression) -> dict[str, Expression]:
+    """The arguments of a call that are given by name, calls among them by the names of their functions."""
+    found: dict[str, Expression] = {}
+    for a in children(tree):
+        if isinstance(a, Named):
+            found[a.name] = a.value
+        elif isinstance(a, Call):
+            found.setdefault(a.function, a)
+    return found
+
+
 def walk(tree: Expression) -> Iterator[Expression]:
     """An expression and all that it is made of."""
     yield tree

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from aero_bayes.diagram import model_diagrams
 from aero_bayes.export import modelica_root
+from aero_bayes.language.diagram import model_diagrams
 from aero_bayes.physics.sources import files_of
 from aero_bayes.workflow.job import Job
 

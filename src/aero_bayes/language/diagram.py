@@ -7,8 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from aero_bayes.diagram.source import Call, Part, read_library
-from aero_bayes.diagram.structure import Tree, grow
+from aero_bayes.errors import InputError
+from aero_bayes.language.classes import Component as Part
+from aero_bayes.language.classes import annotated
+from aero_bayes.language.component_tree import Tree, grow, read_library
+from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, show
+from aero_bayes.language.values import evaluate
 from aero_bayes.schema import Component, Connection, Diagram, Shape
 from aero_bayes.simulation.model import Model, Variable
 
@@ -106,17 +110,16 @@ def _terminal(part: Part) -> _Terminal:
 
 
 def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
-    placement = part.annotation.find("Placement")
-    where = placement.find("transformation") if placement is not None else None
+    where = annotated(part.annotation, "Placement").get("transformation")
     if where is None:
         return None
-    corners = _points(where.keys.get("extent"))
-    origin = _pair(where.keys.get("origin")) or (0.0, 0.0)
+    given = arguments_of(where)
+    corners = _points(given)
     if len(corners) != 2:
         return None
-    (x1, y1), (x2, y2) = ((x + origin[0], y + origin[1]) for x, y in corners)
-    turned = where.keys.get("rotation")
-    return (x1, y1, x2, y2), float(turned) if isinstance(turned, float) else 0.0
+    (x1, y1), (x2, y2) = corners
+    turned = _numbers(given.get("rotation"))
+    return (x1, y1, x2, y2), turned[0] if turned else 0.0
 
 
 def _links(shown: Tree, visible: Mapping[str, Part]) -> list[_Link]:
@@ -125,12 +128,11 @@ def _links(shown: Tree, visible: Mapping[str, Part]) -> list[_Link]:
     values = []
     for link in shown.links:
         ends = _head(link.first), _head(link.second)
-        line = link.annotation.find("Line")
-        if line is None and any(_terminal(visible[end]) for end in ends if end in visible):
+        if not link.line and any(_terminal(visible[end]) for end in ends if end in visible):
             values.append(ends)
         else:
-            found.append((*ends, _points(line.keys.get("points")) if line is not None else [], False))
-    values += [(_head(used), name) for name, part in visible.items() for used in part.uses]
+            found.append((*ends, _points(link.line, "points"), False))
+    values += [(used, name) for name, part in visible.items() for used in _used(part)]
     found = [link for link in found if _joins(link, visible)]
     known = {frozenset(link[:2]) for link in found}
     for first, second in dict.fromkeys(values):
@@ -145,7 +147,15 @@ def _joins(link: Sequence[object], visible: Mapping[str, Part]) -> bool:
 
 
 def _head(reference: str) -> str:
-    return re.split(r"[.\s\[]", reference.strip(), maxsplit=1)[0]
+    return re.split(r"[.\[]", reference, maxsplit=1)[0]
+
+
+def _used(part: Part) -> list[str]:
+    """Names that its modifiers and its value use."""
+    tokens = [*part.arguments, *part.binding]
+    words = ["", *(t.word for t in tokens), ""]
+    around = zip(words, tokens, words[2:], strict=False)
+    return list(dict.fromkeys(t.word for dot, t, after in around if t.kind == "name" and after != "=" and dot != "."))
 
 
 def _layers(visible: Mapping[str, Part], links: Sequence[_Link]) -> dict[str, tuple[float, float, float, float]]:
@@ -205,31 +215,34 @@ def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
     return Diagram(title=title, components=[box, *parts], connections=lines)
 
 
-def _shapes(graphics: Sequence[Call]) -> list[Shape]:
+def _shapes(graphics: Sequence[Expression]) -> list[Shape]:
     """Icons without their colours, text and gradients."""
     found = []
     for item in graphics:
-        kind = item.name.lower()
-        points = _points(item.keys.get("points" if kind in {"line", "polygon"} else "extent"))
-        origin = _pair(item.keys.get("origin")) or (0.0, 0.0)
+        kind = item.function.lower() if isinstance(item, Call) else ""
+        given = arguments_of(item)
+        points = _points(given, "points" if kind in {"line", "polygon"} else "extent")
         if kind not in {"line", "polygon", "rectangle", "ellipse"} or len(points) < 2:
             continue
-        pattern = str(item.keys.get("fillPattern", ""))
-        found.append(
-            Shape.model_validate({
-                "kind": kind, "points": [(x + origin[0], y + origin[1]) for x, y in points],
-                "filled": kind != "line" and not pattern.endswith("None") and bool(pattern),
-            })
-        )  # fmt: skip
+        pattern = show(given["fillPattern"]) if "fillPattern" in given else ""
+        filled = kind != "line" and not pattern.endswith("None") and bool(pattern)
+        found.append(Shape.model_validate({"kind": kind, "points": points, "filled": filled}))
     return found
 
 
-def _points(value: object) -> list[tuple[float, float]]:
-    pairs = [_pair(item) for item in value] if isinstance(value, list) else []
-    return [pair for pair in pairs if pair is not None]
+def _points(given: Mapping[str, Expression], name: str = "extent") -> list[tuple[float, float]]:
+    """Pairs of numbers, moved by an origin."""
+    pairs = given.get(name)
+    x0, y0 = _numbers(given.get("origin")) or (0.0, 0.0)
+    found = [_numbers(pair) for pair in (pairs.items if isinstance(pairs, Array) else ())]
+    return [(pair[0] + x0, pair[1] + y0) for pair in found if len(pair) == 2]
 
 
-def _pair(value: object) -> tuple[float, float] | None:
-    if isinstance(value, list) and len(value) == 2 and all(isinstance(x, float) for x in value):
-        return (value[0], value[1])
-    return None
+def _numbers(tree: Expression | None) -> tuple[float, ...]:
+    """The numbers of a list, or the one that a tree is; none where one of them is not given by itself."""
+    if tree is None:
+        return ()
+    try:
+        return tuple(evaluate(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
+    except InputError:
+        return ()
