@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from aero_bayes.errors import InputError
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.syntax import Expression, arguments_of
-from aero_bayes.language.tokens import Token, find_outside, skip_group, split_outside, tokenize
+from aero_bayes.language.tokens import Token, find_outside, line_of, skip_group, split_outside, tokenize
 
 CLASS_WORDS = frozenset(
     {"class", "model", "block", "record", "connector", "type", "package", "function", "operator"}
@@ -249,7 +249,7 @@ class _Reader:
 
     def fail(self, why: str) -> InputError:
         at = self.tokens[self.at].start if self.at < len(self.tokens) else len(self.text)
-        return InputError(f"line {self.text.count(chr(10), 0, at) + 1}: {why}")
+        return InputError(f"line {line_of(self.text, at)}: {why}")
 
     def file(self) -> Iterator[ClassText]:
         within = ""

@@ -126,8 +126,7 @@ def entry_of(
         group, around = inner
         scale = _product_sign([t for _, t in around], values)
         return Entry(group, -sign * scale, -side, _terms(group), around, other_row)
-    beside = () if len(summands(other)) > 1 else (own,)
-    return Entry(other, -sign, -side, (*_terms(other), *beside), (), other_row)
+    return Entry(other, -sign, -side, (*_terms(other), own), (), other_row)
 
 
 def _binds_less(tree: Expression) -> bool:
