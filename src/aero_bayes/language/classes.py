@@ -112,6 +112,10 @@ class ClassText:
         """Everything that the class declares itself, in order."""
         return [c for s in self.declarations for c in _components(s)]
 
+    def declared_in(self, statement: Statement) -> list[Component]:
+        """What one of its statements declares."""
+        return _components(statement) if statement.section in ("public", "protected") else []
+
     def bases(self) -> list[str]:
         """Names of the classes that it extends, as written."""
         return [name for name, _ in self.extended()]

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.language.syntax import Call, Expression, Name, children
+from aero_bayes.language.syntax import Call, Expression, Name, walk
 from aero_bayes.physics.connections import joined
 from aero_bayes.physics.ports import MINUS, Port
 from aero_bayes.physics.quantities import owner_of, relative, unit_in
@@ -75,8 +75,7 @@ def taken_apart(s: Structure) -> set[frozenset[str]]:
 
 def differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference stands in an expression."""
-    match tree:
-        case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:
-            yield frozenset((s.of(a), s.of(b)))
-    for inner in children(tree):
-        yield from differences(s, inner)
+    for t in walk(tree):
+        match t:
+            case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:
+                yield frozenset((s.of(a), s.of(b)))

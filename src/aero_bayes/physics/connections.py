@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.language.syntax import Expression, Name, Number, names_in, summands
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
@@ -24,12 +24,7 @@ def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:
 
 
 def _sum_names(tree: Expression) -> list[str]:
-    match tree:
-        case Name(name, ()):
-            return [name]
-        case Call("+", (one, two)):
-            return [*_sum_names(one), *_sum_names(two)]
-    return []
+    return [t.name for _, t in summands(tree) if isinstance(t, Name)]
 
 
 def _potential(s: Structure, connector: str) -> str:

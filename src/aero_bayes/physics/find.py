@@ -283,15 +283,7 @@ def _gives(e: FlatEquation, name: str) -> bool:
 
 
 def _holds(tree: Expression, driver: str) -> bool:
-    return _has_der(tree, driver[4:-1]) if driver.startswith("der(") else driver in names_in(tree)
-
-
-def _has_der(tree: Expression, name: str) -> bool:
-    if isinstance(tree, Call):
-        if tree.function == "der":
-            return isinstance(tree.args[0], Name) and tree.args[0].name == name
-        return any(_has_der(a, name) for a in tree.args)
-    return False
+    return driver[4:-1] in derived_names(tree) if driver.startswith("der(") else driver in names_in(tree)
 
 
 def _own_name(s: Structure, state: str) -> str:

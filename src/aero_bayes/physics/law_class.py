@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import Edit, apply, indentation, replace_names
+from aero_bayes.language.classes import Component, Statement
+from aero_bayes.language.edits import Edit, apply, indentation, replace_names, text_of
 from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
-from aero_bayes.language.tokens import one_line
+from aero_bayes.language.tokens import one_line, words_of
 from aero_bayes.language.values import evaluate
 from aero_bayes.physics.laws import STANDING, Law
 
@@ -29,7 +30,6 @@ def class_text(
     Parameters
     ----------
     law : Law
-        Its class must extend its partial model directly.
     name : str
         Name of the class.
     sizes : mapping
@@ -41,35 +41,24 @@ def class_text(
     declarations, equations : sequence of str
         Further lines, such as connectors.
     """
-    used = _used(law, without)
-    lines = [f'model {name} "{law.description}"', *(f"  {d}" for d in declarations)]
-    public: list[str] = []
-    hidden: list[str] = []
-    laws: list[str] = []
-    starts: list[str] = []
-    for cls, text in ((law.base, law.base_text), (law.cls, law.text)):
-        offset = law.cls.start if cls is law.cls else 0
-        for statement, components in _declared(cls):
-            if not components or any(c.name in without for c in components):
-                continue
-            if cls is law.base and not any(c.name in used for c in components):
-                continue
-            line = _line(text, statement, components, sizes, signals, offset)
-            (hidden if statement.section == "protected" else public).append(line)
-        for s in cls.equations:
-            if not any(t.word in without for t in s.tokens):
-                laws.append(one_line(text[s.start - offset : s.end - offset]))
-        initial = (s for s in cls.statements if s.section == "initial equation")
-        starts += [one_line(text[s.start - offset : s.end - offset]) for s in initial]
-    lines += [f"  {line}" for line in public]
-    if hidden:
-        lines += ["protected", *(f"  {line}" for line in hidden)]
-    if starts:
-        lines += ["initial equation", *(f"  {line}" for line in starts)]
-    lines += ["equation", *(f"  {line}" for line in (*equations, *laws))]
-    note = _documentation(law)
-    lines += [f"  {line}" for line in note]
-    return [*lines, f"end {name};"]
+    text, cls = law.text, law.cls
+    kept = [s for s in cls.statements if s.section != "public" or s.first != "extends"]
+    kept = [s for s in kept if without.isdisjoint(words_of(s.tokens))]
+    used = Counter(word for s in kept for word in {t.word for t in s.tokens if t.kind == "name"})
+    found: dict[str, list[str]] = {"public": [], "protected": [], "initial equation": [], "equation": [*equations]}
+    for s in kept:
+        components = cls.declared_in(s)
+        if components and not any(used[c.name] > 1 or c.name == law.shape.acts for c in components):
+            continue
+        edits = _edits(s, components, sizes, signals)
+        # a unit that a law asks for is that of a port, in which it may be spelled otherwise
+        asked = [c.arguments for c in components if c.name in law.needs_unit and c.arguments]
+        edits += [Edit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
+        found[s.section].append(one_line(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
+    lines = [f'model {name} "{law.description}"', *(f"  {line}" for line in (*declarations, *found.pop("public")))]
+    for section, inside in found.items():
+        lines += [section, *(f"  {line}" for line in inside)] if inside else []
+    return [*lines, *(f"  {line}" for line in _documentation(law)), f"end {name};"]
 
 
 def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -> str | None:
@@ -88,7 +77,7 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
     str or None
         None for a law with several equations or variables of its own.
     """
-    if len(law.cls.equations) != 1 or law.base.equations:
+    if len(law.cls.equations) != 1:
         return None
     (equation,) = law.cls.equations
     core = equation.core
@@ -98,69 +87,46 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
     for c in law.cls.components():
         if "final" in c.prefixes:
             values[c.name] = evaluate(parse_expression(c.binding), values)
-        elif c.name not in names:
+        elif c.name not in (*names, *sizes, *law.shape.given, law.shape.acts):
             return None
     numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
     known = {**numbers, **{signal: numbers[size] for signal, size in STANDING.items() if size in numbers}, **names}
-    begin, end = core[2].start - law.cls.start, core[-1].end - law.cls.start
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
-    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(law.text[begin:end], edits)))
+    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(text_of(law.text, core[2:]), edits)))
     text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
     text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
     tree = parse_text(text)
     return text if summands(tree) == [(1, tree)] else f"({text})"
 
 
-def _declared(cls: ClassText) -> list[tuple[Statement, list[Component]]]:
-    every = cls.components()
-    return [(s, [c for c in every if c.statement is s]) for s in cls.declarations]
-
-
-def _used(law: Law, without: frozenset[str]) -> set[str]:
-    """Names of the partial model that the law's text needs, directly or through each other."""
-    own = {t.word for s in law.cls.statements for t in s.tokens if t.kind == "name" and s.first != "extends"}
-    own.add(law.shape.acts)
-    own |= {t.word for s in law.base.equations for t in s.tokens if not any(u.word in without for u in s.tokens)}
-    return own - without
-
-
-def _line(
-    text: str,
-    statement: Statement,
-    components: Sequence[Component],
-    sizes: Mapping[str, float],
-    signals: Mapping[str, str],
-    offset: int,
-) -> str:
+def _edits(
+    statement: Statement, components: Sequence[Component], sizes: Mapping[str, float], signals: Mapping[str, str]
+) -> list[Edit]:
+    """A declaration with the values of sizes and the expressions of signals."""
     edits: list[Edit] = []
     # what the program sets and what follows from that alone is no parameter to tune
     if any(c.name in sizes or "final" in c.prefixes for c in components):
         first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
         last = next(t for t in statement.tokens if t.word == "parameter")
-        edits.append(Edit(first.start - offset, last.end - offset, "constant"))
+        edits.append(Edit(first.start, last.end, "constant"))
     for c in components:
         value = signals.get(c.name, repr(float(sizes[c.name])) if c.name in sizes else None)
         if value is None:
             continue
         if c.name in signals:
             word = next(t for t in statement.tokens if t.word == "input")
-            edits.append(Edit(word.start - offset, word.end - offset + 1, ""))
+            edits.append(Edit(word.start, word.end + 1, ""))
         if c.binding:
-            edits.append(Edit(c.binding[0].start - offset, c.binding[-1].end - offset, value))
+            edits.append(Edit(c.binding[0].start, c.binding[-1].end, value))
         else:
-            end = (c.arguments[-1] if c.arguments else c.name_token).end - offset
+            end = (c.arguments[-1] if c.arguments else c.name_token).end
             edits.append(Edit(end, end, f" = {value}"))
-    start, end = statement.start - offset, statement.end - offset
-    moved = [Edit(e.start - start, e.end - start, e.text) for e in edits]
-    return one_line(apply(text[start:end], moved))
+    return edits
 
 
 def _documentation(law: Law) -> list[str]:
     if not law.cls.annotation:
         return []
-    start = law.cls.annotation_start - law.cls.start
-    end = law.cls.annotation[-1].end - law.cls.start
-    text = law.text[start:end]
-    indent = indentation(law.text, start)
-    lines = text.split("\n")
+    indent = indentation(law.text, law.cls.annotation_start)
+    lines = text_of(law.text, law.cls.annotation).split("\n")
     return [line.removeprefix(indent) for line in lines[:-1]] + [lines[-1].removeprefix(indent) + ";"]

@@ -10,13 +10,14 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.language.classes import ClassText, Component, read_classes
+from aero_bayes.language.classes import ClassText, Component
 from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
-from aero_bayes.language.edits import apply, replace_names
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.syntax import Expression, names_in
 from aero_bayes.language.tokens import Token
 from aero_bayes.language.values import evaluate
+from aero_bayes.physics.inline import with_bases
+from aero_bayes.physics.sources import sources_in
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
@@ -107,8 +108,6 @@ class Law:
     shape: Shape
     text: str
     cls: ClassText = field(repr=False, compare=False)
-    base: ClassText = field(repr=False, compare=False)
-    base_text: str = field(repr=False, compare=False)
 
     @property
     def derived(self) -> frozenset[str]:
@@ -150,37 +149,24 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     InputError
         For a law that has no fitted parameter, or an attribute that is no formula in sizes; names file and class.
     """
-    shipped = modelica_root() / "Laws" / "Interfaces"
-    partials = {c.name: (c, t) for c, t, _ in _classes([shipped]) if c.name in SHAPES}
-    everything = list(_classes(sources))
-    by_name = {c.name: c for c, _, _ in everything}
+    own = list(modelica_files(sources))
+    known = sources_in([*modelica_files([modelica_root() / "Laws" / "Interfaces"]), *own])
+    every = {c.full_name: c for c in known.classes()}
     found = []
-    for cls, text, path in everything:
-        partial = _partial(cls, by_name)
-        if partial is None or cls.name in SHAPES or text[cls.start : cls.name_token.start].startswith("partial"):
-            continue
-        try:
-            if cls.bases() != [b for b in cls.bases() if b.rpartition(".")[2] == partial]:
-                raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
-            alone, own = _alone(cls, text, [c for c, _, _ in everything])
-            found.append(_law(own, alone, cls.full_name, SHAPES[partial], *partials[partial]))
-        except InputError as error:
-            raise InputError(f"{path}: {cls.full_name}: {error}") from None
+    for path in own:
+        file = known.files[str(path)]
+        for cls in (c for top in file.classes for c in top.walk()):
+            partial = _partial(cls, {c.name: c for c in every.values()})
+            if partial is None or cls.name in SHAPES or cls.partial:
+                continue
+            try:
+                if [b for b in cls.bases() if b.rpartition(".")[2] != partial]:
+                    raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
+                whole, merged = with_bases(known, file, cls)
+                found.append(_law(cls, SHAPES[partial], every[f"Laws.Interfaces.{partial}"], whole.text, merged))
+            except InputError as error:
+                raise InputError(f"{path}: {cls.full_name}: {error}") from None
     return tuple(found)
-
-
-def _alone(cls: ClassText, text: str, every: Sequence[ClassText]) -> tuple[str, ClassText]:
-    """A law as a text of its own, with full names for what the packages around it define, such as functions."""
-    own = {c.name for c in cls.components()}
-    around: dict[str, str] = {}
-    package = cls.within
-    while package:
-        for other in (c for c in every if c.within == package and c.name not in own):
-            around.setdefault(other.name, other.full_name)
-        package = package.rpartition(".")[0]
-    edits = [e for s in cls.statements if s.first != "extends" for e in replace_names(s.tokens, around.get)]
-    alone = apply(text[cls.start : cls.end], [e.moved(-cls.start) for e in edits])
-    return alone, read_classes(alone)[0]
 
 
 def modelica_files(sources: Sequence[Path]) -> Iterator[Path]:
@@ -202,16 +188,6 @@ def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
-def _classes(sources: Sequence[Path]) -> Iterator[tuple[ClassText, str, Path]]:
-    for path in modelica_files(sources):
-        text = path.read_text(encoding="utf-8")
-        try:
-            tops = read_classes(text)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        yield from ((c, text, path) for top in tops for c in top.walk())
-
-
 def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     """Name of the partial model that a class extends, directly or through others."""
     waiting, seen = list(cls.bases()), set[str]()
@@ -225,7 +201,7 @@ def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     return None
 
 
-def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, base_text: str) -> Law:
+def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: ClassText) -> Law:
     own, inherited = cls.components(), base.components()
     parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
     if not parameters:
@@ -239,10 +215,10 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     extends = next(s for s in cls.declarations if s.first == "extends")
     return Law(
-        snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
+        snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
         frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
         _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"),
-        _noted(cls.annotation, "threshold"), _noted(cls.annotation, "vanishing"), shape, text, cls, base, base_text,
+        _noted(cls.annotation, "threshold"), _noted(cls.annotation, "vanishing"), shape, text, merged,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -42,13 +42,16 @@ class Sources:
 
     files: Mapping[str, SourceFile]
 
+    def classes(self) -> Iterator[ClassText]:
+        """All classes with a body."""
+        return (c for f in self.files.values() for top in f.classes for c in top.walk())
+
     def find(self, model: str) -> tuple[SourceFile, ClassText]:
         """The class of that full name. Raises InputError where there is none with a body of its own."""
         for file in self.files.values():
-            for top in file.classes:
-                for cls in top.walk():
-                    if cls.full_name == model:
-                        return file, cls
+            for cls in (c for top in file.classes for c in top.walk()):
+                if cls.full_name == model:
+                    return file, cls
         raise InputError(f"{model}: the class was not found in the sources")
 
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
@@ -71,15 +74,13 @@ class Sources:
         if first in known:
             return known[first] + dot + rest
         for package in _opened_packages(cls):
-            if any(
-                c.full_name == f"{package}.{name}" for f in self.files.values() for top in f.classes for c in top.walk()
-            ):
+            if any(c.full_name == f"{package}.{name}" for c in self.classes()):
                 return f"{package}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
         """Full names of what the packages around a class define or import, by the names used inside it."""
-        every = [c for f in self.files.values() for top in f.classes for c in top.walk()]
+        every = [*self.classes()]
         found: dict[str, str] = {}
         around = cls.within
         while around:
@@ -148,6 +149,11 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     return Sources(files)
 
 
+def sources_in(files: Iterable[Path]) -> Sources:
+    """Some files by their paths. Raises InputError, with the file, for what is no Modelica."""
+    return Sources({str(path): _read(path, str(path)) for path in files})
+
+
 def files_of(source: Path) -> list[Path]:
     """A Modelica file itself, or all those in the folder of a package."""
     return sorted(source.rglob("*.mo")) if source.is_dir() else [source]
@@ -169,7 +175,7 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     InputError
         For a file that is no Modelica; names it.
     """
-    return tuple(c for path in files_of(source) for top in _read(path, path.name).classes for c in top.walk())
+    return tuple(sources_in(files_of(source)).classes())
 
 
 def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:

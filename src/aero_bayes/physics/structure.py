@@ -10,7 +10,7 @@ from itertools import pairwise
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.language.syntax import Call, Expression, Name, Number, children, names_in
+from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, summands, walk
 from aero_bayes.physics.rows import Origin, by_elements
 from aero_bayes.physics.together import Signed, Together, distances, moving_together
 
@@ -55,10 +55,9 @@ class Structure:
 
 def is_derivative(tree: Expression) -> str | None:
     """The name under ``der`` where a tree is a derivative of a plain variable."""
-    if isinstance(tree, Call) and tree.function == "der" and len(tree.args) == 1:
-        inner = tree.args[0]
-        if isinstance(inner, Name) and not inner.subscripts:
-            return inner.name
+    match tree:
+        case Call("der", (Name(name, ()),)):
+            return name
     return None
 
 
@@ -131,7 +130,8 @@ def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
     """The one unit that is declared for any of what is added up, for all of it."""
     group = Signed()
     for e in flat.equations:
-        for names in (_added(Call("-", (e.left, e.right))), *_sums(e.left), *_sums(e.right)):
+        for tree in walk(Call("-", (e.left, e.right))):
+            names = (t.name for _, t in summands(tree) if isinstance(t, Name) and not t.subscripts)
             for one, two in pairwise(of[n] for n in names if n in of):
                 (kept, _), (gone, _) = group.root(one), group.root(two)
                 if gone != kept:
@@ -141,23 +141,6 @@ def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
         if v.unit:
             declared.setdefault(group.root(of[v.name])[0], set()).add(v.unit)
     return {cls: next(iter(u)) for cls in {*of.values()} if len(u := declared.get(group.root(cls)[0], set())) == 1}
-
-
-def _sums(tree: Expression) -> Iterator[list[str]]:
-    """The names that each sum within an expression adds up."""
-    if isinstance(tree, Call) and tree.function in ("+", "-"):
-        yield _added(tree)
-    for inner in children(tree):
-        yield from _sums(inner)
-
-
-def _added(tree: Expression) -> list[str]:
-    match tree:
-        case Name(name, ()):
-            return [name]
-        case Call("+" | "-" | "neg", args):
-            return [n for a in args for n in _added(a)]
-    return []
 
 
 def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:
@@ -178,11 +161,7 @@ def derived_in(e: FlatEquation) -> list[str]:
 
 def derived_names(tree: Expression) -> Iterator[str]:
     """What is derived by time anywhere in an expression."""
-    name = is_derivative(tree)
-    if name is not None:
-        yield name
-    for inner in children(tree):
-        yield from derived_names(inner)
+    return (name for t in walk(tree) if (name := is_derivative(t)) is not None)
 
 
 def _equal(e: FlatEquation) -> tuple[str, str, int] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in
+from aero_bayes.language.syntax import Call, Name, names_in, summands
 
 #: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
 Together = Mapping[str, tuple[str, int]]
@@ -68,21 +68,10 @@ def distances(equations: Sequence[FlatEquation], moving: Together) -> dict[str, 
 def _sum(e: FlatEquation, free: Collection[str]) -> list[tuple[int, str]] | None:
     """The variables of an equation with their signs, where it is a sum of them and constants."""
     found: list[tuple[int, str]] = []
-    stack: list[tuple[int, Expression]] = [(1, e.left), (-1, e.right)]
-    while stack:
-        sign, tree = stack.pop()
+    for sign, tree in summands(Call("-", (e.left, e.right))):
         match tree:
-            case Call("+", (one, two)):
-                stack += [(sign, one), (sign, two)]
-            case Call("-", (one, two)):
-                stack += [(sign, one), (-sign, two)]
-            case Call("neg", (one,)):
-                stack.append((-sign, one))
-            case Number():
-                pass
             case Name(name, ()) if name in free:
                 found.append((sign, name))
-            case _:
-                if names_in(tree) & {*free, "time"} or (isinstance(tree, Name) and tree.subscripts):
-                    return None
+            case _ if names_in(tree) & {*free, "time"} or (isinstance(tree, Name) and tree.subscripts):
+                return None
     return found
