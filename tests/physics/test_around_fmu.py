@@ -21,11 +21,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.embedded import export_embedded, export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.physics.around import Surroundings
+from aero_bayes.physics.candidates import candidates, ports_of
 from aero_bayes.physics.compose import Models, compose_laws
 from aero_bayes.physics.coupled import couple
-from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, candidates
+from aero_bayes.physics.ports import Port
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import (

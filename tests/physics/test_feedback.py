@@ -12,7 +12,7 @@ from test_write import agree, uses_at
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.loop import AttributeSettings, LoopSettings, close_loop
-from aero_bayes.physics.find import ports_of
+from aero_bayes.physics.candidates import ports_of
 from aero_bayes.physics.laws import general_laws
 
 AXIS = """model Axis "A position loop"

@@ -17,8 +17,8 @@ from aero_bayes.export.compose import add_input
 from aero_bayes.export.expression import evaluate
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Name
+from aero_bayes.physics.candidates import ports_of
 from aero_bayes.physics.compose import Models, compose_law, law_models
-from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
 from aero_bayes.physics.use import use_of
 

@@ -12,8 +12,8 @@ from physics_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.physics.candidates import ports_of
 from aero_bayes.physics.compose import Models, compose_law
-from aero_bayes.physics.find import ports_of
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.sources import names_taken

@@ -125,6 +125,11 @@ class ClassText:
         clauses = [s.core[1:] for s in self.declarations if s.first == "extends"]
         return [(name, _modifiers(c[at + 1 : -1])) for c in clauses for name, at in [dotted_name(c)]]
 
+    def derived(self) -> set[str]:
+        """Names whose derivative its equations take."""
+        triples = (t for s in self.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
+        return {c.word for a, b, c in triples if (a.word, b.word) == ("der", "(")}
+
     def aliases(self) -> dict[str, str]:
         """Names of short class definitions, such as replaceable models, and of the classes that they stand for."""
         found = {}

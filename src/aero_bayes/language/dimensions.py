@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from aero_bayes.language.syntax import DIVIDES, Call, Expression, Name, Number, factors, show, summands
-from aero_bayes.language.units import base_units
+from aero_bayes.language.units import base_units, symbols_of
 from aero_bayes.language.values import OPERATORS
 
 #: Functions whose value has the dimension of their argument.
@@ -87,13 +87,9 @@ def without_angle(dim: Dimension) -> Dimension:
 
 def unit_factors(unit: str) -> Dimension | None:
     """Exponents of the unit's own symbols, ``N.s/m`` as N, s and 1/m; None where it is empty or not understood."""
-    if base_units(unit) is None if unit else True:
+    if base_units(unit) is None:
         return None
-    total: dict[str, float] = {}
-    for place, part in enumerate(unit.split("/")):
-        for symbol, power in re.findall(r"([A-Za-z]+)([+-]?\d+)?", part):
-            total[symbol] = total.get(symbol, 0.0) + float(power or 1) * (1 if place == 0 else -1)
-    return _clean(total)
+    return _product([("*", {symbol: float(power)}) for symbol, power in symbols_of(unit) if symbol not in ("1", "%")])
 
 
 def coherent(factors: Dimension | None) -> Dimension | None:

@@ -64,19 +64,27 @@ def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
     """
     total = dict.fromkeys(BASE, 0)
     scale = 1.0
-    for place, part in enumerate(unit.split("/")):
-        if place > 1:
+    for symbol, power in symbols_of(unit) or [("", 0)]:
+        known = _symbol(symbol)
+        if known is None:
             return None
+        scale *= known[0] ** power
+        for base, exponent in known[1].items():
+            total[base] += exponent * power
+    return scale, {k: v for k, v in total.items() if v}
+
+
+def symbols_of(unit: str) -> list[tuple[str, int]]:
+    """The symbols of a unit expression with their powers, ``N.s/m`` as N, s and 1/m; none for what is not one."""
+    found: list[tuple[str, int]] = []
+    above, *below = unit.split("/")
+    for part, sign in ((above, 1), *((p, -1) for p in below)):
         for item in part.strip().removeprefix("(").removesuffix(")").split("."):
             match = _FACTOR.match(item.strip())
-            known = _symbol(match[1]) if match else None
-            if match is None or known is None:
-                return None
-            power = int(match[2] or 1) * (1 if place == 0 else -1)
-            scale *= known[0] ** power
-            for base, exponent in known[1].items():
-                total[base] += exponent * power
-    return scale, {k: v for k, v in total.items() if v}
+            if match is None or len(below) > 1:
+                return []
+            found.append((match[1], sign * int(match[2] or 1)))
+    return found
 
 
 def _symbol(name: str) -> tuple[float, dict[str, int]] | None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.language.syntax import Name, Number
+from aero_bayes.physics.candidates import with_laws
 from aero_bayes.physics.compose import Models, compose_laws
 from aero_bayes.physics.entrance import Entrance
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, fits
+from aero_bayes.physics.ports import Port
 from aero_bayes.physics.use import Use, plain_name
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.model import Variable
@@ -84,7 +85,7 @@ class Surroundings:
               for v in self.inner.outputs if v.kind == "real"),
         ]  # fmt: skip
         every = [*plain, *motions]
-        return tuple(_with_laws(p, self.laws) for p in every)
+        return with_laws(every, self.laws)
 
     def _signal(self, v: Variable, kind: str, id_: str) -> Port:
         units = {"u": v.unit, "y": v.unit}
@@ -147,7 +148,3 @@ def _input(flat: FlatModel, name: str, v: Variable, start: float) -> FlatModel:
     attributes = {"start": Number(start)}
     variable = FlatVariable(name, causality="input", unit=v.unit, description=v.description, attributes=attributes)
     return FlatModel(flat.name, (*flat.variables, variable), flat.equations)
-
-
-def _with_laws(port: Port, laws: Sequence[Law]) -> Port:
-    return replace(port, laws=tuple(law.id for law in laws if fits(law, port)))

@@ -51,9 +51,8 @@ def without_numbers(path: str) -> tuple[str, dict[str, int]]:
 def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
     """Declare components by the copies of their classes, and give those what they take."""
     edits: list[Edit] = []
-    components = cls.components()
     for statement in cls.declarations:
-        together = [c for c in components if c.statement is statement]
+        together = cls.declared_in(statement)
         if any(c.name in held for c in together):
             edits += _types(together, held, text)
             edits += [e for c in together if c.name in held for e in _arguments(c, held[c.name])]

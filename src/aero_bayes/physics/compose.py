@@ -21,10 +21,11 @@ from aero_bayes.export.compose import (
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, reference
+from aero_bayes.physics.candidates import Candidate
 from aero_bayes.physics.feedback import giving
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Candidate, Port, Via, signal_of
+from aero_bayes.physics.ports import Port, Via, signal_of
 from aero_bayes.physics.use import Use, plain_name, use_of
 from aero_bayes.scratch import ScratchFolder
 

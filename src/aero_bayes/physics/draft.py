@@ -37,7 +37,7 @@ class Draft:
         cls = self.cls
         self.components: dict[str, Component] = {c.name: c for c in cls.components()}
         self.extends = all(u.port.via == "node" for u in uses)
-        self.parameters: list[str] = []
+        self.parameters = [line for use in uses for line in use.declarations()]
         self.classes: list[list[str]] = []
         self.instances: dict[str, tuple[str, dict[str, str]]] = {}
         self.variables: list[str] = []
@@ -75,15 +75,6 @@ class Draft:
         return SourceFile(file.file, text, classes), classes[0]
 
     # what every law brings
-
-    def declare_parameters(self, use: Use) -> None:
-        for p in use.parameters():
-            attributes = [f'unit = "{use.unit(p)}"'] if use.unit(p) else []
-            attributes += [f"{k} = {v:.6g}" for k, v in use.limits(p).items()]
-            self.parameters.append(
-                f"parameter Real {use.names[p.name]}({', '.join(attributes)}) = {use.value(p)!r} "
-                f'"{p.description} at {use.port.id}";'
-            )
 
     def declare(
         self,

@@ -18,8 +18,7 @@ from aero_bayes.physics.between import between
 from aero_bayes.physics.connections import beside_storage, in_branches, node, series
 from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
 from aero_bayes.physics.feedback import connected, feedback
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, PortKind, fits
+from aero_bayes.physics.ports import Port, PortKind
 from aero_bayes.physics.quantities import (
     SPEEDS,
     is_current,
@@ -34,16 +33,11 @@ from aero_bayes.physics.quantities import (
 from aero_bayes.physics.structure import Structure, derived_names, structure_of
 
 
-def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
+def find_ports(flat: FlatModel) -> list[Port]:
     """All ports of a model: inputs, outputs, then balances in the order of their states.
 
-    Parameters
-    ----------
-    flat : FlatModel
-        A state is reached by a balance or a connection of the model's own class; only where there is none, by the
-        balance inside a component.
-    laws : sequence of Law
-        Those that are looked at for :attr:`Port.laws`.
+    A state is reached by a balance or a connection of the model's own class; only where there is none, by the balance
+    inside a component.
     """
     s = structure_of(flat)
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
@@ -55,8 +49,7 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
-    ports += [*feedback(s, flat), *connected(s, flat), *between(s, balances), *against(s, balances)]
-    return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
+    return [*ports, *feedback(s, flat), *connected(s, flat), *between(s, balances), *against(s, balances)]
 
 
 def _top(v: FlatVariable, causality: str) -> bool:

@@ -14,9 +14,10 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.physics.around import Seam, Surroundings
+from aero_bayes.physics.candidates import Candidate, candidates
 from aero_bayes.physics.coupled import couple, state_name
 from aero_bayes.physics.kin import OpenSimulator, moved
-from aero_bayes.physics.ports import Candidate, Port, candidates
+from aero_bayes.physics.ports import Port
 from aero_bayes.physics.rig import RigFamily, Sizes
 from aero_bayes.physics.sizes import pace, recorded, signal_size, signals_of, typical_time
 from aero_bayes.physics.use import Use

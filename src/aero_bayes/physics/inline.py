@@ -59,7 +59,7 @@ def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
         local = {c.name for c in inner.components()} | set(inner.class_names)
         outer = {k: v for k, v in meanings.items() if k not in local}
         for s in inner.statements:
-            names = {c.name_token.start for c in inner.components() if c.statement is s}
+            names = {c.name_token.start for c in inner.declared_in(s)}
             changed += [e for e in replace_names(s.tokens, outer.get) if e.start not in names]
     body = apply(file.text[begin : cls.end], [e.moved(-begin) for e in changed])
     return re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n" if margin else body + "\n"
@@ -93,7 +93,7 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
         if s.section != section:
             lines.append(s.section)
             section = s.section
-        edits = [e for c in cls.components() if c.statement is s for e in _modified(c, modifiers.pop(c.name, ()))]
+        edits = [e for c in cls.declared_in(s) for e in _modified(c, modifiers.pop(c.name, ()))]
         lines.append(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits]))
     if modifiers:
         raise InputError(f"{cls.name}: the modifier of {next(iter(modifiers))!r} cannot be written out")

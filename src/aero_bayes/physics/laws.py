@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.classes import ClassText, Component, annotated
 from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
-from aero_bayes.language.syntax import Expression, names_in
-from aero_bayes.language.tokens import Token
+from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.values import evaluate
 from aero_bayes.physics.inline import with_bases
 from aero_bayes.physics.sources import sources_in
@@ -109,11 +109,10 @@ class Law:
     text: str
     cls: ClassText = field(repr=False, compare=False)
 
-    @property
+    @cached_property
     def derived(self) -> frozenset[str]:
         """Names whose derivative its equations take."""
-        triples = (t for s in self.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
-        return frozenset(c.word for a, b, c in triples if a.word == "der" and b.word == "(")
+        return frozenset(self.cls.derived())
 
     @property
     def moves(self) -> bool:
@@ -131,6 +130,7 @@ class Law:
         return self.parameters[0]
 
 
+@cache
 def general_laws() -> tuple[Law, ...]:
     """The laws of the shipped package ``Laws``."""
     return laws_of([modelica_root() / "Laws"])
@@ -213,12 +213,14 @@ def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: Class
                 evaluate(term, dict.fromkeys(sizes, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
-    extends = next(s for s in cls.declarations if s.first == "extends")
+    (extends,) = (s for s in cls.declarations if s.first == "extends")
+    modified = arguments_of(parse_expression(extends.core[1:]))
+    units = {signal: unit for signal, given in modified.items() if (unit := _texts(arguments_of(given)).get("unit"))}
+    said = _texts(annotated(cls.annotation, "__aero_bayes"))
     return Law(
         snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
-        _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"),
-        _noted(cls.annotation, "threshold"), _noted(cls.annotation, "vanishing"), shape, text, merged,
+        frozenset(words & set(shape.given)), units, said.get("not_for", ""), said.get("refines", ""),
+        said.get("learned", ""), said.get("threshold", ""), said.get("vanishing", ""), shape, text, merged,
     )  # fmt: skip
 
 
@@ -241,16 +243,5 @@ def _parameter(c: Component) -> LawParameter:
     )
 
 
-def _units(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
-    """Units in the modifiers of an extends clause, such as ``h(unit = "K")``."""
-    for signal, opening, key, equals, value in zip(*(tokens[k:] for k in range(5)), strict=False):
-        if opening.word == "(" and key.word == "unit" and equals.word == "=" and value.kind == "text":
-            yield signal.word, value.word[1:-1]
-
-
-def _noted(annotation: Sequence[Token], word: str) -> str:
-    """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
-    for key, equals, value in zip(*(annotation[k:] for k in range(3)), strict=False):
-        if key.word == word and equals.word == "=":
-            return str(value.word[1:-1])
-    return ""
+def _texts(given: Mapping[str, Expression]) -> dict[str, str]:
+    return {name: value.value for name, value in given.items() if isinstance(value, Text)}

@@ -8,8 +8,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
+from aero_bayes.physics.candidates import reacts
 from aero_bayes.physics.laws import STANDING, Attribute, Law, LawParameter
-from aero_bayes.physics.ports import Port, reacts
+from aero_bayes.physics.ports import Port
 
 _LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 
@@ -67,6 +68,14 @@ class Use:
         """``min``, ``max`` and ``nominal``, those that are given."""
         found = {attribute: p.value(of, self.all_sizes) for attribute, of in _LIMITS}
         return {k: v for k, v in found.items() if math.isfinite(v)}
+
+    def declarations(self) -> Iterator[str]:
+        """The fitted parameters as Modelica declares them in the whole model."""
+        for p in self.parameters():
+            attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
+            attributes += [f"{k} = {v:.6g}" for k, v in self.limits(p).items()]
+            given, about = f"({', '.join(attributes)}) = {self.value(p)!r}", f'"{p.description} at {self.port.id}"'
+            yield f"parameter Real {self.names[p.name]}{given} {about};"
 
     def unit(self, p: LawParameter) -> str:
         """Unit of a parameter, from those of the port."""

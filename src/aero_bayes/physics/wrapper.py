@@ -49,12 +49,7 @@ def modelica_text(inner: Model, seam: Seam, uses: Sequence[Use], values: Mapping
         f'model {name} "{inner.path.name} with {" and ".join(u.id for u in uses) or "nothing added"}"',
         f"  // import {inner.path.name} under the name {cls} first (OpenModelica: importFMU, Dymola: File, Import FMU)",
     ]
-    for use in uses:
-        for p in use.parameters():
-            attributes = [f'unit = "{use.unit(p)}"'] if use.unit(p) else []
-            attributes += [f"{k} = {v:.6g}" for k, v in use.limits(p).items()]
-            about = f"{p.description} at {use.port.id}"
-            lines.append(f'  parameter Real {use.names[p.name]}({", ".join(attributes)}) = {use.value(p)!r} "{about}";')
+    lines += [f"  {line}" for use in uses for line in use.declarations()]
     shown = [(v, outside, "input") for v, outside, _ in seam.inputs]
     outside_of = {v.name: outside for v, _, outside in seam.outputs}
     outputs = [v for v in inner.outputs if v.kind == "real"]

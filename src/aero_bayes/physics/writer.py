@@ -53,8 +53,6 @@ class Writer:
             "input": self._at_input, "output": self._at_output, "signal": self._at_signal,
             "equation": self._in_equation, "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
-        for use in self.uses:
-            self.draft.declare_parameters(use)
         # what a law in a balance reads is called by then as laws at outputs and inputs have it
         for use in sorted(self.uses, key=lambda u: _FIRST.get(u.port.via, 2)):
             ways[use.port.via](use)
@@ -308,7 +306,7 @@ class Writer:
             self.draft.declare(use, {"u": inner}, {})
             return
         giving = [s for s in self.draft.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
-        if c.binding or (len(giving) == 1 and f"der({name})" not in self._derivatives()):
+        if c.binding or (len(giving) == 1 and name not in self.draft.cls.derived()):
             self.draft.moved[name] = c.binding or giving[0].core[2:]
             self.draft.declare(use, {"u": ""}, {})
             self.draft.read[name] = f"{use.instance}.u"
@@ -319,10 +317,6 @@ class Writer:
             self._declare_like(c, true, "unread")
             self._without_start(c)
             self.draft.read[name] = true
-
-    def _derivatives(self) -> set[str]:
-        triples = (t for s in self.draft.cls.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
-        return {f"der({c.word})" for a, b, c in triples if a.word == "der" and b.word == "("}
 
     def _declare_like(self, c: Component, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
