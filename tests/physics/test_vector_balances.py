@@ -15,8 +15,8 @@ from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.physics.candidates import ports_of
 from aero_bayes.physics.compose import Models, compose_law
 from aero_bayes.physics.laws import Law
+from aero_bayes.physics.model_sources import names_taken
 from aero_bayes.physics.ports import Port
-from aero_bayes.physics.sources import names_taken
 from aero_bayes.physics.use import use_of
 from aero_bayes.physics.write import write_law
 

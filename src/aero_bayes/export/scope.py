@@ -12,7 +12,7 @@ from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
 from aero_bayes.export.choices import choices
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.flat import FlatEquation, Function, Place
+from aero_bayes.export.flat import FlatEquation, Function
 from aero_bayes.export.solved import unsolved
 from aero_bayes.export.tables import call_table, is_table_function, searched_anew
 from aero_bayes.language.syntax import (
@@ -37,6 +37,7 @@ from aero_bayes.language.syntax import (
     WhileStatement,
     show,
 )
+from aero_bayes.language.tokens import Place
 from aero_bayes.language.values import BINARY, OPERATORS, RELATIONS, UNARY
 
 MAX_UNROLLED = 10_000

@@ -1,4 +1,4 @@
-"""Modelica source as tokens that know where they stand."""
+"""Modelica source as tokens that know where they stand, and places in files."""
 
 from __future__ import annotations
 
@@ -29,6 +29,19 @@ class Token:
     word: str
     start: int
     end: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of a source file: bytes ``start`` to ``end``, and the line (from one) that it begins on."""
+
+    file: str
+    start: int
+    end: int
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
 
 
 def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.values import evaluate
 from aero_bayes.physics.inline import with_bases
-from aero_bayes.physics.sources import sources_in
+from aero_bayes.physics.sources import modelica_files, sources_in
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
@@ -167,20 +167,6 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
             except InputError as error:
                 raise InputError(f"{path}: {cls.full_name}: {error}") from None
     return tuple(found)
-
-
-def modelica_files(sources: Sequence[Path]) -> Iterator[Path]:
-    """The ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
-    for source in sources:
-        if source.is_file():
-            yield source
-            continue
-        order = source / "package.order"
-        names = order.read_text(encoding="utf-8").split() if order.is_file() else []
-        inside = [p for p in source.iterdir() if p.suffix == ".mo" or (p / "package.mo").is_file()]
-        rank = {n: i for i, n in enumerate(names)}
-        inside.sort(key=lambda p: (p.name != "package.mo", rank.get(p.stem, len(rank)), p.name))
-        yield from (f for p in inside for f in modelica_files([p]))
 
 
 def snake_case(name: str) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.export.flat import Place
 from aero_bayes.language.syntax import Call, Expression, reference
+from aero_bayes.language.tokens import Place
 from aero_bayes.physics.entrance import Entrance
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]

@@ -28,10 +28,10 @@ from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
 from aero_bayes.physics.laws import Law, general_laws, laws_of
 from aero_bayes.physics.learned import basis_of
+from aero_bayes.physics.model_sources import names_taken
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Port
 from aero_bayes.physics.sizes import port_sizes
-from aero_bayes.physics.sources import names_taken
 from aero_bayes.physics.structure import structure_of
 from aero_bayes.physics.use import Use, use_of
 from aero_bayes.physics.write import Written, write_law

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.flat import FlatModel, Place
-from aero_bayes.export.library import rig_packages
 from aero_bayes.language.classes import ClassText, innermost, read_classes
-from aero_bayes.language.tokens import tokenize
+from aero_bayes.language.tokens import Place, tokenize
 
 
 @dataclass(frozen=True)
@@ -118,48 +115,26 @@ def _opened_packages(cls: ClassText) -> list[str]:
     return ["".join(words[:-1]) for words in _imports(cls) if words[-1] == ".*"]
 
 
-def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
-    """Read the files and package folders that a model is exported with; the shipped packages of rigs are among
-    them.
-
-    Of libraries, the files that ``flat`` has something from are read as well.
-
-    Raises
-    ------
-    InputError
-        For a file that is missing or is no Modelica; names it.
-    """
-    files: dict[str, SourceFile] = {}
-    for source in (*rig_packages(), *map(Path, sources)):
-        if not source.exists():
-            raise InputError(f"{source}: no such file")
-        for path in files_of(source):
-            name = str(path.relative_to(source.parent))
-            files[name] = _read(path, name)
-    places = [] if flat is None else [v.place for v in flat.variables] + [e.place for e in flat.equations]
-    for place in dict.fromkeys(p.file for p in places if p is not None):
-        if place not in files and Path(place).is_absolute() and Path(place).is_file():
-            files[place] = _read(Path(place), place)
-            # what the packages around it import
-            for package in (f / "package.mo" for f in Path(place).parents):
-                if not package.is_file():
-                    break
-                if str(package) not in files:
-                    files[str(package)] = _read(package, str(package))
-    return Sources(files)
-
-
 def sources_in(files: Iterable[Path]) -> Sources:
     """Some files by their paths. Raises InputError, with the file, for what is no Modelica."""
-    return Sources({str(path): _read(path, str(path)) for path in files})
+    return Sources({str(path): read_file(path, str(path)) for path in files})
 
 
-def files_of(source: Path) -> list[Path]:
-    """A Modelica file itself, or all those in the folder of a package."""
-    return sorted(source.rglob("*.mo")) if source.is_dir() else [source]
+def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
+    """The ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
+    for source in sources:
+        if source.is_file():
+            yield source
+            continue
+        order = source / "package.order"
+        names = order.read_text(encoding="utf-8").split() if order.is_file() else []
+        inside = [p for p in source.iterdir() if p.suffix == ".mo" or (p / "package.mo").is_file()]
+        rank = {n: i for i, n in enumerate(names)}
+        inside.sort(key=lambda p: (p.name != "package.mo", rank.get(p.stem, len(rank)), p.name))
+        yield from (f for p in inside for f in modelica_files([p]))
 
 
-def _read(path: Path, name: str) -> SourceFile:
+def read_file(path: Path, name: str) -> SourceFile:
     text = path.read_text(encoding="utf-8")
     try:
         return SourceFile(name, text, read_classes(text))
@@ -175,14 +150,4 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     InputError
         For a file that is no Modelica; names it.
     """
-    return tuple(sources_in(files_of(source)).classes())
-
-
-def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
-    """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
-    loops = set[str]()
-    for source in sources:
-        for path in files_of(source):
-            words = [t.word for t in tokenize(path.read_text(encoding="utf-8"))]
-            loops |= {after for word, after in pairwise(words) if word == "for"}
-    return {v.name for v in flat.variables} | loops
+    return tuple(sources_in(modelica_files([source])).classes())

@@ -9,7 +9,7 @@ from pathlib import Path
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
-from aero_bayes.physics.sources import read_sources
+from aero_bayes.physics.model_sources import read_sources
 from aero_bayes.physics.use import Use
 from aero_bayes.physics.writer import Writer
 
