@@ -15,11 +15,11 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Name, Number
-from aero_bayes.physics.candidates import candidates, ports_of
-from aero_bayes.physics.compose import Models, compose_laws
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.use import Use, use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import Use, use_of
+from aero_bayes.laws.write import write_law
 
 FORMS = {
     "matrices": """model Rig

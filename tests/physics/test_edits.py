@@ -23,8 +23,8 @@ from aero_bayes.language.edits import (
 )
 from aero_bayes.language.parse import sides_of
 from aero_bayes.language.tokens import one_line, tokenize
-from aero_bayes.physics.balance import entry_of
-from aero_bayes.physics.find import is_driver
+from aero_bayes.ports.balance import entry_of
+from aero_bayes.ports.find import is_driver
 
 NOISE = [
     " ",

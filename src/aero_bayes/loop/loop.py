@@ -16,6 +16,7 @@ from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export import declaration_of
+from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -27,7 +28,6 @@ from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.kin import Family
-from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import WorkerPool

@@ -7,7 +7,7 @@ from typing import Any
 
 from aero_bayes.export import modelica_root
 from aero_bayes.language.diagram import model_diagrams
-from aero_bayes.physics.sources import modelica_files
+from aero_bayes.language.sources import modelica_files
 from aero_bayes.workflow.job import Job
 
 Json = dict[str, Any]
@@ -35,7 +35,7 @@ def _words(job: Job, result: Mapping[str, Any]) -> Json:
 
 
 def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
-    files: list[Path] = []
+    files: list[Any] = []
     if job.modelica:
         written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
         files += modelica_files([modelica_root(), *job.config.model.sources, *dict.fromkeys(written)])

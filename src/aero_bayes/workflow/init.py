@@ -22,10 +22,10 @@ from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import whole_file
+from aero_bayes.language.own_parameters import OwnClasses
+from aero_bayes.language.sources import read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.library import load_model
-from aero_bayes.physics.sources import read_classes_of
-from aero_bayes.physics.touched import OwnClasses
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.model import Variable
 from aero_bayes.workflow.job import columns_of, layout_of

@@ -11,8 +11,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, summands, walk
-from aero_bayes.physics.rows import Origin, by_elements
-from aero_bayes.physics.together import Signed, Together, distances, moving_together
+from aero_bayes.ports.common_motion import Signed, Together, distances, moving_together
+from aero_bayes.ports.scalar_equations import Origin, by_elements
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.syntax import Name, names_in
-from aero_bayes.physics.ports import Port
-from aero_bayes.physics.structure import Structure, derived_in, is_derivative
+from aero_bayes.ports.equal_variables import Structure, derived_in, is_derivative
+from aero_bayes.ports.port import Port
 
 #: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
 Told = tuple[int, set[str], set[str]]

@@ -8,10 +8,10 @@ from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Expression, Name, walk
-from aero_bayes.physics.connections import joined
-from aero_bayes.physics.ports import MINUS, Port
-from aero_bayes.physics.quantities import owner_of, relative, unit_in
-from aero_bayes.physics.structure import Structure, is_derivative
+from aero_bayes.ports.connections import joined
+from aero_bayes.ports.equal_variables import Structure, is_derivative
+from aero_bayes.ports.port import MINUS, Port
+from aero_bayes.ports.quantities import owner_of, relative, unit_in
 
 
 def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:

@@ -15,7 +15,7 @@ import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.embedded import export_flat
-from aero_bayes.physics.around import Seam
+from aero_bayes.laws.fmu_ports import Seam
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.model import BINARY_FOLDERS, Variable

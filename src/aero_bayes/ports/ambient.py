@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from aero_bayes.language.syntax import Expression, Name, children, names_in
-from aero_bayes.physics.between import differences, taken_apart
-from aero_bayes.physics.ports import KELVIN, MINUS, Port
-from aero_bayes.physics.quantities import unit_in
-from aero_bayes.physics.structure import Structure, derived_names
+from aero_bayes.ports.equal_variables import Structure, derived_names
+from aero_bayes.ports.port import KELVIN, MINUS, Port
+from aero_bayes.ports.quantities import unit_in
+from aero_bayes.ports.relative_motion import differences, taken_apart
 
 
 def against(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:

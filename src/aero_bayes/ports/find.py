@@ -12,14 +12,12 @@ from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.translate import translate
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
-from aero_bayes.physics.against import against
-from aero_bayes.physics.balance import Driver
-from aero_bayes.physics.between import between
-from aero_bayes.physics.connections import beside_storage, in_branches, node, series
-from aero_bayes.physics.entrance import Entrance, entrance_of, parameter_values
-from aero_bayes.physics.feedback import connected, feedback
-from aero_bayes.physics.ports import Port, PortKind
-from aero_bayes.physics.quantities import (
+from aero_bayes.ports.ambient import against
+from aero_bayes.ports.balance import Driver
+from aero_bayes.ports.connections import beside_storage, in_branches, node, series
+from aero_bayes.ports.equal_variables import Structure, derived_names, structure_of
+from aero_bayes.ports.port import Port, PortKind
+from aero_bayes.ports.quantities import (
     SPEEDS,
     is_current,
     kind_of,
@@ -30,7 +28,9 @@ from aero_bayes.physics.quantities import (
     unit_in,
     units_of,
 )
-from aero_bayes.physics.structure import Structure, derived_names, structure_of
+from aero_bayes.ports.relative_motion import between
+from aero_bayes.ports.residual import Entrance, entrance_of, parameter_values
+from aero_bayes.ports.signals import connected, feedback
 
 
 def find_ports(flat: FlatModel) -> list[Port]:

@@ -12,7 +12,7 @@ from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
 from aero_bayes.language.tokens import one_line, words_of
 from aero_bayes.language.values import evaluate
-from aero_bayes.physics.laws import STANDING, Law
+from aero_bayes.laws.law import STANDING, Law
 
 
 def class_text(

@@ -10,8 +10,8 @@ from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
 from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, rebuilt, reference, show, walk
-from aero_bayes.physics.balance import Driver, Entry, Row, entry_of, row_of
-from aero_bayes.physics.rows import swapped
+from aero_bayes.ports.balance import Driver, Entry, Row, entry_of, row_of
+from aero_bayes.ports.scalar_equations import swapped
 
 #: Where an opposing term stands in what the residual of a vector equation grows by.
 TERM = Name("")

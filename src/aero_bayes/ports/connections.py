@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Expression, Name, Number, names_in, summands
-from aero_bayes.physics.entrance import Entrance
-from aero_bayes.physics.ports import Port
-from aero_bayes.physics.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
-from aero_bayes.physics.structure import Structure, derived_in
+from aero_bayes.ports.equal_variables import Structure, derived_in
+from aero_bayes.ports.port import Port
+from aero_bayes.ports.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
+from aero_bayes.ports.residual import Entrance
 
 
 def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:

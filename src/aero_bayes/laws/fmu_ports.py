@@ -9,12 +9,12 @@ from functools import cached_property
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.language.syntax import Name, Number
-from aero_bayes.physics.candidates import with_laws
-from aero_bayes.physics.compose import Models, compose_laws
-from aero_bayes.physics.entrance import Entrance
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.laws.candidates import with_laws
+from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import Use, plain_name
+from aero_bayes.ports.port import Port
+from aero_bayes.ports.residual import Entrance
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.model import Variable
 

@@ -19,8 +19,8 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
 from aero_bayes.physics.kin import OpenSimulator
-from aero_bayes.physics.ports import KELVIN, Port, signal_of
-from aero_bayes.physics.structure import Structure, structure_of
+from aero_bayes.ports.equal_variables import Structure, structure_of
+from aero_bayes.ports.port import KELVIN, Port, signal_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
 

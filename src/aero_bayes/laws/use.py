@@ -8,9 +8,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.candidates import reacts
-from aero_bayes.physics.laws import STANDING, Attribute, Law, LawParameter
-from aero_bayes.physics.ports import Port
+from aero_bayes.laws.candidates import reacts
+from aero_bayes.laws.law import STANDING, Attribute, Law, LawParameter
+from aero_bayes.ports.port import Port
 
 _LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 

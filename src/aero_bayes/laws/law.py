@@ -11,13 +11,13 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
+from aero_bayes.language.base_classes import with_bases
 from aero_bayes.language.classes import ClassText, Component, annotated
 from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
+from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.values import evaluate
-from aero_bayes.physics.inline import with_bases
-from aero_bayes.physics.sources import modelica_files, sources_in
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 Attribute = Literal["default", "minimum", "maximum", "nominal"]

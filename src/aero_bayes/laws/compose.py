@@ -21,12 +21,12 @@ from aero_bayes.export.compose import (
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, reference
-from aero_bayes.physics.candidates import Candidate
-from aero_bayes.physics.feedback import giving
-from aero_bayes.physics.law_class import class_text
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, Via, signal_of
-from aero_bayes.physics.use import Use, plain_name, use_of
+from aero_bayes.laws.candidates import Candidate
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.law_text import class_text
+from aero_bayes.laws.use import Use, plain_name, use_of
+from aero_bayes.ports.port import Port, Via, signal_of
+from aero_bayes.ports.signals import giving
 from aero_bayes.scratch import ScratchFolder
 
 Models = Mapping[tuple[str, str], FlatModel]
@@ -97,7 +97,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     ----------
     flat : FlatModel
     use : Use
-        Made for this model by :func:`~aero_bayes.physics.use.use_of`; its port may be of the model before other laws
+        Made for this model by :func:`~aero_bayes.laws.use.use_of`; its port may be of the model before other laws
         were added.
     models : mapping
         From :func:`law_models`.

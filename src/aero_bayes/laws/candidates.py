@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.physics.find import find_ports
-from aero_bayes.physics.laws import STANDING, Law
-from aero_bayes.physics.ports import KELVIN, MINUS, Port
+from aero_bayes.laws.law import STANDING, Law
+from aero_bayes.ports.find import find_ports
+from aero_bayes.ports.port import KELVIN, MINUS, Port
 
 
 def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:

@@ -9,9 +9,9 @@ from pathlib import Path
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
-from aero_bayes.physics.model_sources import read_sources
-from aero_bayes.physics.use import Use
-from aero_bayes.physics.writer import Writer
+from aero_bayes.laws.model_sources import read_sources
+from aero_bayes.laws.use import Use
+from aero_bayes.laws.writer import Writer
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def write_law(
     flat : FlatModel
         The model without the laws, in which the ports were found.
     uses : sequence of Use
-        What to write, in the order in which :func:`~aero_bayes.physics.compose.compose_laws` took them.
+        What to write, in the order in which :func:`~aero_bayes.laws.compose.compose_laws` took them.
     name : str, optional
         Of the written class; the model's with the instances' by default.
 

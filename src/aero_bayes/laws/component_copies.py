@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from aero_bayes.language.base_classes import with_bases
 from aero_bayes.language.classes import ClassText, Component
 from aero_bayes.language.edits import Edit, indentation, text_of
+from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import skip_group
-from aero_bayes.physics.inline import with_bases
-from aero_bayes.physics.sources import SourceFile, Sources
 
 
 @dataclass

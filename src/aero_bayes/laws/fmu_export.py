@@ -8,9 +8,9 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from aero_bayes.export.build import write_archive
-from aero_bayes.physics.around import Seam
-from aero_bayes.physics.law_class import class_text
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.laws.fmu_ports import Seam
+from aero_bayes.laws.law_text import class_text
+from aero_bayes.laws.use import Use, plain_name
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.model import Variable
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import rig_packages
+from aero_bayes.language.sources import SourceFile, Sources, modelica_files, read_file
 from aero_bayes.language.tokens import tokenize, words_of
-from aero_bayes.physics.sources import SourceFile, Sources, modelica_files, read_file
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:

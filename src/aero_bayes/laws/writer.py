@@ -11,18 +11,18 @@ from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.classes import ClassText, Component, Statement
 from aero_bayes.language.edits import Edit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
+from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
 from aero_bayes.language.tokens import find_outside, split_outside
-from aero_bayes.physics.balance import Entry, entry_of, in_vector
-from aero_bayes.physics.component_copy import without_numbers
-from aero_bayes.physics.draft import Draft
-from aero_bayes.physics.entrance import parameter_values
-from aero_bayes.physics.find import driver_names, is_driver
-from aero_bayes.physics.law_class import formula
-from aero_bayes.physics.ports import MINUS, Port, Via
-from aero_bayes.physics.sources import SourceFile, Sources
-from aero_bayes.physics.structure import structure_of
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.laws.class_with_laws import Draft
+from aero_bayes.laws.component_copies import without_numbers
+from aero_bayes.laws.law_text import formula
+from aero_bayes.laws.use import Use, plain_name
+from aero_bayes.ports.balance import Entry, entry_of, in_vector
+from aero_bayes.ports.equal_variables import structure_of
+from aero_bayes.ports.find import driver_names, is_driver
+from aero_bayes.ports.port import MINUS, Port, Via
+from aero_bayes.ports.residual import parameter_values
 
 #: A law whose formula is longer than this is written as a component.
 LONGEST_FORMULA = 70

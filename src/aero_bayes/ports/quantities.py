@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import names_in
-from aero_bayes.physics.ports import PortKind
-from aero_bayes.physics.structure import Structure
+from aero_bayes.ports.equal_variables import Structure
+from aero_bayes.ports.port import PortKind
 
 SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 

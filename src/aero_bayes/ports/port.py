@@ -8,7 +8,7 @@ from typing import Literal
 
 from aero_bayes.language.syntax import Call, Expression, reference
 from aero_bayes.language.tokens import Place
-from aero_bayes.physics.entrance import Entrance
+from aero_bayes.ports.residual import Entrance
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
 Via = Literal["input", "output", "signal", "equation", "node", "series"]

@@ -6,14 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.errors import InputError
+from aero_bayes.language.base_classes import alone, with_bases
 from aero_bayes.language.classes import ClassText, Component, read_classes
 from aero_bayes.language.edits import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
+from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token
-from aero_bayes.physics.component_copy import ComponentCopy, retyped
-from aero_bayes.physics.inline import alone, with_bases
-from aero_bayes.physics.law_class import class_text
-from aero_bayes.physics.sources import SourceFile, Sources
-from aero_bayes.physics.use import Use, plain_name
+from aero_bayes.laws.component_copies import ComponentCopy, retyped
+from aero_bayes.laws.law_text import class_text
+from aero_bayes.laws.use import Use, plain_name
 
 
 class Draft:

@@ -7,9 +7,9 @@ import numpy as np
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.expression import evaluate
 from aero_bayes.export.translate import translate
-from aero_bayes.physics.compose import Models
+from aero_bayes.laws.compose import Models
+from aero_bayes.laws.use import Use
 from aero_bayes.physics.kin import Basis
-from aero_bayes.physics.use import Use
 
 #: Points of a curve.
 POINTS = 61
