@@ -10,7 +10,8 @@ from numpy.random import Generator
 from physics_rigs import RIGS
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, read_classes
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText
 from aero_bayes.language.edits import (
     Edit,
     add_declarations,

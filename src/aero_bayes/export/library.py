@@ -12,7 +12,7 @@ from pathlib import Path
 
 from aero_bayes.declared import FILE, MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import read_classes
+from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.tokens import tokenize, words_of
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")

@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, Statement, read_classes
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText, Component, Statement
 from aero_bayes.language.edits import Edit, add_equations, apply, replace_names
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group, split_outside

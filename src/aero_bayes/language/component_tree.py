@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, Modifiers, Statement, annotated, dotted_name, read_classes
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText, Component, Modifiers, Statement, annotated, dotted_name
 from aero_bayes.language.parse import sides_of
 from aero_bayes.language.syntax import Array, Expression, Name
 from aero_bayes.language.tokens import split_outside

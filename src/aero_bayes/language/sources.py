@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, innermost, read_classes
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText, innermost
 from aero_bayes.language.tokens import Place, tokenize
 
 

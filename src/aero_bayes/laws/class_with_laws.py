@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.base_classes import alone, with_bases
-from aero_bayes.language.classes import ClassText, Component, read_classes
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText, Component
 from aero_bayes.language.edits import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
-from aero_bayes.physics.kin import OpenSimulator
 from aero_bayes.ports.equal_variables import Structure, structure_of
 from aero_bayes.ports.port import KELVIN, Port, signal_of
 from aero_bayes.simulation import Model
