@@ -175,7 +175,7 @@ class _Reader:
             part = self.next()
             if part.kind != "name":
                 raise self.fail()
-            subscripts = self.items("]") if self.take("[") else ()
+            subscripts = tuple(map(_folded, self.items("]"))) if self.take("[") else ()
             if not self.take("."):
                 break
             path += show(Name(part.word, subscripts)) + "."
@@ -184,7 +184,7 @@ class _Reader:
             return Call(whole, self.items(")"), span=self.span(begin))
         if whole in self.numbers and not subscripts:
             return Number(float(self.numbers[whole]), span=self.span(begin))
-        return Name(whole, tuple(map(_folded, subscripts)), span=self.span(begin))
+        return Name(whole, subscripts, span=self.span(begin))
 
     def items(self, closing: str) -> tuple[Expression, ...]:
         """What stands between commas up to the closing bracket: arguments, subscripts, elements."""
