@@ -24,7 +24,7 @@ class OwnClasses:
         self.by_name = {c.full_name.rpartition(".")[2]: c for c in classes}
         self.top = next((c for c in classes if c.full_name == model), None)
 
-    def touches(self, parameter: str) -> bool:
+    def sets(self, parameter: str) -> bool:
         """Whether a parameter is declared in a class of the user's, or a class of the user's gives it a value."""
         if self.top is None:
             return True

@@ -17,7 +17,7 @@ from aero_bayes.laws.law_text import class_text
 from aero_bayes.laws.use import Use, plain_name
 
 
-class Draft:
+class ClassWithLaws:
     """What the laws bring, gathered.
 
     Parameters

@@ -17,6 +17,7 @@ from aero_bayes.language.dimensions import coherent, dimension, unit_factors, un
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
+from aero_bayes.language.tokens import Token
 from aero_bayes.language.values import evaluate
 
 Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
@@ -189,7 +190,7 @@ def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
 
 def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: ClassText) -> Law:
     own, inherited = cls.components(), base.components()
-    parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
+    parameters = tuple(parameter_of(c) for c in (*own, *inherited) if is_fitted(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
     sizes = {c.name: evaluate(parse_expression(c.binding), {}) for c in inherited if _is_size(c)}
@@ -201,26 +202,28 @@ def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: Class
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")
     modified = arguments_of(parse_expression(extends.core[1:]))
-    units = {signal: unit for signal, given in modified.items() if (unit := _texts(arguments_of(given)).get("unit"))}
-    said = _texts(annotated(cls.annotation, "__aero_bayes"))
+    units = {signal: unit for signal, given in modified.items() if (unit := _text(arguments_of(given).get("unit")))}
     return Law(
         snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), units, said.get("not_for", ""), said.get("refines", ""),
-        said.get("learned", ""), said.get("threshold", ""), said.get("vanishing", ""), shape, text, merged,
+        frozenset(words & set(shape.given)), units, noted(cls.annotation, "not_for"), noted(cls.annotation, "refines"),
+        noted(cls.annotation, "learned"), noted(cls.annotation, "threshold"), noted(cls.annotation, "vanishing"),
+        shape, text, merged,
     )  # fmt: skip
 
 
-def _is_fitted(c: Component) -> bool:
+def is_fitted(c: Component) -> bool:
+    """Whether a declaration is a parameter that is fitted: one with a nominal value."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
 
 
 def _is_size(c: Component) -> bool:
-    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not _is_fitted(c)
+    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted(c)
 
 
-def _parameter(c: Component) -> LawParameter:
+def parameter_of(c: Component) -> LawParameter:
+    """A declaration as a parameter that is fitted. Raises InputError for one without a default."""
     terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
@@ -229,5 +232,10 @@ def _parameter(c: Component) -> LawParameter:
     )
 
 
-def _texts(given: Mapping[str, Expression]) -> dict[str, str]:
-    return {name: value.value for name, value in given.items() if isinstance(value, Text)}
+def noted(annotation: Sequence[Token], word: str) -> str:
+    """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
+    return _text(annotated(annotation, "__aero_bayes").get(word))
+
+
+def _text(tree: Expression | None) -> str:
+    return tree.value if isinstance(tree, Text) else ""

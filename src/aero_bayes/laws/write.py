@@ -62,5 +62,5 @@ def write_law(
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    before, old = ("", "/dev/null") if writer.draft.extends else (writer.draft.original(), file.file)
+    before, old = ("", "/dev/null") if writer.target.extends else (writer.target.original(), file.file)
     return Written(title, path, text, unified_diff(before, text, old, path.name))

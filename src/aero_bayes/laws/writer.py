@@ -14,7 +14,7 @@ from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
 from aero_bayes.language.tokens import find_outside, split_outside
-from aero_bayes.laws.class_with_laws import Draft
+from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_numbers
 from aero_bayes.laws.law_text import formula
 from aero_bayes.laws.use import Use, plain_name
@@ -32,7 +32,7 @@ _COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
 class Writer:
-    """Adds laws to the draft of a class."""
+    """Adds laws to the text of a class."""
 
     def __init__(
         self, known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, uses: Sequence[Use], title: str
@@ -45,7 +45,7 @@ class Writer:
             for v in flat.variables
             if v.constant and v.type == "Integer" and not v.sizes
         }
-        self.draft = Draft(known, user, uses, title, inherits=self._inherits(user[1]))
+        self.target = ClassWithLaws(known, user, uses, title, inherits=self._inherits(user[1]))
 
     def text(self) -> str:
         """The whole file."""
@@ -56,7 +56,7 @@ class Writer:
         # what a law in a balance reads is called by then as laws at outputs and inputs have it
         for use in sorted(self.uses, key=lambda u: _FIRST.get(u.port.via, 2)):
             ways[use.port.via](use)
-        return self.draft.written()
+        return self.target.written()
 
     def _in_equation(self, use: Use) -> None:
         given, exchange = dict(use.port.signals), use.law.kind == "exchange"
@@ -67,7 +67,7 @@ class Writer:
         near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
         text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
         if text is None or len(text) > LONGEST_FORMULA:
-            self.draft.declare(use, given, {})
+            self.target.declare(use, given, {})
             text = f"{use.instance}.{use.law.shape.acts}"
         self._term(use.port, text, 1)
         if use.neighbour is not None:
@@ -75,17 +75,17 @@ class Writer:
 
     def _read(self, given: str) -> str:
         """A variable, or a difference of two, as it is called beside laws at outputs."""
-        parts = [self.draft.read.get(name, name) for name in given.split(MINUS)]
+        parts = [self.target.read.get(name, name) for name in given.split(MINUS)]
         return f"({MINUS.join(parts)})" if len(parts) > 1 else parts[0]
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
         equation = self._equation_of(port)
         if not equation.component:
-            self.draft.edits += self._entry(port, self.draft.cls, "").insert(text, sign)
+            self.target.edits += self._entry(port, self.target.cls, "").insert(text, sign)
             return
         path, numbers = without_numbers(equation.component)
-        copy = self.draft.copy_of(path)
+        copy = self.target.copy_of(path)
         stated = self._class_at(equation)
         if stated is None or stated.name != copy.origin.name:
             copy.write_out_bases(self.known)
@@ -98,7 +98,7 @@ class Writer:
             value = given if parent else text
             if path in numbers:
                 value = in_vector(value, (numbers[path], self._count(path)))
-            self.draft.copies[path].take(given, value, about)
+            self.target.copies[path].take(given, value, about)
             path = parent
 
     def _count(self, path: str) -> int:
@@ -185,8 +185,8 @@ class Writer:
             other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(use.neighbour).items()}
             inside = {k: f"{v}{MINUS}{other[k]}" for k, v in inside.items() if k in other}
         given = {k: v for k, v in port.signals.items() if k not in inside}
-        self.draft.declare(use, given, inside, self._connectors(port, *ends), flows)
-        self.draft.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
+        self.target.declare(use, given, inside, self._connectors(port, *ends), flows)
+        self.target.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
 
     def _inside(self, port: Port) -> dict[str, str]:
         """What a law's class can take from its own connector: the potential, or its rate."""
@@ -213,14 +213,14 @@ class Writer:
         port = use.port
         left, right = port.connectors
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
-        self.draft.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
+        self.target.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
         mine = [u.instance for u in self.uses if u.port.via == "series" and u.port.connectors[1] == right]
         if use.instance != mine[0]:
             return
-        edits = self._before(self.draft.file.text, self.draft.cls, port, mine)
+        edits = self._before(self.target.file.text, self.target.cls, port, mine)
         if not edits:
-            raise InputError(f"{self.draft.cls.full_name}: no connection of {left} and {right} stands in the class")
-        self.draft.edits += edits
+            raise InputError(f"{self.target.cls.full_name}: no connection of {left} and {right} stands in the class")
+        self.target.edits += edits
 
     @staticmethod
     def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[Edit]:
@@ -231,34 +231,34 @@ class Writer:
     def _at_input(self, use: Use) -> None:
         name = use.port.signals["u"]
         c = self._declared(name)
-        self.draft.declare(use, {"u": name}, {})
-        given, inner = self.draft.read, name
+        self.target.declare(use, {"u": name}, {})
+        given, inner = self.target.read, name
         if c.name != name:
-            if c.name not in self.draft.read:
-                self.draft.read[c.name] = self._apart(c, ACTING)
-            given, inner = self.draft.given, name.replace(c.name, self.draft.read[c.name], 1)
+            if c.name not in self.target.read:
+                self.target.read[c.name] = self._apart(c, ACTING)
+            given, inner = self.target.given, name.replace(c.name, self.target.read[c.name], 1)
         if given.get(inner, name) != name:
             # what a law gives that is there already is now given what this one gives
-            self.draft.instances[given[inner].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
+            self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
         else:
             given[inner] = f"{use.instance}.y"
 
     def _at_signal(self, use: Use) -> None:
         name = use.port.signals["u"]
         if "." not in name:
-            self.draft.computed.add(name)
+            self.target.computed.add(name)
             self._at_input(use)
             return
-        connects = self._connects(self.draft.cls, name)
+        connects = self._connects(self.target.cls, name)
         if len(connects) != 1:
-            raise InputError(f"{self.draft.cls.full_name}: no one connection to {name!r} stands in the class")
+            raise InputError(f"{self.target.cls.full_name}: no one connection to {name!r} stands in the class")
         ((statement, source),) = connects
         mine = [u.instance for u in self.uses if u.port.via == "signal" and u.port.signals["u"] == name]
         # each is given what the next one gives, the last one what was connected
         given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
-        self.draft.declare(use, {"u": given[use.instance]}, {})
+        self.target.declare(use, {"u": given[use.instance]}, {})
         if use.instance == mine[0]:
-            self.draft.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
+            self.target.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
 
     @staticmethod
     def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
@@ -278,58 +278,58 @@ class Writer:
         sizes = self.structure.variables[c.name].sizes
         inner = f"{c.name}{suffix}"
         if c.binding:
-            self.draft.freed[inner] = c.binding
+            self.target.freed[inner] = c.binding
         if suffix == ACTING and "input" not in c.prefixes:
             # a connector that takes its causality from its class
             c = replace(c, type="Acting")
-            self.draft.connectors["Acting"] = "output Real"
+            self.target.connectors["Acting"] = "output Real"
         self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
         for outer, own in zip(element_names(c.name, sizes), element_names(inner, sizes), strict=True):
-            self.draft.given |= {own: outer} if suffix == ACTING else {outer: own}
+            self.target.given |= {own: outer} if suffix == ACTING else {outer: own}
         return inner
 
     def _declared(self, name: str) -> Component:
         base = reference(name).name
-        if base not in self.draft.components:
-            raise InputError(f"{self.draft.cls.full_name}: {base!r} is not declared in the class itself")
-        return self.draft.components[base]
+        if base not in self.target.components:
+            raise InputError(f"{self.target.cls.full_name}: {base!r} is not declared in the class itself")
+        return self.target.components[base]
 
     def _at_output(self, use: Use) -> None:
         name = use.port.signals["u"]
         c = self._declared(name)
-        if c.name != name and c.name not in self.draft.read:
-            self.draft.read[c.name] = self._apart(c, TRUE)
+        if c.name != name and c.name not in self.target.read:
+            self.target.read[c.name] = self._apart(c, TRUE)
             self._without_start(c)
-        inner = self.draft.given.get(name)
-        self.draft.given[name] = f"{use.instance}.y"
+        inner = self.target.given.get(name)
+        self.target.given[name] = f"{use.instance}.y"
         if inner is not None:
-            self.draft.declare(use, {"u": inner}, {})
+            self.target.declare(use, {"u": inner}, {})
             return
-        giving = [s for s in self.draft.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
-        if c.binding or (len(giving) == 1 and name not in self.draft.cls.derived()):
-            self.draft.moved[name] = c.binding or giving[0].core[2:]
-            self.draft.declare(use, {"u": ""}, {})
-            self.draft.read[name] = f"{use.instance}.u"
+        giving = [s for s in self.target.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
+        if c.binding or (len(giving) == 1 and name not in self.target.cls.derived()):
+            self.target.moved[name] = c.binding or giving[0].core[2:]
+            self.target.declare(use, {"u": ""}, {})
+            self.target.read[name] = f"{use.instance}.u"
         else:
             # Other equations solve for it: what it was gets a name of its own.
             true = f"{name}{TRUE}"
-            self.draft.declare(use, {"u": true}, {})
+            self.target.declare(use, {"u": true}, {})
             self._declare_like(c, true, "unread")
             self._without_start(c)
-            self.draft.read[name] = true
+            self.target.read[name] = true
 
     def _declare_like(self, c: Component, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
-        modified = text_of(self.draft.file.text, c.arguments)
-        self.draft.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
+        modified = text_of(self.target.file.text, c.arguments)
+        self.target.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
 
     def _without_start(self, c: Component) -> None:
         """What is no state any more keeps its units only."""
         if c.arguments:
             parts = split_outside(c.arguments[1:-1])
             kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
-            text = f"({', '.join(text_of(self.draft.file.text, p) for p in kept)})" if kept else ""
-            self.draft.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
+            text = f"({', '.join(text_of(self.target.file.text, p) for p in kept)})" if kept else ""
+            self.target.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
 
     # what has to be written out first
 

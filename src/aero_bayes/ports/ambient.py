@@ -12,7 +12,7 @@ from aero_bayes.ports.quantities import unit_in
 from aero_bayes.ports.relative_motion import differences, taken_apart
 
 
-def against(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+def ambient_differences(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two whose difference stands in the model, and for a temperature and every one that is fed in.
 
     What one storage stands against is there for all of its unit. A difference that only has a name, such as that of a

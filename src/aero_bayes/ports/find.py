@@ -12,7 +12,7 @@ from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.translate import translate
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
-from aero_bayes.ports.ambient import against
+from aero_bayes.ports.ambient import ambient_differences
 from aero_bayes.ports.balance import Driver
 from aero_bayes.ports.connections import beside_storage, in_branches, node, series
 from aero_bayes.ports.equal_variables import Structure, derived_names, structure_of
@@ -28,9 +28,9 @@ from aero_bayes.ports.quantities import (
     unit_in,
     units_of,
 )
-from aero_bayes.ports.relative_motion import between
+from aero_bayes.ports.relative_motion import relative_motions
 from aero_bayes.ports.residual import Entrance, entrance_of, parameter_values
-from aero_bayes.ports.signals import connected, feedback
+from aero_bayes.ports.signals import connected, inner_signals
 
 
 def find_ports(flat: FlatModel) -> list[Port]:
@@ -49,7 +49,10 @@ def find_ports(flat: FlatModel) -> list[Port]:
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
-    return [*ports, *feedback(s, flat), *connected(s, flat), *between(s, balances), *against(s, balances)]
+    return [
+        *ports, *inner_signals(s, flat), *connected(s, flat), *relative_motions(s, balances),
+        *ambient_differences(s, balances),
+    ]  # fmt: skip
 
 
 def _top(v: FlatVariable, causality: str) -> bool:

@@ -14,7 +14,7 @@ from aero_bayes.ports.port import MINUS, Port
 from aero_bayes.ports.quantities import owner_of, relative, unit_in
 
 
-def between(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
 
     At connections it is every two that a component joins, but for one whose distance is a port already.

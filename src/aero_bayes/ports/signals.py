@@ -13,7 +13,7 @@ from aero_bayes.ports.port import Port
 Told = tuple[int, set[str], set[str]]
 
 
-def feedback(s: Structure, flat: FlatModel) -> Iterator[Port]:
+def inner_signals(s: Structure, flat: FlatModel) -> Iterator[Port]:
     """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
     One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
