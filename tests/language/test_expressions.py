@@ -94,6 +94,7 @@ def test_what_modelica_has_beyond_arithmetic() -> None:
         Call("*", (Name("i"), x)), "i", Range(one, Number(2.0), Number(9.0))
     )
     assert parse_text('f(x, unit = "a" + "b")') == Call("f", (x, Named("unit", Call("+", (Text("a"), Text("b"))))))
+    assert parse_text("C(final x = 1)") == Call("C", (Named("x", one),))
     assert parse_text("if x then 1 elseif true then x else 1") == If(x, one, If(one, x, one))
     assert names_in(parse_expression(tokenize("k * y[k + 1]"), {"k": 2})) == {"y"}
     assert show(parse_expression(tokenize("y[k + 1].z"), {"k": 2})) == "y[3].z"

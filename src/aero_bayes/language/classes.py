@@ -45,6 +45,11 @@ class Statement:
         return self.tokens[0].word if self.tokens else ""
 
     @property
+    def ends(self) -> tuple[tuple[Token, ...], ...]:
+        """What a ``connect`` joins; nothing for another statement."""
+        return tuple(tuple(end) for end in split_outside(self.core[2:-1])) if self.first == "connect" else ()
+
+    @property
     def core(self) -> tuple[Token, ...]:
         """The tokens before a description or an annotation."""
         return tuple(_without_comment(self.tokens))

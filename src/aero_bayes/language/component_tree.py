@@ -12,7 +12,7 @@ from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText, Component, Modifiers, Statement, annotated, dotted_name
 from aero_bayes.language.parse import sides_of
 from aero_bayes.language.syntax import Array, Expression, Name
-from aero_bayes.language.tokens import split_outside
+from aero_bayes.language.tokens import words_of
 
 _DEEPEST = 12
 
@@ -117,9 +117,9 @@ def _redeclared(library: Library, modifiers: Modifiers, aliases: Mapping[str, st
 
 
 def _link(s: Statement) -> Link | None:
-    if s.first == "connect":
-        ends = ["".join(t.word for t in end) for end in split_outside(s.core[2:-1])]
-        return Link(ends[0], ends[1], annotated(s.tokens, "Line")) if len(ends) == 2 else None
+    if s.ends:
+        one, other = ("".join(words_of(end)) for end in s.ends)
+        return Link(one, other, annotated(s.tokens, "Line"))
     match sides_of(s.core):
         case Name(given, ()), Name(value, ()):
             return Link(value, given, {})

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.language.classes import ClassText, Statement
-from aero_bayes.language.tokens import Token, split_outside, tokenize
+from aero_bayes.language.tokens import Token, tokenize, words_of
 
 
 @dataclass(frozen=True)
@@ -98,13 +98,7 @@ def insert_before_connector(
     ``chain`` are the near and the far ends of what comes between, each connected to the next. None where the connector
     is connected nowhere, or under a condition or in a loop.
     """
-    found = [
-        (s, end)
-        for s in connects
-        if s.first == "connect"
-        for end in split_outside(s.core[2:-1])
-        if "".join(t.word for t in end) == connector
-    ]
+    found = [(s, end) for s in connects for end in s.ends if "".join(words_of(end)) == connector]
     if not found or any(s.inside for s, _ in found):
         return []
     last = found[-1][0]

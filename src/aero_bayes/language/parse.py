@@ -192,6 +192,8 @@ class _Reader:
         while not self.take(closing):
             if found:
                 self.need(",")
+            while self.take(("each", "final")):  # in a modifier, which reads as a call
+                pass
             begin = self.at
             if self.word == ":":
                 self.at += 1

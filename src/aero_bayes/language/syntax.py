@@ -256,31 +256,38 @@ def names_in(tree: Expression) -> set[str]:
     return found
 
 
+def with_parts(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
+    """A copy in which each expression directly below is what ``change`` makes of it."""
+    match tree:
+        case Name(name, inner):
+            return Name(name, tuple(map(change, inner)))
+        case Call(function, args):
+            return Call(function, tuple(map(change, args)))
+        case Array(items):
+            return Array(tuple(map(change, items)))
+        case If(condition, then, otherwise):
+            return If(change(condition), change(then), change(otherwise))
+        case Comprehension(item, variable, values):
+            return Comprehension(change(item), variable, change(values))
+        case Range(first, step, last):
+            return Range(change(first), None if step is None else change(step), change(last))
+        case Index(of, subscripts):
+            return Index(change(of), tuple(map(change, subscripts)))
+        case Field(of, name):
+            return Field(change(of), name)
+        case Named(name, value):
+            return Named(name, change(value))
+    return tree
+
+
 def rebuilt(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
     """A copy in which each name (its subscripts already rebuilt) is what ``change`` makes of it."""
-    match tree:
-        case Name(name, subscripts):
-            return change(Name(name, tuple(rebuilt(s, change) for s in subscripts)))
-        case Call(function, args):
-            return Call(function, tuple(rebuilt(a, change) for a in args))
-        case Array(items):
-            return Array(tuple(rebuilt(i, change) for i in items))
-        case If(condition, then, otherwise):
-            return If(rebuilt(condition, change), rebuilt(then, change), rebuilt(otherwise, change))
-        case Comprehension(item, variable, values):
-            # the loop variable hides a variable of that name
-            inner = rebuilt(item, lambda n: n if n.name == variable else change(n))
-            return Comprehension(inner, variable, rebuilt(values, change))
-        case Range(first, step, last):
-            middle = None if step is None else rebuilt(step, change)
-            return Range(rebuilt(first, change), middle, rebuilt(last, change))
-        case Index(of, subscripts):
-            return Index(rebuilt(of, change), tuple(rebuilt(s, change) for s in subscripts))
-        case Field(of, name):
-            return Field(rebuilt(of, change), name)
-        case Named(name, value):
-            return Named(name, rebuilt(value, change))
-    return tree
+    if isinstance(tree, Comprehension):
+        # the loop variable hides a variable of that name
+        inner = rebuilt(tree.item, lambda n: n if n.name == tree.variable else change(n))
+        return Comprehension(inner, tree.variable, rebuilt(tree.values, change))
+    whole = with_parts(tree, lambda t: rebuilt(t, change))
+    return change(whole) if isinstance(whole, Name) else whole
 
 
 def rebuilt_statement(s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]) -> Statement:

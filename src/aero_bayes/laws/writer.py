@@ -13,7 +13,7 @@ from aero_bayes.language.edits import Edit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
-from aero_bayes.language.tokens import find_outside, split_outside
+from aero_bayes.language.tokens import find_outside, split_outside, words_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_numbers
 from aero_bayes.laws.law_text import formula
@@ -267,8 +267,8 @@ class Writer:
         What is connected otherwise too has no other end.
         """
         found = []
-        for s in (s for s in cls.equations if s.first == "connect"):
-            ends = ["".join(t.word for t in end) for end in split_outside(s.core[2:-1])]
+        for s in cls.equations:
+            ends = ["".join(words_of(end)) for end in s.ends]
             if name in ends and not s.inside:
                 found.append((s, next((end for end in ends if end != name), "")))
         return found

@@ -12,7 +12,7 @@ from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.solved import unsolved
-from aero_bayes.language.syntax import Call, Expression, Name, Number, children, names_in, rebuilt, show
+from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, rebuilt, show, with_parts
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
 #: Operations beyond which a row is only the names that are in it.
@@ -143,15 +143,4 @@ def _shaped(items: Iterable[Node], like: Value) -> Value:
 
 def swapped(tree: Expression, old: Expression, new: Expression) -> Expression:
     """The tree with one part of it, that very object, exchanged."""
-    if tree is old:
-        return new
-    inner = children(tree)
-    if not any(_within(old, c) for c in inner):
-        return tree
-    if isinstance(tree, Call):
-        return Call(tree.function, tuple(swapped(a, old, new) for a in tree.args))
-    raise ValueError("a part of what is no call")
-
-
-def _within(part: Expression, tree: Expression) -> bool:
-    return tree is part or any(_within(part, c) for c in children(tree))
+    return new if tree is old else with_parts(tree, lambda t: swapped(t, old, new))
