@@ -153,11 +153,12 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     own = list(modelica_files(sources))
     known = sources_in([*modelica_files([modelica_root() / "Laws" / "Interfaces"]), *own])
     every = {c.full_name: c for c in known.classes()}
+    by_name = {c.name: c for c in every.values()}
     found = []
     for path in own:
         file = known.files[str(path)]
         for cls in (c for top in file.classes for c in top.walk()):
-            partial = _partial(cls, {c.name: c for c in every.values()})
+            partial = _partial(cls, by_name)
             if partial is None or cls.name in SHAPES or cls.partial:
                 continue
             try:

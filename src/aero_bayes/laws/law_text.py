@@ -42,10 +42,9 @@ def class_text(
         Further lines, such as connectors.
     """
     text, cls = law.text, law.cls
-    kept = [s for s in cls.statements if s.section != "public" or s.first != "extends"]
-    kept = [s for s in kept if without.isdisjoint(words_of(s.tokens))]
-    used = Counter(word for s in kept for word in {t.word for t in s.tokens if t.kind == "name"})
     found: dict[str, list[str]] = {"public": [], "protected": [], "initial equation": [], "equation": [*equations]}
+    kept = [s for s in cls.statements if s.section in found and without.isdisjoint(words_of(s.tokens))]
+    used = Counter(word for s in kept for word in {t.word for t in s.tokens if t.kind == "name"})
     for s in kept:
         components = cls.declared_in(s)
         if components and not any(used[c.name] > 1 or c.name == law.shape.acts for c in components):
