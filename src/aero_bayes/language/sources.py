@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -40,17 +41,17 @@ class Sources:
 
     files: Mapping[str, SourceFile]
 
-    def classes(self) -> Iterator[ClassText]:
-        """All classes with a body."""
-        return (c for f in self.files.values() for top in f.classes for c in top.walk())
-
     def find(self, model: str) -> tuple[SourceFile, ClassText]:
         """The class of that full name. Raises InputError where there is none with a body of its own."""
-        for file in self.files.values():
-            for cls in (c for top in file.classes for c in top.walk()):
-                if cls.full_name == model:
-                    return file, cls
-        raise InputError(f"{model}: the class was not found in the sources")
+        if model not in self.by_name:
+            raise InputError(f"{model}: the class was not found in the sources")
+        return self.by_name[model]
+
+    @cached_property
+    def by_name(self) -> Mapping[str, tuple[SourceFile, ClassText]]:
+        """All classes with a body, by their full names."""
+        every = [(file, cls) for file in self.files.values() for top in file.classes for cls in top.walk()]
+        return {cls.full_name: (file, cls) for file, cls in reversed(every)}
 
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
@@ -72,13 +73,13 @@ class Sources:
         if first in known:
             return known[first] + dot + rest
         for package in _opened_packages(cls):
-            if any(c.full_name == f"{package}.{name}" for c in self.classes()):
+            if f"{package}.{name}" in self.by_name:
                 return f"{package}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
         """Full names of what the packages around a class define or import, by the names used inside it."""
-        every = [*self.classes()]
+        every = [cls for _, cls in self.by_name.values()]
         found: dict[str, str] = {}
         around = cls.within
         while around:
@@ -151,4 +152,4 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
     InputError
         For a file that is no Modelica; names it.
     """
-    return tuple(sources_in(modelica_files([source])).classes())
+    return tuple(cls for _, cls in reversed([*sources_in(modelica_files([source])).by_name.values()]))

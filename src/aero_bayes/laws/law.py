@@ -152,8 +152,7 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     """
     own = list(modelica_files(sources))
     known = sources_in([*modelica_files([modelica_root() / "Laws" / "Interfaces"]), *own])
-    every = {c.full_name: c for c in known.classes()}
-    by_name = {c.name: c for c in every.values()}
+    by_name = {cls.name: cls for _, cls in reversed([*known.by_name.values()])}
     found = []
     for path in own:
         file = known.files[str(path)]
@@ -165,7 +164,8 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
                 if [b for b in cls.bases() if b.rpartition(".")[2] != partial]:
                     raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
                 whole, merged = with_bases(known, file, cls)
-                found.append(_law(cls, SHAPES[partial], every[f"Laws.Interfaces.{partial}"], whole.text, merged))
+                base = known.find(f"Laws.Interfaces.{partial}")[1]
+                found.append(_law(cls, SHAPES[partial], base, whole.text, merged))
             except InputError as error:
                 raise InputError(f"{path}: {cls.full_name}: {error}") from None
     return tuple(found)
