@@ -173,7 +173,7 @@ def _product_sign(trees: Sequence[Expression], values: Mapping[str, float]) -> i
         known = {name: values.get(name, 1.0) for n in walk(t) if isinstance(n, Name) for name in [show(n)]}
         try:
             sign *= -1 if evaluate(t, known) < 0.0 else 1
-        except (InputError, ArithmeticError, ValueError):
+        except (InputError, ArithmeticError, ValueError, TypeError):
             continue
     return sign
 
