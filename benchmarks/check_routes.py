@@ -23,11 +23,11 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.export.build import c_compiler
 from aero_bayes.export.library import library_roots, needed_libraries
-from aero_bayes.physics.around import Surroundings
-from aero_bayes.physics.compose import law_models
-from aero_bayes.physics.coupled import couple
-from aero_bayes.physics.laws import general_laws
-from aero_bayes.physics.use import use_of
+from aero_bayes.laws.compose import law_models
+from aero_bayes.laws.fmu_coupling import couple
+from aero_bayes.laws.fmu_ports import Surroundings
+from aero_bayes.laws.law import general_laws
+from aero_bayes.laws.use import use_of
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, confinement, open_simulator
 
 #: x'' = -k x from x = 1 at rest.

@@ -12,7 +12,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu, modelica_root
 from aero_bayes.export.build import c_compiler, write_archive
 from aero_bayes.export.source_check import refuse_dropped
-from aero_bayes.export.units import base_units, conversion, spelled
+from aero_bayes.language.units import base_units, conversion, spelled
 
 
 def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,3 +126,23 @@ def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expecte
     assert found is not None
     assert number * found[0] + found[1] == pytest.approx(expected)
     assert conversion(unit, "V") is None
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("extends B(redeclare final model C = .P.D(k = 1));", "redeclared class 'C' would be dropped"),
+        ("replaceable model C = D\n    constrainedby E(k = 2);", "constraining class 'E' would be dropped"),
+        ("extends B(x(y = 1), break connect(a, b));", "'break' in the modification of 'B' would be ignored"),
+        ("extends B(redeclare model C = D()); // C(k = 1)\n  annotation (x(redeclare model C = D(k = 1)));", ""),
+        ('extends B(text = "redeclare model C = D(k = 1)");', ""),
+    ],
+)  # fmt: skip
+def test_what_the_compiler_would_drop_is_refused_with_its_line(body: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "A.mo"
+    file.write_text(f"model A\n  {body}\nend A;\n", encoding="utf-8")
+    if message:
+        with pytest.raises(InputError, match=r"A\.mo:[23]: .*" + message):
+            refuse_dropped(tmp_path, [file])
+    else:
+        refuse_dropped(tmp_path, [file])

@@ -28,7 +28,7 @@ from aero_bayes.export.compose import (
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.syntax import Call, Name, Number, names_in
+from aero_bayes.language.syntax import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]
 

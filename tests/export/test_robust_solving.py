@@ -14,7 +14,7 @@ from aero_bayes.export import export_fmu
 from aero_bayes.export.choices import choices
 from aero_bayes.export.expression import Builder, evaluate
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
+from aero_bayes.language.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, open_simulator
 from tests.export.test_library_idioms import simulate
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from aero_bayes.physics.compose import Models, law_models
-from aero_bayes.physics.laws import Law, general_laws
+from aero_bayes.laws.compose import Models, law_models
+from aero_bayes.laws.law import Law, general_laws
 
 
 @pytest.fixture(scope="session")

@@ -20,13 +20,13 @@ from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.export.embedded import export_embedded, export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.physics.around import Surroundings
-from aero_bayes.physics.compose import Models, compose_laws
-from aero_bayes.physics.coupled import couple
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port, candidates
-from aero_bayes.physics.use import Use, use_of
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.fmu_coupling import couple
+from aero_bayes.laws.fmu_ports import Surroundings
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import Use, use_of
+from aero_bayes.ports.port import Port
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import (
     Experiment,
@@ -190,8 +190,8 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
+    from aero_bayes.laws.selection import Narrowed
     from aero_bayes.physics.fmu_family import FmuFamily
-    from aero_bayes.physics.narrowed import Narrowed
 
     family = FmuFamily("Plant", (), tmp_path, (), Narrowed(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match="did you mean 'dead_zone'"):

@@ -14,13 +14,12 @@ from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.syntax import Call, Name, Number
-from aero_bayes.physics.compose import Models, compose_laws
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import candidates
-from aero_bayes.physics.use import Use, use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.language.syntax import Call, Name, Number
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import Use, use_of
+from aero_bayes.laws.write import write_law
 
 FORMS = {
     "matrices": """model Rig

@@ -14,12 +14,12 @@ from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.laws.candidates import candidates as all_candidates
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.compose import compose_laws
+from aero_bayes.laws.law import general_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
-from aero_bayes.physics.compose import compose_laws
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import general_laws
-from aero_bayes.physics.ports import Port
-from aero_bayes.physics.ports import candidates as all_candidates
+from aero_bayes.ports.port import Port
 
 CAR = """model Car "A quarter of a car"
   parameter Real m_b(unit = "kg", min = 0) = 250;

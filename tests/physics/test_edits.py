@@ -10,9 +10,9 @@ from numpy.random import Generator
 from physics_rigs import RIGS
 
 from aero_bayes.errors import InputError
-from aero_bayes.physics.balance import entry_of, sides_of
-from aero_bayes.physics.classes import ClassText, read_classes
-from aero_bayes.physics.edit import (
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText
+from aero_bayes.language.edits import (
     Edit,
     add_declarations,
     add_equations,
@@ -22,8 +22,10 @@ from aero_bayes.physics.edit import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.physics.find import is_driver
-from aero_bayes.physics.tokens import one_line, tokenize
+from aero_bayes.language.parse import sides_of
+from aero_bayes.language.tokens import one_line, tokenize
+from aero_bayes.ports.balance import entry_of
+from aero_bayes.ports.find import is_driver
 
 NOISE = [
     " ",

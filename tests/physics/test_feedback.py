@@ -11,9 +11,9 @@ from test_write import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.law import general_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import general_laws
 
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;

@@ -16,11 +16,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import add_input
 from aero_bayes.export.expression import evaluate
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Name
-from aero_bayes.physics.compose import Models, compose_law, law_models
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import SHAPES, Law, laws_of, snake_case
-from aero_bayes.physics.use import use_of
+from aero_bayes.language.syntax import Call, Name
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.compose import Models, compose_law, law_models
+from aero_bayes.laws.law import SHAPES, Law, laws_of, snake_case
+from aero_bayes.laws.use import use_of
 
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "

@@ -9,11 +9,11 @@ from numpy.random import Generator
 from physics_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics.compose import Models, compose_law
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.use import use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.compose import Models, compose_law
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import use_of
+from aero_bayes.laws.write import write_law
 
 LIBRARY = """package Lib
   package Units

@@ -9,13 +9,13 @@ from numpy.random import Generator
 from physics_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics.compose import Models, compose_law, probe, screening
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import MINUS, candidates, port_table
-from aero_bayes.physics.terms import dimension_of_unit, unit_text
-from aero_bayes.physics.use import use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.language.dimensions import dimension_of_unit, unit_text
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_law, probe, screening
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import use_of
+from aero_bayes.laws.write import write_law
+from aero_bayes.ports.port import MINUS, port_table
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},

@@ -10,12 +10,11 @@ from physics_rigs import RIGS
 
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics.compose import Models, compose_law
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import candidates
-from aero_bayes.physics.use import use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_law
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import use_of
+from aero_bayes.laws.write import write_law
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"

@@ -12,13 +12,13 @@ from physics_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics.compose import Models, compose_law
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law
-from aero_bayes.physics.ports import Port
-from aero_bayes.physics.sources import names_taken
-from aero_bayes.physics.use import use_of
-from aero_bayes.physics.write import write_law
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.compose import Models, compose_law
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.model_sources import names_taken
+from aero_bayes.laws.use import use_of
+from aero_bayes.laws.write import write_law
+from aero_bayes.ports.port import Port
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.physics.around import Surroundings
-from aero_bayes.physics.compose import Models, law_models
-from aero_bayes.physics.coupled import couple
-from aero_bayes.physics.laws import Law, general_laws
-from aero_bayes.physics.use import use_of
+from aero_bayes.laws.compose import Models, law_models
+from aero_bayes.laws.fmu_coupling import couple
+from aero_bayes.laws.fmu_ports import Surroundings
+from aero_bayes.laws.law import Law, general_laws
+from aero_bayes.laws.use import use_of
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -21,7 +21,7 @@ from aero_bayes.cli import main
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.physics.narrowed import Narrowed
+from aero_bayes.laws.selection import Narrowed
 from aero_bayes.workflow.job import Job, RunOptions, open_job
 from aero_bayes.workflow.loop import loop_settings
 from aero_bayes.workflow.prediction import prediction_settings

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.declared import Declaration, Quantity
 from aero_bayes.errors import InputError
-from aero_bayes.export.units import TEMPERATURES, base_units, conversion, spelled
+from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
 
 FloatArray = NDArray[np.float64]
 

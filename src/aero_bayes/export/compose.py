@@ -21,7 +21,7 @@ from aero_bayes.export.arrays import Value, mapped, numbers
 from aero_bayes.export.expression import Builder
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable, When
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.syntax import (
+from aero_bayes.language.syntax import (
     Call,
     Expression,
     Index,

@@ -9,7 +9,7 @@ from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Node, evaluate
 from aero_bayes.export.layout import Layout
 from aero_bayes.export.translate import Variable
-from aero_bayes.export.units import base_units
+from aero_bayes.language.units import base_units
 
 
 def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifier: str, guid: str) -> bytes:

@@ -12,7 +12,7 @@ from aero_bayes.export.events import Events, Relation, Rounding, Sampling
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatModel, When
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.syntax import (
+from aero_bayes.language.syntax import (
     Assign,
     Expression,
     IfStatement,

@@ -9,48 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 
-UNARY: dict[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "exp": math.exp,
-    "log": math.log,
-    "log10": math.log10,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "asin": math.asin,
-    "acos": math.acos,
-    "atan": math.atan,
-    "sinh": math.sinh,
-    "cosh": math.cosh,
-    "tanh": math.tanh,
-    "abs": abs,
-    "sign": lambda x: float((x > 0) - (x < 0)),
-    "neg": lambda x: -x,
-    "not": lambda x: float(not x),
-    "floor": lambda x: float(math.floor(x)),
-}
-
-BINARY: dict[str, Callable[[float, float], float]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "pow": lambda a, b: float(a**b),
-    "min": min,
-    "max": max,
-    "atan2": math.atan2,
-    "lt": lambda a, b: float(a < b),
-    "le": lambda a, b: float(a <= b),
-    "gt": lambda a, b: float(a > b),
-    "ge": lambda a, b: float(a >= b),
-    "eq": lambda a, b: float(a == b),
-    "ne": lambda a, b: float(a != b),
-    "and": lambda a, b: float(bool(a) and bool(b)),
-    "or": lambda a, b: float(bool(a) or bool(b)),
-}
-
-RELATIONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
-BOOLEAN = RELATIONS | {"and", "or", "not"}
+from aero_bayes.language.values import BINARY, BOOLEAN, UNARY
 
 
 class Node:

@@ -6,24 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.export.syntax import Expression, Name, Statement
+from aero_bayes.language.syntax import Expression, Name, Statement
+from aero_bayes.language.tokens import Place
 
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
 Causality = Literal["local", "input", "output"]
 Origin = Literal["component", "connection", "flow", "binding", "added"]
-
-
-@dataclass(frozen=True)
-class Place:
-    """A stretch of a source file: bytes ``start`` to ``end``, and the line (from one) that it begins on."""
-
-    file: str
-    start: int
-    end: int
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,16 @@ import os
 import re
 import shutil
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from aero_bayes.declared import FILE, MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.tokens import tokenize, words_of
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
-_FIRST = re.compile(r'(?<![\w."])([A-Z]\w*)(?=\.[A-Za-z_])')
-_EXTENDS = re.compile(r"\bextends\s+\.?([A-Za-z_][\w.]*)")
 
 
 def modelica_root() -> Path:
@@ -47,12 +48,19 @@ def declaration_of(model: str, sources: Sequence[Path] = ()) -> Declaration:
     for folder in (*rig_packages(), *sources):
         if folder.name == package and system in (found := declaration_in(folder)).systems:
             return found
-    body = re.compile(rf"\b(?:model|class|block)\s+{re.escape(model)}\b.*?\bend\s+{re.escape(model)}\s*;", re.DOTALL)
     for file in (s for s in sources if s.is_file()):
-        if (own := body.search(file.read_text("utf-8", "replace"))) is not None:
-            bases = (name for name in _EXTENDS.findall(own[0]) if name != model)
-            return next((d for name in bases if (d := declaration_of(name, sources)).systems), Declaration())
+        for name in _bases(model, file):
+            if (known := declaration_of(name, sources)).systems:
+                return known
     return Declaration()
+
+
+def _bases(model: str, file: Path) -> list[str]:
+    """The classes that a model of a file, or a class in it, extends; none where the file cannot be read."""
+    with suppress(InputError):
+        own = (top for top in read_classes(file.read_text("utf-8", "replace")) if top.full_name == model)
+        return [name for top in own for c in top.walk() for name in c.bases() if name != model]
+    return []
 
 
 def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
@@ -128,14 +136,14 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
     InputError
         For the standard library, where it is needed and not found; says where to get it.
     """
-    mentioned = set(_FIRST.findall(model))
+    mentioned = _packages_in(model)
     staged = set()
     shipped = {folder.name for folder in rig_packages()}
     for file in files:
         staged.add(file.parent.name if file.name == "package.mo" else file.stem)
         own = file.parent.rglob("*.mo") if file.name == "package.mo" else [file]
         for path in own if file.parent.name not in shipped else []:
-            mentioned |= set(_FIRST.findall(path.read_text("utf-8", "replace")))
+            mentioned |= _packages_in(path.read_text("utf-8", "replace"))
     if "Modelica" in mentioned:
         mentioned |= {"ModelicaServices", "Complex"}
     found = {name: target for name in sorted(mentioned - staged) if (target := _package(name, roots)) is not None}
@@ -146,6 +154,13 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
             "[model] libraries or MODELICAPATH"
         )
     return found
+
+
+def _packages_in(text: str) -> set[str]:
+    """Names with a capital that a text uses with a dot behind them."""
+    words = ["", *words_of(tokenize(text, strict=False)), ""]
+    around = zip(words, words[1:], words[2:], strict=False)
+    return {word for dot, word, after in around if word[:1].isupper() and after == "." != dot}
 
 
 def _package(name: str, roots: Sequence[Path]) -> Path | None:

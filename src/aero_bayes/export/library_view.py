@@ -14,9 +14,9 @@ from pathlib import Path
 
 from aero_bayes.export.build import user_cache
 from aero_bayes.files import whole_file
+from aero_bayes.language.tokens import tokenize, without_comments
 
 _STANDARD = {"Modelica", "ModelicaServices", "Complex"}
-_TEXT = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:[^"\\]|\\.)*"', re.DOTALL)
 _WORD = re.compile(r"[^\W\d]\w*")
 _KIND = r"(?:model|block|class|package|record|connector|type|function)"
 _HEAD = re.compile(rf"{_KIND} \w+[^\n]*")
@@ -72,11 +72,8 @@ def in_library(file: str) -> str:
 
 def words_of(files: Iterable[Path]) -> set[str]:
     """Every name that Modelica files use outside of comments and strings."""
-    return {w for f in files for w in _WORD.findall(_plain(f))}
-
-
-def _plain(file: Path) -> str:
-    return _TEXT.sub(lambda m: "\n" * m[0].count("\n"), file.read_text("utf-8", "replace"))
+    tokens = (t for f in files for t in tokenize(f.read_text("utf-8", "replace"), strict=False))
+    return {t.word for t in tokens if t.kind == "name"}
 
 
 def _classes(path: str, text: str) -> Iterator[tuple[str, str]]:
@@ -117,7 +114,8 @@ def _index(root: Path, stamp: str) -> dict[str, list[str]]:
     classes: dict[str, str] = {}
     for file in _files(root):
         if file.endswith(".mo"):
-            classes |= _classes(file.removesuffix(".mo").removesuffix("package").strip("/"), _plain(root / file))
+            plain = without_comments((root / file).read_text("utf-8", "replace"))
+            classes |= _classes(file.removesuffix(".mo").removesuffix("package").strip("/"), plain)
     names = {level for path in classes for level in path.split("/")}
     index = {path: sorted(names.intersection(_WORD.findall(text))) for path, text in classes.items()}
     with contextlib.suppress(OSError):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.expression import BOOLEAN, Builder, Node, topological
+from aero_bayes.export.expression import Builder, Node, topological
 from aero_bayes.export.translate import System
+from aero_bayes.language.values import BOOLEAN
 
 
 def linear_solve(

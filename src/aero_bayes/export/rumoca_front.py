@@ -17,12 +17,12 @@ from aero_bayes.export.library import check_model_name, library_roots, needed_li
 from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
-from aero_bayes.export.units import spelled
+from aero_bayes.language.edits import Edit, apply
+from aero_bayes.language.tokens import tokenize
+from aero_bayes.language.units import spelled
 from aero_bayes.scratch import ScratchFolder
 
 TIME_LIMIT = 300.0
-_UNIT = re.compile(r'(\b(?:unit|displayUnit)\s*=\s*")([^"\n]*)(")')
-
 _WORK = """
 import json, os, re, sys
 import rumoca
@@ -107,8 +107,12 @@ def _spell_units(files: Iterable[Path]) -> None:
     """Write units as the grammar has them: rumoca refuses ``kg*m^2``, which other tools take."""
     for file in files:
         text = file.read_bytes().decode("utf-8", "replace")
-        if (spelt := _UNIT.sub(lambda m: m[1] + spelled(m[2]) + m[3], text)) != text:
-            file.write_bytes(spelt.encode())
+        tokens = tokenize(text, strict=False)
+        given = (t for key, equals, t in zip(tokens, tokens[1:], tokens[2:], strict=False)
+                 if key.word in ("unit", "displayUnit") and equals.word == "=" and t.kind == "text")  # fmt: skip
+        edits = [Edit(t.start + 1, t.end - 1, s) for t in given if (s := spelled(t.word[1:-1])) != t.word[1:-1]]
+        if edits:
+            file.write_bytes(apply(text, edits).encode())
 
 
 def _mention(packages: Collection[str], main: Path) -> None:

@@ -11,10 +11,11 @@ from aero_bayes.export.array_functions import ARRAY_FUNCTIONS, array_function
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
 from aero_bayes.export.choices import choices
 from aero_bayes.export.events import Events
-from aero_bayes.export.expression import BINARY, RELATIONS, UNARY, Builder, Node
-from aero_bayes.export.flat import FlatEquation, Function, Place
+from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.flat import FlatEquation, Function
 from aero_bayes.export.solved import unsolved
-from aero_bayes.export.syntax import (
+from aero_bayes.export.tables import call_table, is_table_function, searched_anew
+from aero_bayes.language.syntax import (
     All,
     Array,
     AssertStatement,
@@ -36,14 +37,9 @@ from aero_bayes.export.syntax import (
     WhileStatement,
     show,
 )
-from aero_bayes.export.tables import call_table, is_table_function, searched_anew
+from aero_bayes.language.tokens import Place
+from aero_bayes.language.values import BINARY, OPERATORS, RELATIONS, UNARY
 
-_OPERATORS = {
-    "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
-    ".+": "add", ".-": "sub", ".*": "mul", "./": "div", ".^": "pow",
-    "<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne",
-    "and": "and", "or": "or", "min": "min", "max": "max", "atan2": "atan2",
-}  # fmt: skip
 MAX_UNROLLED = 10_000
 MAX_TURNS = 1000
 
@@ -232,7 +228,7 @@ class Scope:
         values = [self.value(a) for a in args]
         if len(values) == 1 and function in UNARY:
             return arrays.mapped(lambda n: self.builder.unary(function, n), values[0])
-        op = _OPERATORS.get(function, "")
+        op = OPERATORS.get(function, "")
         if len(values) == 2 and op in BINARY:
             left, right = values
             if op in RELATIONS:

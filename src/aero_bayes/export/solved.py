@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.export.syntax import Call, Expression
+from aero_bayes.language.syntax import Call, Expression, summands, with_parts
 
 SOLVE = "Modelica.Math.Matrices.solve"
 
@@ -19,26 +19,21 @@ def unsolved(e: FlatEquation) -> FlatEquation:
     return e if matrix is None else replace(e, left=_times(matrix, e.left), right=_times(matrix, e.right))
 
 
-def _inverted(tree: Expression) -> tuple[Expression, Expression] | None:
-    """``A`` and ``b`` of ``solve(A, b)``."""
-    if isinstance(tree, Call) and tree.function == SOLVE and len(tree.args) == 2:
-        return tree.args[0], tree.args[1]
-    return None
-
-
 def _matrix(tree: Expression) -> Expression | None:
-    found = _inverted(tree)
-    if found is not None:
-        return found[0]
-    if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
-        return next((m for a in tree.args if (m := _matrix(a)) is not None), None)
-    return None
+    """``A`` of a ``solve(A, b)`` among the terms of a sum."""
+    return next((m for _, t in summands(tree) for m in [_inverted(t)[0]] if m is not None), None)
+
+
+def _inverted(tree: Expression) -> tuple[Expression | None, Expression]:
+    """``A`` and ``b`` of ``solve(A, b)``; no matrix where a tree is no such call."""
+    match tree:
+        case Call(function, (matrix, right)) if function == SOLVE:
+            return matrix, right
+    return None, tree
 
 
 def _times(matrix: Expression, tree: Expression) -> Expression:
-    found = _inverted(tree)
-    if found is not None and found[0] == matrix:
-        return found[1]
-    if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
-        return Call(tree.function, tuple(_times(matrix, a) for a in tree.args))
-    return Call("*", (matrix, tree))
+    if isinstance(tree, Call) and tree.function in ("+", "-", ".+", ".-", "neg"):
+        return with_parts(tree, lambda t: _times(matrix, t))
+    inverted, right = _inverted(tree)
+    return right if inverted == matrix else Call("*", (matrix, tree))

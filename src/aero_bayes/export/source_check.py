@@ -3,69 +3,64 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import rig_packages
-
-_HIDDEN = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:[^"\\]|\\.)*"', re.DOTALL)
-_KIND = r"(?:model|block|class|package|record|connector|type|function)"
-_DROPPED = (
-    (
-        re.compile(rf"\bredeclare\s+(?:(?:final|each|replaceable)\s+)*{_KIND}\s+(\w+)\s*=\s*[\w.]+\s*\(\s*[^)\s]"),
-        "modifiers of the redeclared class {0!r} would be dropped; give them at the component that uses it",
-    ),
-    (
-        re.compile(r"\bconstrainedby\s+([\w.]+)\s*\(\s*[^)\s]"),
-        "modifiers of the constraining class {0!r} would be dropped; give them at the declaration",
-    ),
-    (
-        re.compile(r"\bextends\s+([\w.]+)\s*\((?:[^;]*?[(,])?\s*break\b"),
-        "'break' in the modification of {0!r} would be ignored",
-    ),
-)
+from aero_bayes.language.classes import CLASS_WORDS, dotted_name
+from aero_bayes.language.tokens import Token, line_of, skip_group, tokenize, words_of
 
 
-def _plain(path: Path) -> str:
-    """Text with comments, strings and annotations blanked, so that positions stay."""
-    text = path.read_text(encoding="utf-8", errors="replace")
-    text = _HIDDEN.sub(lambda m: re.sub(r"[^\n]", " ", m.group()), text)
-    return _blank_calls(text, re.compile(r"\bannotation\s*\("))
-
-
-def _blank_calls(text: str, opening: re.Pattern[str]) -> str:
-    while (match := opening.search(text)) is not None:
-        depth, at = 1, match.end()
-        while at < len(text) and depth:
-            depth += {"(": 1, ")": -1}.get(text[at], 0)
+def _tokens(text: str) -> list[Token]:
+    """The tokens of a source without its annotations."""
+    found, at, tokens = [], 0, tokenize(text, strict=False)
+    while at < len(tokens):
+        if words_of(tokens[at : at + 2]) == ["annotation", "("]:
+            at = skip_group(tokens, at + 1, strict=False)
+        else:
+            found.append(tokens[at])
             at += 1
-        text = text[: match.start()] + re.sub(r"[^\n]", " ", text[match.start() : at]) + text[at:]
-    return text
+    return found
 
 
-def _sources(root: Path) -> Iterator[Path]:
-    yield from sorted(root.rglob("*.mo"))
+def _modifiers(tokens: Sequence[Token]) -> Sequence[Token]:
+    """What stands in parentheses after the name of a class."""
+    at = dotted_name(tokens)[1]
+    opened = words_of(tokens[at : at + 1]) == ["("]
+    return tokens[at + 1 : skip_group(tokens, at, strict=False) - 1] if opened else ()
 
 
-def _line(text: str, at: int) -> int:
-    return text.count("\n", 0, at) + 1
+def _dropped(tokens: Sequence[Token]) -> Iterator[tuple[Token, str]]:
+    """What rumoca would drop: where it stands, and what to tell."""
+    for at, token in enumerate(tokens):
+        rest = tokens[at + 1 :] if token.word in ("redeclare", "constrainedby", "extends") else ()
+        modifiers = _modifiers(rest)
+        name = dotted_name(rest)[0]
+        if token.word == "redeclare":
+            begin = next((k for k, t in enumerate(rest) if t.word not in ("final", "each", "replaceable")), 0)
+            kind, own, equals = [*words_of(rest[begin : begin + 3]), "", "", ""][:3]
+            if kind in CLASS_WORDS and equals == "=" and _modifiers(rest[begin + 3 :]):
+                what = f"modifiers of the redeclared class {own!r} would be dropped"
+                yield token, f"{what}; give them at the component that uses it"
+        elif token.word == "constrainedby" and modifiers:
+            what = f"modifiers of the constraining class {name!r} would be dropped"
+            yield token, f"{what}; give them at the declaration"
+        elif "break" in words_of(modifiers):
+            yield token, f"'break' in the modification of {name!r} would be ignored"
 
 
 def refuse_dropped(root: Path, sources: Iterable[Path]) -> None:
     """Raise InputError, with file and line, where one of the sources has a construct that rumoca would drop."""
     for path in sources:
-        text = _plain(path)
-        for pattern, message in _DROPPED:
-            match = pattern.search(text)
-            if match is not None:
-                where = f"{path.relative_to(root)}:{_line(text, match.start())}"
-                raise InputError(f"{where}: {message.format(match[1])}")
+        text = path.read_text(encoding="utf-8", errors="replace")
+        for token, message in _dropped(_tokens(text)):
+            raise InputError(f"{path.relative_to(root)}:{line_of(text, token.start)}: {message}")
 
 
 def _likely(model: str, root: Path) -> list[Path]:
     """The user's own files, then the one that is named like the model."""
-    files = list(_sources(root))
+    files = sorted(root.rglob("*.mo"))
     shipped = {folder.name for folder in rig_packages()}
     own = [p for p in files if p.relative_to(root).parts[0] not in shipped]
     return [*own, *(p for p in files if p.stem == model.rpartition(".")[2])]
@@ -74,9 +69,13 @@ def _likely(model: str, root: Path) -> list[Path]:
 def locate(message: str, model: str, root: Path) -> str:
     """The message with ``file:line`` before it, where a name that it quotes stands in the likely sources."""
     for quoted in re.findall(r"['`]([^'`]+)['`]", message):
+        wanted = words_of(tokenize(quoted, strict=False))
         for path in _likely(model, root):
-            text = _plain(path)
-            at = re.search(rf"(?<![\w.]){re.escape(quoted)}(?![\w.])", text)
-            if at is not None:
-                return f"{path.relative_to(root)}:{_line(text, at.start())}: {message}"
+            text = path.read_text(encoding="utf-8", errors="replace")
+            tokens = _tokens(text)
+            words = ["", *words_of(tokens), ""]
+            for at, token in enumerate(tokens):
+                whole = "." not in (words[at], words[at + 1 + len(wanted)] if at + len(wanted) < len(words) - 1 else "")
+                if wanted and words[at + 1 : at + 1 + len(wanted)] == wanted and whole:
+                    return f"{path.relative_to(root)}:{line_of(text, token.start)}: {message}"
     return message

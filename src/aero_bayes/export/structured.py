@@ -25,8 +25,8 @@ from aero_bayes.export.flat import (
     When,
     WhenAction,
 )
-from aero_bayes.export.syntax import Array, Expression, Name, Number
 from aero_bayes.export.trees import Json, TreeReader, message_of
+from aero_bayes.language.syntax import Array, Expression, Name, Number
 
 _VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
 _CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.syntax import Expression, Number
+from aero_bayes.language.syntax import Expression, Number
 
 _TYPES = "Modelica.Blocks.Types."
 #: For each kind of table the arguments of its constructor that count, by name.

@@ -14,8 +14,8 @@ from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import Causality, FlatEquation, FlatModel, FlatVariable, Variability
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.syntax import Call, Name, Number, names_in
 from aero_bayes.export.tables import is_table_type
+from aero_bayes.language.syntax import Call, Name, Number, names_in
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import syntax
-from aero_bayes.export.flat import Place
+from aero_bayes.language import syntax
+from aero_bayes.language.tokens import Place
 
 Json = dict[str, Any]
 

@@ -85,23 +85,25 @@ class LeftOver:
     share: float = 0.3
 
     def judge(self, case: Case) -> Verdict:
-        left = [r for r in those_structured(case.after) if r.ratio >= VISIBLE]
-        first = {(r.recording, r.output): r for r in case.before}
-        far = [r for r in left if r.ratio > TIMES_FLOOR]
-        much = _excess(case.after) > self.share * _excess(case.before) or any(
-            _excess([r]) > self.share * _excess([first[r.recording, r.output]]) for r in far
-        )
-        if not (left and much):
+        before = {(r.recording, r.output): r for r in case.before}
+        pairs = [(before[r.recording, r.output], r) for r in case.after]
+        left = [(one, other) for one, other in pairs if other.verdict == "structured" and other.ratio >= VISIBLE]
+        far = [pair for pair in left if pair[1].ratio > TIMES_FLOOR or pair[1].noise_floor is None]
+        if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
             return Verdict("LeftOver", True)
-        outputs = listed(sorted({r.output for r in left}))
-        return Verdict(
-            "LeftOver", False, f"more than {self.share:.0%} of the error above the noise is left in {outputs}"
-        )
+        outputs = listed(sorted({r.output for _, r in left}))
+        reason = f"more than {self.share:.0%} of the error above the noise is left in {outputs}"
+        return Verdict("LeftOver", False, reason)
 
-
-def _excess(reports: Sequence[ResidualReport]) -> float:
-    """Squared error above the noise floors, in squared floors, summed over outputs and recordings."""
-    return sum(max(min(r.ratio, 1e6) ** 2 - 1.0, 0.0) for r in reports)
+    def _is_much(self, pairs: Sequence[tuple[ResidualReport, ResidualReport]]) -> bool:
+        """Whether too much of the squared error above the floor is left; a floor that is not known counts as none."""
+        first = last = 0.0
+        for one, other in pairs:
+            floor = one.noise_floor or 0.0
+            unit = max(floor, 1e-3 * one.rms, 1e-300)
+            first += max((one.rms / unit) ** 2 - (floor / unit) ** 2, 0.0)
+            last += max((other.rms / unit) ** 2 - (floor / unit) ** 2, 0.0)
+        return last > self.share * first
 
 
 def reports_of(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport, ...]:

@@ -106,7 +106,8 @@ def _without(
     here, r, shared = slopes[:, block], residual[block], ~own
     whole = slopes @ slopes.T + prior
     rest = whole - here @ here.T
-    inner, follow = rest[np.ix_(shared, shared)], np.zeros((0, int(shared.sum())))
+    inner: FloatArray = rest[np.ix_(shared, shared)]
+    follow: FloatArray = np.zeros((0, int(shared.sum())))
     if own.any():
         follow = np.linalg.solve(whole[np.ix_(own, own)], whole[np.ix_(own, shared)])
         cross = rest[np.ix_(own, shared)]

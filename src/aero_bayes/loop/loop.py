@@ -14,6 +14,7 @@ from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export import declaration_of
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
 from aero_bayes.loop.conclude import conclude
 from aero_bayes.loop.held_values import doubts
@@ -24,7 +25,6 @@ from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.kin import Family
-from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import Explored, Library, StructureSearch, Work

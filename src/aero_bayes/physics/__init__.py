@@ -11,12 +11,12 @@
 
 from __future__ import annotations
 
-from aero_bayes.physics.compose import Models, compose_law, compose_laws, law_models, probe, screening
-from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.laws import Law, LawParameter, general_laws, laws_of
-from aero_bayes.physics.ports import Candidate, Port, candidates, fits, port_table
-from aero_bayes.physics.use import Use, use_of
-from aero_bayes.physics.write import Written, write_law
+from aero_bayes.laws.candidates import Candidate, candidates, fits, ports_of
+from aero_bayes.laws.compose import Models, compose_law, compose_laws, law_models, probe, screening
+from aero_bayes.laws.law import Law, LawParameter, general_laws, laws_of
+from aero_bayes.laws.use import Use, use_of
+from aero_bayes.laws.write import Written, write_law
+from aero_bayes.ports.port import Port, port_table
 
 __all__ = [
     "Candidate",

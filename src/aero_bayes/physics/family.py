@@ -31,9 +31,9 @@ from aero_bayes.export import (
     write_extension,
 )
 from aero_bayes.export.library import rig_packages
+from aero_bayes.laws.selection import Narrowed
 from aero_bayes.physics.catalogue import candidates_of, effect_parameter
 from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, moved, rounded
-from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.simulation import Model
 
 #: Knots that a learned curve may have, coarsest first.

@@ -12,16 +12,17 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.files import whole_file
-from aero_bayes.physics.around import Seam, Surroundings
-from aero_bayes.physics.coupled import couple, state_name
-from aero_bayes.physics.edit import unified_diff
+from aero_bayes.language.edits import unified_diff
+from aero_bayes.laws.candidates import Candidate, candidates
+from aero_bayes.laws.fmu_coupling import couple, state_name
+from aero_bayes.laws.fmu_export import modelica_text, write_ssp
+from aero_bayes.laws.fmu_ports import Seam, Surroundings
+from aero_bayes.laws.use import Use
+from aero_bayes.laws.write import Written
 from aero_bayes.physics.kin import OpenSimulator, moved
-from aero_bayes.physics.ports import Candidate, Port, candidates
 from aero_bayes.physics.rig import RigFamily, Sizes
-from aero_bayes.physics.sizes import pace, recorded, signal_size, signals_of, typical_time
-from aero_bayes.physics.use import Use
-from aero_bayes.physics.wrapper import modelica_text, write_ssp
-from aero_bayes.physics.write import Written
+from aero_bayes.ports.port import Port
+from aero_bayes.ports.sizes import pace, recorded, signal_size, signals_of, typical_time
 from aero_bayes.simulation import Model
 
 

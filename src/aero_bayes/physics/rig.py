@@ -22,19 +22,19 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.physics.compose import Models, compose_laws, law_models
-from aero_bayes.physics.find import ports_of
+from aero_bayes.laws.candidates import Candidate as Trial
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_laws, law_models
+from aero_bayes.laws.law import Law, general_laws, laws_of
+from aero_bayes.laws.learned_curve import basis_of
+from aero_bayes.laws.model_sources import names_taken
+from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.use import Use, use_of
+from aero_bayes.laws.write import Written, write_law
 from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
-from aero_bayes.physics.laws import Law, general_laws, laws_of
-from aero_bayes.physics.learned import basis_of
-from aero_bayes.physics.narrowed import Narrowed
-from aero_bayes.physics.ports import Candidate as Trial
-from aero_bayes.physics.ports import Port, candidates
-from aero_bayes.physics.sizes import port_sizes
-from aero_bayes.physics.sources import names_taken
-from aero_bayes.physics.structure import structure_of
-from aero_bayes.physics.use import Use, use_of
-from aero_bayes.physics.write import Written, write_law
+from aero_bayes.ports.equal_variables import structure_of
+from aero_bayes.ports.port import Port
+from aero_bayes.ports.sizes import port_sizes
 from aero_bayes.simulation import Model
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has

@@ -162,7 +162,7 @@ def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Lin
 
 
 def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Start]:
-    """Both ends of the likeliest lines, where each was tried and where it is best; simulated if they promise anything."""
+    """Both ends of the likeliest lines: where each was tried, and where it is best; simulated if worth it."""
     acting = [line for line in lines if line.power > 0.0]
     ends: list[tuple[Line, float]] = []
     for steps in ([1.0] * len(acting), [line.within for line in acting]):

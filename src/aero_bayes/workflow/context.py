@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from aero_bayes.diagram import model_diagrams
 from aero_bayes.export import modelica_root
-from aero_bayes.physics.sources import files_of
+from aero_bayes.language.diagram import model_diagrams
+from aero_bayes.language.sources import modelica_files
 from aero_bayes.workflow.job import Job
 
 Json = dict[str, Any]
@@ -35,11 +35,10 @@ def _words(job: Job, result: Mapping[str, Any]) -> Json:
 
 
 def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
-    files = []
+    files: list[Any] = []
     if job.modelica:
         written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
-        for source in (modelica_root(), *job.config.model.sources, *dict.fromkeys(written)):
-            files += files_of(source)
+        files += modelica_files([modelica_root(), *job.config.model.sources, *dict.fromkeys(written)])
     tried = {c["id"].partition("@")[2] for step in loop.get("steps", []) for c in step["candidates"]}
     outputs = {v.name for v in job.model.outputs}
     ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]

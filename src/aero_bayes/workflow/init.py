@@ -21,11 +21,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
-from aero_bayes.export.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.files import whole_file
+from aero_bayes.language.own_parameters import OwnClasses
+from aero_bayes.language.sources import read_classes_of
+from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.library import load_model
-from aero_bayes.physics.sources import read_classes_of
-from aero_bayes.physics.touched import OwnClasses
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.model import Variable
 from aero_bayes.workflow.job import columns_of, layout_of
@@ -91,7 +91,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free
-    listed = sorted(built.parameters, key=lambda v: (not own.touches(v.name), "." in v.name))
+    listed = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
     text = head + _parameter_lines(listed, _reasons(built, listed, own, head, data))
     Config.model_validate(tomllib.loads(text))
     with whole_file(out) as temporary:
@@ -235,9 +235,9 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
 def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
     """Why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
-    some = any(own.touches(v.name) for v in listed)
+    some = any(own.sets(v.name) for v in listed)
     for v in listed:
-        if some and not own.touches(v.name):
+        if some and not own.sets(v.name):
             reasons[v.name] = "a default of the library, which the model leaves as it is"
             continue
         try:

@@ -23,14 +23,14 @@ from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import in_library
-from aero_bayes.export.syntax import Call, Expression, Name, Number
-from aero_bayes.physics.compose import probe
+from aero_bayes.language.syntax import Call, Expression, Name, Number
+from aero_bayes.laws.compose import probe
+from aero_bayes.laws.law import STANDING
+from aero_bayes.laws.use import plain_name
 from aero_bayes.physics.fmu_family import FmuFamily
-from aero_bayes.physics.laws import STANDING
-from aero_bayes.physics.ports import Port, PortKind, port_table, signal_of
 from aero_bayes.physics.rig import RigFamily
-from aero_bayes.physics.sizes import MOST, port_sizes
-from aero_bayes.physics.use import plain_name
+from aero_bayes.ports.port import Port, PortKind, port_table, signal_of
+from aero_bayes.ports.sizes import MOST, port_sizes
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -84,7 +84,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
 
 
 def model_ports(name: str, options: RunOptions, data: Sequence[Path]) -> list[Row]:
-    """Rows of :func:`~aero_bayes.physics.ports.port_table`; with recordings, ``response`` and ``seen`` beside them.
+    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """

@@ -1,0 +1,1 @@
+"""The text of a model: reading Modelica, its expressions as trees, edits that keep comments, the diagram."""

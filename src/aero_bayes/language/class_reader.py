@@ -1,0 +1,180 @@
+"""Reads the classes of a Modelica source: where their declarations, sections and equations stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.classes import CLASS_WORDS, ClassText, Statement
+from aero_bayes.language.tokens import Token, find_outside, line_of, skip_group, tokenize
+
+_CLASS_PREFIXES = frozenset(
+    {"encapsulated", "partial", "final", "inner", "outer", "replaceable", "redeclare", "expandable", "pure", "impure"}
+)
+_COMPOUND = frozenset({"if", "for", "when", "while"})
+
+
+def read_classes(text: str) -> tuple[ClassText, ...]:
+    """The classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
+    reader = _Reader(tokenize(text), text)
+    return tuple(reader.file())
+
+
+class _Reader:
+    def __init__(self, tokens: tuple[Token, ...], text: str) -> None:
+        self.tokens = tokens
+        self.text = text
+        self.at = 0
+
+    def word(self, ahead: int = 0) -> str:
+        at = self.at + ahead
+        return self.tokens[at].word if at < len(self.tokens) and self.tokens[at].kind != "text" else ""
+
+    def fail(self, why: str) -> InputError:
+        at = self.tokens[self.at].start if self.at < len(self.tokens) else len(self.text)
+        return InputError(f"line {line_of(self.text, at)}: {why}")
+
+    def file(self) -> Iterator[ClassText]:
+        within = ""
+        while self.at < len(self.tokens):
+            if self.word() == "within":
+                end = self.semicolon()
+                within = "".join(t.word for t in self.tokens[self.at + 1 : end])
+                self.at = end + 1
+            elif self.class_head() is not None:
+                found = self.class_(within)
+                if found is not None:
+                    yield found
+            else:
+                raise self.fail("expected a class")
+
+    def semicolon(self) -> int:
+        end = find_outside(self.tokens, frozenset({";"}), self.at)
+        if end >= len(self.tokens):
+            raise self.fail("a semicolon is missing")
+        return end
+
+    def class_head(self) -> int | None:
+        """Index of the class's name where a class begins here."""
+        at = self.at
+        while at < len(self.tokens) and self.tokens[at].word in _CLASS_PREFIXES:
+            at += 1
+        if at >= len(self.tokens) or self.tokens[at].word not in CLASS_WORDS or self.tokens[at].kind != "name":
+            return None
+        while at < len(self.tokens) and self.tokens[at].word in CLASS_WORDS:
+            at += 1
+        if at < len(self.tokens) and self.tokens[at].word == "extends":
+            at += 1
+        return at if at < len(self.tokens) and self.tokens[at].kind == "name" else None
+
+    def class_(self, within: str) -> ClassText | None:
+        """A class with a body; a short one is passed over."""
+        first = self.tokens[self.at]
+        at = self.class_head()
+        assert at is not None
+        name = self.tokens[at]
+        kind = next(t.word for t in self.tokens[self.at : at] if t.word in CLASS_WORDS)
+        partial = any(t.word == "partial" for t in self.tokens[self.at : at])
+        if at + 1 < len(self.tokens) and self.tokens[at + 1].word == "=":
+            self.at = self.semicolon() + 1
+            return None
+        self.at = at + 1
+        if self.word() == "(":
+            self.at = skip_group(self.tokens, self.at)
+        description = ""
+        while self.at < len(self.tokens) and self.tokens[self.at].kind == "text":
+            description += self.tokens[self.at].word[1:-1]
+            self.at += 1
+            if self.word() == "+":
+                self.at += 1
+        cls = ClassText(kind, name.word, first.start, self.tokens[self.at - 1].end, name, within, description)
+        cls.partial = partial
+        self.body(cls)
+        return cls
+
+    def body(self, cls: ClassText) -> None:
+        section, opened = "public", cls.body
+        while True:
+            if self.at >= len(self.tokens):
+                raise self.fail(f"the end of {cls.name!r} is missing")
+            word, here = self.word(), self.tokens[self.at].start
+            if word == "end":
+                cls.sections.append((section, opened, here))
+                cls.close = here
+                cls.end_name = self.tokens[self.at + 1] if self.at + 1 < len(self.tokens) else None
+                end = self.semicolon()
+                self.at = end + 1
+                cls.end = self.tokens[end].end
+                return
+            initial = word == "initial" and self.word(1) in ("equation", "algorithm")
+            if word in ("public", "protected", "equation", "algorithm") or initial:
+                cls.sections.append((section, opened, here))
+                section = f"initial {self.word(1)}" if initial else word
+                self.at += 2 if initial else 1
+                opened = self.tokens[self.at - 1].end
+            elif word == "annotation":
+                end = self.semicolon()
+                cls.annotation, cls.annotation_start = self.tokens[self.at : end], here
+                self.at = end + 1
+            elif section in ("public", "protected") and self.class_head() is not None:
+                at = self.class_head()
+                assert at is not None
+                cls.class_names.append(self.tokens[at].word)
+                begin = self.at
+                inner = self.class_(cls.full_name)
+                if inner is not None:
+                    cls.classes.append(inner)
+                else:
+                    tokens = self.tokens[begin : self.at - 1]
+                    cls.statements.append(Statement("class", tokens, here, self.tokens[self.at - 1].end))
+            elif section in ("public", "protected") or word == "external":
+                self.simple(cls, section)
+            else:
+                self.equation(cls, section)
+
+    def simple(self, cls: ClassText, section: str, inside: tuple[str, ...] = (), head: tuple[Token, ...] = ()) -> None:
+        end = self.semicolon()
+        tokens = self.tokens[self.at : end]
+        if tokens:
+            cls.statements.append(Statement(section, tokens, tokens[0].start, self.tokens[end].end, inside, head))
+        self.at = end + 1
+
+    def equation(
+        self, cls: ClassText, section: str, inside: tuple[str, ...] = (), head: tuple[Token, ...] = ()
+    ) -> None:
+        opening = self.word()
+        if opening not in _COMPOUND:
+            self.simple(cls, section, inside, head)
+            return
+        begin = self.at
+        self.condition()
+        head = self.tokens[begin : self.at]
+        while True:
+            word = self.word()
+            if word == "end" and self.word(1) == opening:
+                self.at = self.semicolon() + 1
+                return
+            if word in ("elseif", "elsewhen"):
+                self.condition()
+            elif word == "else":
+                self.at += 1
+            elif self.at >= len(self.tokens) or word == "end":
+                raise self.fail(f"the end of {opening!r} is missing")
+            else:
+                self.equation(cls, section, (*inside, opening), head)
+
+    def condition(self) -> None:
+        """Past the head of a compound equation; an if-expression in it brings a ``then`` of its own."""
+        self.at += 1
+        open_ifs = 0
+        while self.at < len(self.tokens):
+            word = self.word()
+            if word in ("if", "elseif"):
+                open_ifs += 1
+            elif word in ("then", "loop"):
+                if not open_ifs:
+                    self.at += 1
+                    return
+                open_ifs -= 1
+            self.at = skip_group(self.tokens, self.at) if word and word in "([{" else self.at + 1
+        raise self.fail("'then' or 'loop' is missing")

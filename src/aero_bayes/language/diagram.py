@@ -1,0 +1,248 @@
+"""From a model's structure to a diagram: what its authors drew, and a tidy layout of what they did not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.classes import Component as Part
+from aero_bayes.language.classes import annotated
+from aero_bayes.language.component_tree import Tree, grow, read_library
+from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, show
+from aero_bayes.language.values import evaluate
+from aero_bayes.schema import Component, Connection, Diagram, Shape
+from aero_bayes.simulation.model import Model, Variable
+
+_HALF = 10.0
+_STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
+_BOX = Shape(kind="rectangle", points=[(-100.0, -100.0), (100.0, 100.0)])
+_STATE = Shape(kind="rectangle", points=[(-60.0, -40.0), (60.0, 40.0)], filled=True)
+_SCALARS = {"Real", "Integer", "Boolean", "String"}
+
+#: First and second part, points of the line, and whether only a value is handed on.
+_Link = tuple[str, str, list[tuple[float, float]], bool]
+_Terminal = Literal["", "input", "output", "connector"]
+
+
+def model_diagrams(
+    model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
+) -> list[Diagram]:
+    """The model's diagram, then one for each component within which an effect was added.
+
+    Parameters
+    ----------
+    model : Model
+        The FMU: its inputs, states and outputs make the diagram of a model without components.
+    name : str
+        Modelica class of the base model; ignored where no file has it.
+    files : iterable of Path
+        Modelica files.
+    extended : str
+        Modelica class of the model that came out of the loop; its diagram is drawn, marked where it differs.
+    ports : sequence of str
+        Names of ports where an effect was added, for models whose structure does not show it. A name stands for the
+        balance of a state where there is one; ``output_<name>`` is the reading of it.
+
+    Returns
+    -------
+    list of Diagram
+        At least one.
+    """
+    library = read_library(files)
+    if name not in library:
+        return [_of_variables(model, name, ports)]
+    base = grow(library, name)
+    shown = grow(library, extended) if extended in library else base
+    if not any(part for part in shown.inside):
+        return [_of_variables(model, name, ports)]
+    return _of_tree(shown, base, name.rpartition(".")[2], ports)
+
+
+def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
+    changed = [
+        part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
+    ]
+    visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
+    marked = changed or [name for name in visible if {name, f"output_{name}"} & {*ports}]
+    places = {name: _placement(part) for name, part in visible.items()}
+    drawn = sum(place is not None for place in places.values()) > len(places) / 2
+    if drawn:  # what its authors did not place is not part of their picture
+        visible = {name: part for name, part in visible.items() if places[name] is not None or name in marked}
+    links = _links(shown, visible)
+    laid = {} if drawn else _layers(visible, links)
+    extents = {
+        name: (drawn and places[name]) or (laid.get(name, (-_HALF, -_HALF, _HALF, _HALF)), 0.0) for name in visible
+    }
+    components = [
+        Component(
+            name=name, type=tree.name if (tree := shown.inside.get(name)) else part.type,
+            description=part.description or (tree.description if tree else ""), extent=extents[name][0],
+            rotation=extents[name][1], shapes=_shapes(tree.icon if tree else []), marked=name in marked,
+            terminal=_terminal(part) or ("" if tree else "connector"),
+        )
+        for name, part in visible.items()
+    ]  # fmt: skip
+    connections = [
+        Connection(first=a, second=b, points=points if drawn else [], signal=signal) for a, b, points, signal in links
+    ]
+    found = [Diagram(title=title, drawn=drawn, components=components, connections=connections)]
+    within: dict[str, Tree] = {}
+    for name in changed:
+        before = base.inside.get(name) if base is not None else None
+        if before is not None and before.name == shown.inside[name].name and shown.inside[name].name not in within:
+            within[shown.inside[name].name] = shown.inside[name]
+            found += _of_tree(shown.inside[name], before, f"within {name}", ports)
+    return found
+
+
+def _is_visible(part: Part, known: bool) -> bool:
+    """Components, inputs and outputs; not parameters, and not variables of the equations."""
+    if part.prefixes & {"parameter", "constant"}:
+        return False
+    return known or bool(_terminal(part)) or (part.type not in _SCALARS and _placement(part) is not None)
+
+
+def _terminal(part: Part) -> _Terminal:
+    return "input" if "input" in part.prefixes else "output" if "output" in part.prefixes else ""
+
+
+def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
+    where = annotated(part.annotation, "Placement").get("transformation")
+    if where is None:
+        return None
+    given = arguments_of(where)
+    corners = _points(given)
+    if len(corners) != 2:
+        return None
+    (x1, y1), (x2, y2) = corners
+    turned = _numbers(given.get("rotation"))
+    return (x1, y1, x2, y2), turned[0] if turned else 0.0
+
+
+def _links(shown: Tree, visible: Mapping[str, Part]) -> list[_Link]:
+    """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
+    found: list[_Link] = []
+    values = []
+    for link in shown.links:
+        ends = _head(link.first), _head(link.second)
+        if not link.line and any(_terminal(visible[end]) for end in ends if end in visible):
+            values.append(ends)
+        else:
+            found.append((*ends, _points(link.line, "points"), False))
+    values += [(used, name) for name, part in visible.items() for used in _used(part)]
+    found = [link for link in found if _joins(link, visible)]
+    known = {frozenset(link[:2]) for link in found}
+    for first, second in dict.fromkeys(values):
+        if frozenset((first, second)) not in known and _joins((first, second), visible):
+            found.append((first, second, [], True))
+            known.add(frozenset((first, second)))
+    return found
+
+
+def _joins(link: Sequence[object], visible: Mapping[str, Part]) -> bool:
+    return link[0] != link[1] and {link[0], link[1]} <= visible.keys()
+
+
+def _head(reference: str) -> str:
+    return re.split(r"[.\[]", reference, maxsplit=1)[0]
+
+
+def _used(part: Part) -> list[str]:
+    """Names that its modifiers and its value use."""
+    tokens = [*part.arguments, *part.binding]
+    words = ["", *(t.word for t in tokens), ""]
+    around = zip(words, tokens, words[2:], strict=False)
+    return list(dict.fromkeys(t.word for dot, t, after in around if t.kind == "name" and after != "=" and dot != "."))
+
+
+def _layers(visible: Mapping[str, Part], links: Sequence[_Link]) -> dict[str, tuple[float, float, float, float]]:
+    """Columns by distance from the inputs, outputs last; each column centred."""
+    near: dict[str, set[str]] = {name: set() for name in visible}
+    for first, second, _, _ in links:
+        near[first].add(second)
+        near[second].add(first)
+    level: dict[str, int] = {}
+    front = [name for name in visible if _terminal(visible[name]) == "input"] or list(visible)[:1]
+    while front or len(level) < len(visible):
+        front = front or [next(name for name in visible if name not in level)]
+        depth = max(level.values(), default=-1) + 1
+        level |= dict.fromkeys(front, depth)
+        front = [
+            other
+            for other in dict.fromkeys(o for name in front for o in visible if o in near[name])
+            if other not in level and _terminal(visible[other]) != "output"
+        ]
+        if not front and all(name in level or _terminal(visible[name]) == "output" for name in visible):
+            level |= {name: depth + 1 for name in visible if name not in level}
+    return _grid([[name for name in level if level[name] == k] for k in range(max(level.values(), default=0) + 1)])
+
+
+def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, float, float]]:
+    """Extents of names in columns, each centred."""
+    left = -0.5 * _STEP_ACROSS * (len(columns) - 1)
+    return {
+        name: (x - _HALF, y - _HALF, x + _HALF, y + _HALF)
+        for k, names in enumerate(columns)
+        for row, name in enumerate(names)
+        for x, y in [(left + k * _STEP_ACROSS, _STEP_DOWN * (0.5 * (len(names) - 1) - row))]
+    }
+
+
+def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
+    """A model that is all equations: a box with its states between inputs and outputs."""
+    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
+        ("input", model.inputs), ("", model.states), ("output", model.outputs)
+    ]  # fmt: skip
+    places = _grid([[f"{kind} {v.name}" for v in variables] for kind, variables in groups])
+    title = name.rpartition(".")[2]
+    high = 0.5 * _STEP_DOWN * max(1, len(model.states)) + 0.3 * _HALF
+    box = Component(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
+    marks = {port.removeprefix("der(").rstrip(")") for port in ports}
+    states = {v.name for v in model.states}
+    parts = [
+        Component(
+            name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"], terminal=kind,
+            marked=(f"output_{v.name}" in marks and kind == "output") or v.name in marks - (states if kind else set()),
+            shapes=[] if kind else [_STATE],
+        )
+        for kind, variables in groups for v in variables
+    ]  # fmt: skip
+    lines = [Connection(first=v.name, second=title, signal=True) for v in model.inputs]
+    lines += [Connection(first=title, second=v.name, signal=True) for v in model.outputs]
+    return Diagram(title=title, components=[box, *parts], connections=lines)
+
+
+def _shapes(graphics: Sequence[Expression]) -> list[Shape]:
+    """Icons without their colours, text and gradients."""
+    found = []
+    for item in graphics:
+        kind = item.function.lower() if isinstance(item, Call) else ""
+        given = arguments_of(item)
+        points = _points(given, "points" if kind in {"line", "polygon"} else "extent")
+        if kind not in {"line", "polygon", "rectangle", "ellipse"} or len(points) < 2:
+            continue
+        pattern = show(given["fillPattern"]) if "fillPattern" in given else ""
+        filled = kind != "line" and not pattern.endswith("None") and bool(pattern)
+        found.append(Shape.model_validate({"kind": kind, "points": points, "filled": filled}))
+    return found
+
+
+def _points(given: Mapping[str, Expression], name: str = "extent") -> list[tuple[float, float]]:
+    """Pairs of numbers, moved by an origin."""
+    pairs = given.get(name)
+    x0, y0 = _numbers(given.get("origin")) or (0.0, 0.0)
+    found = [_numbers(pair) for pair in (pairs.items if isinstance(pairs, Array) else ())]
+    return [(pair[0] + x0, pair[1] + y0) for pair in found if len(pair) == 2]
+
+
+def _numbers(tree: Expression | None) -> tuple[float, ...]:
+    """The numbers of a list, or the one that a tree is; none where one of them is not given by itself."""
+    if tree is None:
+        return ()
+    try:
+        return tuple(evaluate(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
+    except InputError:
+        return ()

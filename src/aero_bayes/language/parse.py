@@ -1,0 +1,228 @@
+"""Expressions read from Modelica text, as trees that know where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.syntax import (
+    All,
+    Array,
+    Call,
+    Comprehension,
+    Expression,
+    Field,
+    If,
+    Index,
+    Name,
+    Named,
+    Number,
+    Range,
+    Text,
+    show,
+)
+from aero_bayes.language.tokens import Token, find_outside, tokenize
+from aero_bayes.language.values import evaluate
+
+#: Operators between two operands, those that bind least first; ``not`` binds less than a relation.
+_LEVELS = (
+    frozenset({"or"}), frozenset({"and"}), frozenset({"<", "<=", ">", ">=", "==", "<>"}),
+    frozenset({"+", "-", ".+", ".-"}), frozenset({"*", "/", ".*", "./"}), frozenset({"^", ".^"}),
+)  # fmt: skip
+_RELATION, _SUM, _POWER = 2, 3, 5
+
+
+def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> Expression:
+    """The tree of an expression; in it, ``numbers`` stand in the place of names.
+
+    Raises
+    ------
+    InputError
+        For what is no expression.
+    """
+    reader = _Reader(tokens, numbers or {})
+    tree = reader.expression()
+    if reader.word:
+        raise reader.fail()
+    return tree
+
+
+def parse_text(text: str) -> Expression:
+    """The tree of an expression that a text holds and nothing else."""
+    return parse_expression(tokenize(text))
+
+
+def sides_of(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> tuple[Expression, Expression] | None:
+    """Both sides of an equation without description, annotation and semicolon; None where it is none."""
+    at = find_outside(tokens, frozenset({"="}))
+    try:
+        return parse_expression(tokens[:at], numbers), parse_expression(tokens[at + 1 :], numbers)
+    except InputError:
+        return None
+
+
+class _Reader:
+    def __init__(self, tokens: Sequence[Token], numbers: Mapping[str, int]) -> None:
+        self.tokens = tokens
+        self.numbers = numbers
+        self.at = 0
+
+    @property
+    def word(self) -> str:
+        """The next token, a text with its marks; empty at the end."""
+        return self.tokens[self.at].word if self.at < len(self.tokens) else ""
+
+    def fail(self) -> InputError:
+        return InputError(f"cannot read {self.word!r} in an expression" if self.word else "an expression is missing")
+
+    def next(self) -> Token:
+        if not self.word:
+            raise self.fail()
+        self.at += 1
+        return self.tokens[self.at - 1]
+
+    def take(self, words: Iterable[str]) -> str:
+        """The next token where it is one of these."""
+        return self.next().word if self.word and self.word in words else ""
+
+    def need(self, word: str) -> None:
+        if not self.take((word,)):
+            raise self.fail()
+
+    def span(self, begin: int) -> tuple[int, int]:
+        return self.tokens[begin].start, self.tokens[self.at - 1].end
+
+    # from what binds least to what binds most
+
+    def expression(self) -> Expression:
+        begin = self.at
+        if self.take(("if", "elseif")):
+            condition = self.expression()
+            self.need("then")
+            then = self.expression()
+            if self.word == "elseif":
+                otherwise = self.expression()
+            else:
+                self.need("else")
+                otherwise = self.expression()
+            return If(condition, then, otherwise, span=self.span(begin))
+        parts = [self.binary(0)]
+        while len(parts) < 3 and self.take(":"):
+            parts.append(self.binary(0))
+        if len(parts) == 1:
+            return parts[0]
+        return Range(parts[0], parts[1] if len(parts) == 3 else None, parts[-1], span=self.span(begin))
+
+    def binary(self, level: int) -> Expression:
+        """Operands of one level and those above it, taken together from the left."""
+        if level > _POWER:
+            return self.primary()
+        begin = self.at
+        if level == _RELATION and self.take(("not",)):
+            return Call("not", (self.binary(level),), span=self.span(begin))
+        sign = self.take(_LEVELS[_SUM]) if level == _SUM else ""
+        tree = self.binary(level + 1)
+        if sign in ("-", ".-"):
+            tree = Call("neg", (tree,), span=self.span(begin))
+        while operator := self.take(_LEVELS[level]):
+            tree = Call(operator, (tree, self.binary(level + 1)), span=self.span(begin))
+        return tree
+
+    def primary(self) -> Expression:
+        begin = self.at
+        token = self.next()
+        tree: Expression
+        match token.kind, token.word:
+            case "number", word:
+                tree = Number(float(word), span=self.span(begin))
+            case "text", word:
+                tree = Text(word[1:-1], span=self.span(begin))
+            case "name", ("true" | "false") as word:
+                tree = Number(float(word == "true"), span=self.span(begin))
+            case "sign", ("-" | "+" | ".-" | ".+") as sign:  # after another operator
+                tree = self.binary(_POWER)
+                tree = Call("neg", (tree,), span=self.span(begin)) if sign[-1] == "-" else tree
+            case ("name", _) | ("sign", "."):
+                self.at = begin
+                tree = self.name()
+            case "sign", "(":
+                items = self.items(")")
+                tree = items[0] if len(items) == 1 else Array(items, span=self.span(begin))
+            case "sign", "{":
+                items = self.items("}")
+                alone = len(items) == 1 and isinstance(items[0], Comprehension)
+                tree = items[0] if alone else Array(items, span=self.span(begin))
+            case "sign", "[":
+                rows = [Call("[,]", self.items("];"))]
+                while self.tokens[self.at - 1].word == ";":
+                    rows.append(Call("[,]", self.items("];")))
+                tree = Call("[;]", tuple(rows), span=self.span(begin))
+            case _:
+                self.at = begin
+                raise self.fail()
+        while not isinstance(tree, Name) and self.word in ("[", "."):
+            if self.next().word == "[":
+                tree = Index(tree, self.items("]"), span=self.span(begin))
+            else:
+                tree = Field(tree, self.next().word, span=self.span(begin))
+        return tree
+
+    def name(self) -> Expression:
+        """A component reference, or the call of a function."""
+        begin = self.at
+        path = self.take(".")
+        while True:
+            part = self.next()
+            if part.kind != "name":
+                raise self.fail()
+            subscripts = tuple(map(_folded, self.items("]"))) if self.take("[") else ()
+            if not self.take("."):
+                break
+            path += show(Name(part.word, subscripts)) + "."
+        whole = path + part.word
+        if not subscripts and self.take("("):
+            return Call(whole, self.items(")"), span=self.span(begin))
+        if whole in self.numbers and not subscripts:
+            return Number(float(self.numbers[whole]), span=self.span(begin))
+        return Name(whole, subscripts, span=self.span(begin))
+
+    def items(self, closing: str) -> tuple[Expression, ...]:
+        """What stands between commas up to the closing bracket: arguments, subscripts, elements."""
+        found: list[Expression] = []
+        while not self.take(closing):
+            if found:
+                self.need(",")
+            while self.take(("each", "final")):  # in a modifier, which reads as a call
+                pass
+            begin = self.at
+            if self.word == ":":
+                self.at += 1
+                found.append(All(span=self.span(begin)))
+                continue
+            if [t.word for t in self.tokens[begin + 1 : begin + 2]] == ["="]:
+                name = self.next().word
+                self.need("=")
+                found.append(Named(name, self.expression(), span=self.span(begin)))
+                continue
+            item = self.expression()
+            if self.take(("for",)):
+                item = self.loops(item, begin)
+            found.append(item)
+        return tuple(found)
+
+    def loops(self, item: Expression, begin: int) -> Expression:
+        """``item for i in values, j in others``; the first variable is that of the inner loop."""
+        while True:
+            variable = self.next().word
+            self.need("in")
+            item = Comprehension(item, variable, self.expression(), span=self.span(begin))
+            if not self.take(","):
+                return item
+
+
+def _folded(subscript: Expression) -> Expression:
+    """A subscript such as ``2 + 1`` as the number that it is."""
+    try:
+        return Number(evaluate(subscript, {}), span=subscript.span)
+    except InputError:
+        return subscript

@@ -1,0 +1,315 @@
+"""The trees of Modelica: expressions, and the statements of algorithms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Part:
+    """An expression; ``span`` is where it begins and ends in the text that it was read from."""
+
+    span: tuple[int, int] = field(default=(0, 0), compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Number(Part):
+    """A literal; Booleans are 0 and 1, enumeration literals their ordinals."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Name(Part):
+    """A component reference; ``subscripts`` of its last part, if any."""
+
+    name: str
+    subscripts: tuple[Expression, ...] = ()
+
+
+@dataclass(frozen=True)
+class Text(Part):
+    value: str
+
+
+@dataclass(frozen=True)
+class Call(Part):
+    """A function call, or an operator by its symbol."""
+
+    function: str
+    args: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class If(Part):
+    condition: Expression
+    then: Expression
+    otherwise: Expression
+
+
+@dataclass(frozen=True)
+class Array(Part):
+    """Elements of an array, fields of a record, or results of a function with several."""
+
+    items: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class Comprehension(Part):
+    item: Expression
+    variable: str
+    values: Expression
+
+
+@dataclass(frozen=True)
+class Range(Part):
+    first: Expression
+    step: Expression | None
+    last: Expression
+
+
+@dataclass(frozen=True)
+class Index(Part):
+    """An element of something that is not a plain name, such as ``der(x)[2]``."""
+
+    of: Expression
+    subscripts: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class Field(Part):
+    """A field of a record that is not a plain name, such as ``f(x).re``."""
+
+    of: Expression
+    name: str
+
+
+@dataclass(frozen=True)
+class Named(Part):
+    """An argument that is given by its name: ``f(x = 1)``."""
+
+    name: str
+    value: Expression
+
+
+@dataclass(frozen=True)
+class All(Part):
+    """The subscript ``:``."""
+
+
+Expression = Number | Name | Text | Call | If | Array | Comprehension | Range | Index | Field | Named | All
+
+
+@dataclass(frozen=True)
+class Assign:
+    """``targets := value``; several targets for a function with several results, None where one is left out."""
+
+    targets: tuple[Name | None, ...]
+    value: Expression
+
+
+@dataclass(frozen=True)
+class IfStatement:
+    branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
+    otherwise: tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
+class ForStatement:
+    variable: str
+    values: Expression
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
+class WhileStatement:
+    condition: Expression
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
+class WhenStatement:
+    branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
+
+
+@dataclass(frozen=True)
+class ReinitStatement:
+    state: Name
+    value: Expression
+
+
+@dataclass(frozen=True)
+class AssertStatement:
+    condition: Expression
+    message: str
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A statement that cannot be translated: an error once it is needed, not where a function merely has it."""
+
+    what: str
+
+
+Statement = (
+    Assign | IfStatement | ForStatement | WhileStatement | WhenStatement | ReinitStatement | AssertStatement | Refused
+)
+
+
+def show(tree: Expression) -> str:
+    """A short text for messages."""
+    match tree:
+        case Name(name, subscripts):
+            return name + (f"[{','.join(map(show, subscripts))}]" if subscripts else "")
+        case Number(value):
+            return f"{value:g}"
+        case Call(function, args):
+            return f"{function}({', '.join(map(show, args))})"
+        case All():
+            return ":"
+    return type(tree).__name__.lower()
+
+
+def children(tree: Expression) -> tuple[Expression, ...]:
+    """The expressions directly below one."""
+    match tree:
+        case Name(_, inner) | Call(_, inner) | Array(inner):
+            return inner
+        case If(condition, then, otherwise):
+            return (condition, then, otherwise)
+        case Comprehension(item, _, values):
+            return (item, values)
+        case Range(first, step, last):
+            return (first, last) if step is None else (first, step, last)
+        case Index(of, subscripts):
+            return (of, *subscripts)
+        case Field(inner, _) | Named(_, inner):
+            return (inner,)
+    return ()
+
+
+def arguments_of(tree: Expression) -> dict[str, Expression]:
+    """The arguments of a call that are given by name, calls among them by the names of their functions."""
+    found: dict[str, Expression] = {}
+    for a in children(tree):
+        if isinstance(a, Named):
+            found[a.name] = a.value
+        elif isinstance(a, Call):
+            found.setdefault(a.function, a)
+    return found
+
+
+def walk(tree: Expression) -> Iterator[Expression]:
+    """An expression and all that it is made of."""
+    yield tree
+    for inner in children(tree):
+        yield from walk(inner)
+
+
+def summands(tree: Expression) -> list[tuple[int, Expression]]:
+    """The terms that an expression adds up, each with its sign; itself where it is no sum."""
+    match tree:
+        case Call("+" | ".+", (one, two)):
+            return [*summands(one), *summands(two)]
+        case Call("-" | ".-", (one, two)):
+            return [*summands(one), *((-sign, t) for sign, t in summands(two))]
+        case Call("neg", (one,)):
+            return [(-sign, t) for sign, t in summands(one)]
+    return [(1, tree)]
+
+
+#: Operators that divide, as numbers or element by element.
+DIVIDES = frozenset({"/", "./"})
+_INVERSE = {"*": "/", "/": "*", ".*": "./", "./": ".*"}
+
+
+def factors(tree: Expression) -> list[tuple[str, Expression]]:
+    """The factors of an expression, each with the operator before it; itself where it is no product."""
+    match tree:
+        case Call("*" | ".*" | "/" | "./" as operator, (one, two)):
+            first, *others = factors(two)
+            others = [(_INVERSE[o], t) for o, t in others] if operator in DIVIDES else others
+            return [*factors(one), (operator, first[1]), *others]
+        case Call("neg", (one,)):
+            return [("*", Number(-1.0)), *factors(one)]
+    return [("*", tree)]
+
+
+def reference(name: str) -> Name:
+    """A variable by its name; ``x[1]`` is an element of ``x``."""
+    base, bracket, inside = name.partition("[")
+    if not bracket or not name.endswith("]") or "." in inside:
+        return Name(name)
+    return Name(base, tuple(Number(float(k)) for k in inside[:-1].split(",")))
+
+
+def names_in(tree: Expression) -> set[str]:
+    """The names that an expression refers to."""
+    found: set[str] = set()
+    stack = [tree]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Name):
+            found.add(item.name)
+        stack.extend(children(item))
+    return found
+
+
+def with_parts(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
+    """A copy in which each expression directly below is what ``change`` makes of it."""
+    match tree:
+        case Name(name, inner):
+            return Name(name, tuple(map(change, inner)))
+        case Call(function, args):
+            return Call(function, tuple(map(change, args)))
+        case Array(items):
+            return Array(tuple(map(change, items)))
+        case If(condition, then, otherwise):
+            return If(change(condition), change(then), change(otherwise))
+        case Comprehension(item, variable, values):
+            return Comprehension(change(item), variable, change(values))
+        case Range(first, step, last):
+            return Range(change(first), None if step is None else change(step), change(last))
+        case Index(of, subscripts):
+            return Index(change(of), tuple(map(change, subscripts)))
+        case Field(of, name):
+            return Field(change(of), name)
+        case Named(name, value):
+            return Named(name, change(value))
+    return tree
+
+
+def rebuilt(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
+    """A copy in which each name (its subscripts already rebuilt) is what ``change`` makes of it."""
+    if isinstance(tree, Comprehension):
+        # the loop variable hides a variable of that name
+        inner = rebuilt(tree.item, lambda n: n if n.name == tree.variable else change(n))
+        return Comprehension(inner, tree.variable, rebuilt(tree.values, change))
+    whole = with_parts(tree, lambda t: rebuilt(t, change))
+    return change(whole) if isinstance(whole, Name) else whole
+
+
+def rebuilt_statement(s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]) -> Statement:
+    """A copy of a statement: expressions by ``change``, what is assigned by ``target``."""
+
+    def body(inner: tuple[Statement, ...]) -> tuple[Statement, ...]:
+        return tuple(rebuilt_statement(i, change, target) for i in inner)
+
+    match s:
+        case Assign(targets, value):
+            return Assign(tuple(None if t is None else target(t) for t in targets), rebuilt(value, change))
+        case IfStatement(branches, otherwise):
+            return IfStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches), body(otherwise))
+        case ForStatement(variable, values, inner):
+            return ForStatement(variable, rebuilt(values, change), body(inner))
+        case WhileStatement(condition, inner):
+            return WhileStatement(rebuilt(condition, change), body(inner))
+        case WhenStatement(branches):
+            return WhenStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches))
+        case ReinitStatement(state, value):
+            return ReinitStatement(target(state), rebuilt(value, change))
+        case AssertStatement(condition, message):
+            return AssertStatement(rebuilt(condition, change), message)
+        case Refused():
+            return s

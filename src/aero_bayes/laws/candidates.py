@@ -1,0 +1,95 @@
+"""Which laws can act at which ports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.laws.law import STANDING, Law
+from aero_bayes.ports.find import find_ports
+from aero_bayes.ports.port import KELVIN, MINUS, Port
+
+
+def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
+    """All ports of a model: inputs, outputs, then balances in the order of their states.
+
+    Parameters
+    ----------
+    flat : FlatModel
+        A state is reached by a balance or a connection of the model's own class; only where there is none, by the
+        balance inside a component.
+    laws : sequence of Law
+        Those that are looked at for :attr:`Port.laws`.
+    """
+    return with_laws(find_ports(flat), laws)
+
+
+def with_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
+    """The ports with the ids of the laws that fit."""
+    return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
+
+
+def reacts(law: Law, port: Port) -> bool:
+    """Whether a law at a port acts on a neighbour, too."""
+    return law.kind in ("overflow", "exchange") or port.kind == "motion"
+
+
+def fits(law: Law, port: Port) -> bool:
+    """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
+    if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
+        return False
+    # what does not ask for the surroundings is the same whatever they are
+    if not port.signals.keys() & STANDING.keys() <= law.uses or (_against(port) and not law.uses):
+        return False
+    if law.kind in ("overflow", "exchange"):
+        return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))
+    same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.takes_rate)
+    if not same or not law.uses - STANDING.keys() <= port.signals.keys():
+        return False
+    return all(_is_unit(port.units.get(signal, ""), unit) for signal, unit in law.needs_unit.items())
+
+
+def _against(port: Port) -> bool:
+    """Whether a motion is taken against what is fed in, on which nothing reacts."""
+    return not port.neighbours and any(MINUS in given for given in port.signals.values())
+
+
+def _is_unit(unit: str, asked: str) -> bool:
+    """Whether a unit is the one asked for; ``K`` asks for any temperature."""
+    return unit == asked or (asked == "K" and unit in KELVIN)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction."""
+
+    law: Law
+    port: Port
+    neighbour: Port | None = None
+
+    @property
+    def id(self) -> str:
+        """``law@port``."""
+        return f"{self.law.id}@{self.port.id}"
+
+
+def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
+    """Every law at every port that it fits, port by port.
+
+    An exchange between two storages counts once; it and what overflows go to the first neighbour.
+    """
+    by_id = {p.id: p for p in ports}
+    found: list[Candidate] = []
+    joined: set[frozenset[str]] = set()
+    for port in ports:
+        first = by_id.get(port.neighbours[0]) if port.neighbours else None
+        for law in (law for law in laws if fits(law, port)):
+            neighbour = first if reacts(law, port) else None
+            if law.kind == "exchange":
+                pair = frozenset((port.id, *port.neighbours[:1]))
+                if pair in joined:
+                    continue
+                joined.add(pair)
+            found.append(Candidate(law, port, neighbour))
+    return tuple(found)

@@ -1,0 +1,200 @@
+"""The text of a user's class to which laws are added: declarations, equations, edits, put together at the end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.base_classes import alone, with_bases
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.edits import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
+from aero_bayes.language.sources import SourceFile, Sources
+from aero_bayes.language.tokens import Token
+from aero_bayes.laws.component_copies import ComponentCopy, retyped
+from aero_bayes.laws.law_text import class_text
+from aero_bayes.laws.use import Use, plain_name
+
+
+class ClassWithLaws:
+    """What the laws bring, gathered.
+
+    Parameters
+    ----------
+    user : tuple
+        The user's class and its file.
+    inherits : bool
+        Whether its base classes are written out, because something in them is edited.
+    """
+
+    def __init__(
+        self, known: Sources, user: tuple[SourceFile, ClassText], uses: Sequence[Use], title: str, *, inherits: bool
+    ) -> None:
+        self.known, self.user, self.uses, self.title = known, user, uses, title
+        #: names that classes have around the user's
+        self.around = known.meanings(user[1]).keys()
+        self.file, self.cls = self._own_text(inherits)
+        cls = self.cls
+        self.components: dict[str, Component] = {c.name: c for c in cls.components()}
+        self.extends = all(u.port.via == "node" for u in uses)
+        self.parameters = [line for use in uses for line in use.declarations()]
+        self.classes: list[list[str]] = []
+        self.instances: dict[str, tuple[str, dict[str, str]]] = {}
+        self.variables: list[str] = []
+        self.equations: list[str] = []
+        self.edits: list[Edit] = []
+        #: what the rest of the class reads in place of a signal, and signals that the class itself computes
+        self.read: dict[str, str] = {}
+        self.computed: set[str] = set()
+        #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
+        #: stood that an output was given
+        self.given: dict[str, str] = {}
+        self.moved: dict[str, Sequence[Token]] = {}
+        #: bindings that become equations of other variables
+        self.freed: dict[str, Sequence[Token]] = {}
+        self.connectors: dict[str, str] = {}
+        self.copies: dict[str, ComponentCopy] = {}
+
+    def original(self) -> str:
+        """The user's class as a file of its own, to compare with."""
+        return self._plain_text(*self.user)
+
+    def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
+        whole = file.classes == (cls,) and not cls.within
+        return file.text if whole else "within ;\n" + alone(self.known, file, cls)
+
+    def _own_text(self, inherits: bool) -> tuple[SourceFile, ClassText]:
+        """The user's class as a file of its own, with its base classes written out where they are to be edited."""
+        file, cls = self.user
+        if inherits:
+            file, _ = with_bases(self.known, file, cls)
+            text = "within ;\n" + file.text
+        else:
+            text = self._plain_text(file, cls)
+        classes = read_classes(text)
+        return SourceFile(file.file, text, classes), classes[0]
+
+    # what every law brings
+
+    def declare(
+        self,
+        use: Use,
+        given: Mapping[str, str],
+        inside: Mapping[str, str],
+        declarations: Sequence[str] = (),
+        equations: Sequence[str] = (),
+    ) -> None:
+        """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
+        name = "".join(w[:1].upper() + w[1:] for w in use.instance.split("_"))
+        while name in self.around or name in self.cls.class_names:
+            name += "Law"
+        lines = class_text(
+            use.law, name, sizes=use.all_sizes, signals=inside,
+            without=frozenset() if use.neighbour else frozenset({"share", "q_2"}),
+            declarations=declarations, equations=equations,
+        )  # fmt: skip
+        self.classes.append(lines)
+        words = {word for line in lines for word in re.findall(r"\w+", line)}
+        bound = {p.name: use.names[p.name] for p in use.parameters()}
+        standing = {signal: f"{value:.12g}" for signal, value in use.standing.items() if signal not in inside}
+        bound |= {signal: value for signal, value in {**standing, **given}.items() if signal in words}
+        self.instances[use.instance] = name, bound
+
+    def copy_of(self, path: str) -> ComponentCopy:
+        """The copy of a component's class, and of the classes of what holds it."""
+        if path in self.copies:
+            return self.copies[path]
+        parent, _, name = path.rpartition(".")
+        holder = self.copy_of(parent) if parent else None
+        cls = holder.cls if holder else self.cls
+        if holder and name not in {c.name for c in cls.components()}:
+            holder.write_out_bases(self.known)
+            cls = holder.cls
+        component = next((c for c in cls.components() if c.name == name), None)
+        if component is None:
+            raise InputError(f"{cls.name}: the component {name!r} is not declared there")
+        scope = holder.origin if holder else self.user[1]
+        file, origin = self.known.find(self.known.resolve(scope, component.type))
+        text = alone(self.known, file, origin)
+        (own,) = read_classes(text)
+        copy = ComponentCopy(f"{own.name}_{plain_name(path)}", file, origin, text, own)
+        self.copies[path] = copy
+        return copy
+
+    # putting it together
+
+    def written(self) -> str:
+        """The whole file."""
+        return self._extension() if self.extends else self._copy()
+
+    def _declarations(self) -> list[str]:
+        connectors = (f"connector {name} = {what};" for name, what in self.connectors.items())
+        lines = [*self.parameters, *connectors, *self.variables]
+        for cls, (instance, (name, bound)) in zip(self.classes, self.instances.items(), strict=True):
+            lines += [*cls, f"{name} {instance}({', '.join(f'{k} = {v}' for k, v in bound.items())});"]
+        return [*lines, *self._copied_classes("")]
+
+    def _copied_classes(self, parent: str) -> list[str]:
+        """The lines of the copies of classes of the components that something holds."""
+        lines: list[str] = []
+        for path, copy in self.copies.items():
+            if path.rpartition(".")[0] == parent:
+                inner = self._copied_classes(path)
+                edits = [*copy.edits, *rename_class(copy.cls, copy.name), *self._retyped_in(path, copy.cls, copy.text)]
+                edits += add_declarations(copy.text, copy.cls, [*copy.declarations, *inner])
+                lines += apply(copy.text, edits).rstrip("\n").split("\n")
+        return lines
+
+    def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[Edit]:
+        """Declare the components of a class by the copies of their classes."""
+        held = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
+        return retyped(cls, held, text)
+
+    def _about(self) -> str:
+        added = " and ".join(
+            f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.uses
+        )
+        return f"{self.user[1].description or self.user[1].name}, with {added}".replace('"', "'")
+
+    def _extension(self) -> str:
+        lines = ["within ;", f'model {self.title} "{self._about()}"', f"  extends {self.user[1].full_name};"]
+        lines += [f"  {line}" for line in self._declarations()]
+        return "\n".join([*lines, "equation", *(f"  {line}" for line in self.equations), f"end {self.title};", ""])
+
+    def _copy(self) -> str:
+        text, cls = self.file.text, self.cls
+        edits = [*self.edits, *rename_class(cls, self.title), self._description()]
+        for name, tokens in self.moved.items():
+            instance = self.read[name].removesuffix(".u")
+            self.instances[instance][1]["u"] = self._renamed(tokens)
+            edits.append(Edit(tokens[0].start, tokens[-1].end, self.given[name]))
+        self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed.items()]
+        self.equations += [f"{name} = {y};" for name, y in self.given.items() if name not in self.moved]
+        gone = [(tokens[0].start, tokens[-1].end) for tokens in (*self.moved.values(), *self.freed.values())]
+        for tokens in self.freed.values():
+            equals = text.rindex("=", 0, tokens[0].start)
+            edits.append(Edit(equals, tokens[-1].end, ""))
+        for s in cls.statements:
+            names = {c.name_token.start for c in self.components.values() if c.statement is s}
+            if s.section == "equation" and [t.word for t in s.core[1:2]] == ["="] and s.core[0].word in self.computed:
+                names.add(s.core[0].start)
+            if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved:
+                names.add(s.core[0].start)
+            edits += [
+                e
+                for e in replace_names(s.tokens, self.read.get, functions=False)
+                if e.start not in names and not any(start <= e.start < end for start, end in gone)
+            ]
+        edits += self._retyped_in("", cls, text)
+        edits += add_declarations(text, cls, self._declarations())
+        return apply(text, [*edits, *add_equations(text, cls, self.equations)])
+
+    def _renamed(self, tokens: Sequence[Token]) -> str:
+        begin = tokens[0].start
+        edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get, functions=False)]
+        return apply(text_of(self.file.text, tokens), edits)
+
+    def _description(self) -> Edit:
+        head = self.cls.name_token.end
+        return Edit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')

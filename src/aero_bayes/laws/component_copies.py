@@ -1,0 +1,85 @@
+"""Copies of the classes of components, where a law enters a balance inside one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from aero_bayes.language.base_classes import with_bases
+from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.edits import Edit, indentation, text_of
+from aero_bayes.language.sources import SourceFile, Sources
+from aero_bayes.language.tokens import skip_group
+
+
+@dataclass
+class ComponentCopy:
+    """A copy of a component's class: where it comes from, what is edited in it, and what the model gives it."""
+
+    name: str
+    file: SourceFile
+    origin: ClassText
+    text: str
+    cls: ClassText
+    edits: list[Edit] = field(default_factory=list)
+    declarations: list[str] = field(default_factory=list)
+    inputs: dict[str, str] = field(default_factory=dict)
+
+    def write_out_bases(self, known: Sources) -> None:
+        """Have the base classes in the text, before anything is edited."""
+        if self.cls.bases() and not self.edits:
+            whole, self.cls = with_bases(known, self.file, self.origin)
+            self.text = whole.text
+
+    def take(self, name: str, value: str, about: str) -> None:
+        """Declare an input, and bind it where the component is declared."""
+        self.inputs[name] = value
+        self.declarations.append(f"input Real {name} {about};")
+
+
+def without_numbers(path: str) -> tuple[str, dict[str, int]]:
+    """The path of a component without the numbers of those that are in arrays, and these by their own paths."""
+    plain, numbers = "", dict[str, int]()
+    for part in path.split("."):
+        name, _, number = part.partition("[")
+        plain = f"{plain}.{name}" if plain else name
+        if number[:-1].isdigit():
+            numbers[plain] = int(number[:-1])
+    return plain, numbers
+
+
+def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
+    """Declare components by the copies of their classes, and give those what they take."""
+    edits: list[Edit] = []
+    for statement in cls.declarations:
+        together = cls.declared_in(statement)
+        if any(c.name in held for c in together):
+            edits += _types(together, held, text)
+            edits += [e for c in together if c.name in held for e in _arguments(c, held[c.name])]
+    return edits
+
+
+def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
+    """The type of each component of a statement; where there are several, each gets a statement of its own."""
+    first, *others = together
+    own = {c.name: held[c.name].name if c.name in held else text_of(text, c.type_tokens) for c in together}
+    tokens = first.statement.tokens
+    prefix = text[tokens[0].start : first.type_tokens[0].start]
+    edits = [Edit(first.type_tokens[0].start, first.type_tokens[-1].end, own[first.name])]
+    for c in others:
+        comma = tokens[tokens.index(c.name_token) - 1]
+        begin = f";\n{indentation(text, tokens[0].start)}{prefix}{own[c.name]} "
+        edits.append(Edit(comma.start, c.name_token.start, begin))
+    return edits
+
+
+def _arguments(c: Component, copy: ComponentCopy) -> list[Edit]:
+    given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
+    if not c.arguments:
+        tokens = c.statement.tokens
+        after = tokens.index(c.name_token) + 1
+        if after < len(tokens) and tokens[after].word == "[":
+            after = skip_group(tokens, after)
+        return [Edit(tokens[after - 1].end, tokens[after - 1].end, f"({given})")]
+    comma = ", " if len(c.arguments) > 2 else ""
+    return [Edit(c.arguments[-1].start, c.arguments[-1].start, comma + given)]

@@ -1,0 +1,150 @@
+"""What may be missing around an FMU of which only the interface is known: ports at its inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from aero_bayes.export.compose import add_output
+from aero_bayes.export.flat import FlatModel, FlatVariable
+from aero_bayes.language.syntax import Name, Number
+from aero_bayes.laws.candidates import with_laws
+from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import Use, plain_name
+from aero_bayes.ports.port import Port
+from aero_bayes.ports.residual import Entrance
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Variable
+
+#: Units of what drives a motion, and of the speed and the position that go with it.
+_MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "N": ("m/s", ("m",)), "N.m": ("rad/s", ("rad", "1", "")),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Where the flat model of laws meets an FMU.
+
+    Attributes
+    ----------
+    flat : FlatModel
+        Its inputs and outputs are those below and nothing else.
+    inputs : tuple
+        For each input of the FMU: the variable, its name outside and the one that acts on the FMU.
+    outputs : tuple
+        For each output that laws act on: the variable, its name inside and the one that is read outside.
+    states : tuple
+        Each state of the FMU that laws are given, and its name there.
+    """
+
+    flat: FlatModel
+    inputs: tuple[tuple[Variable, str, str], ...]
+    outputs: tuple[tuple[Variable, str, str], ...]
+    states: tuple[tuple[Variable, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """An FMU's ports, and the flat models of laws at them.
+
+    Parameters
+    ----------
+    inner : Model
+    laws : sequence of Law
+        For :attr:`Port.laws`.
+    """
+
+    inner: Model
+    laws: Sequence[Law] = ()
+
+    @cached_property
+    def names(self) -> Mapping[str, str]:
+        """A plain name for every input, output and state."""
+        found: dict[str, str] = {}
+        for v in (*self.inner.inputs, *self.inner.outputs, *self.inner.states):
+            if v.name not in found:
+                plain = name = plain_name(v.name) or "signal"
+                count = 1
+                while name in found.values() or name[0].isdigit():
+                    count += 1
+                    name = f"{plain}_{count}" if not plain[0].isdigit() else f"v{plain}_{count}"
+                found[v.name] = name
+        return found
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        """Every input and output; a force or torque also where a speed of the model goes with it."""
+        motions = list(self._motions())
+        taken = {p.id for p in motions}
+        plain = [
+            *(self._signal(v, "input", v.name) for v in self.inner.inputs),
+            *(self._signal(v, "reading", f"output_{v.name}" if v.name in taken else v.name)
+              for v in self.inner.outputs if v.kind == "real"),
+        ]  # fmt: skip
+        every = [*plain, *motions]
+        return with_laws(every, self.laws)
+
+    def _signal(self, v: Variable, kind: str, id_: str) -> Port:
+        units = {"u": v.unit, "y": v.unit}
+        name = self.names[v.name]
+        if kind == "input":
+            return Port(id_, "input", "input", v.unit, units, None, (), {"u": name})
+        return Port(id_, "reading", "output", v.unit, units, None, (), {"u": name})
+
+    def _motions(self) -> Iterator[Port]:
+        """Forces at states that are speeds: no output there passes an input on."""
+        driving = [(k, v) for k, v in enumerate(self.inner.inputs) if v.unit in _MOTIONS]
+        for k, force in driving:
+            speed_unit, position_units = _MOTIONS[force.unit]
+            speeds = [s for s in self.inner.states if s.unit == speed_unit]
+            positions = [s for s in self.inner.states if s.unit in position_units]
+            alone = sum(v.unit == force.unit for _, v in driving) == 1
+            for speed in speeds:
+                signals, units = {"v": self._state(speed)}, {"f": force.unit, "v": speed_unit}
+                if len(speeds) == len(positions) == 1:
+                    signals["x"], units["x"] = self._state(positions[0]), positions[0].unit
+                own = self._outside(speed)
+                yield Port(
+                    own if alone else f"{force.name}.{own}", "motion", "equation", force.unit, units, None,
+                    tuple(s.name for s in (speed, *positions[: "x" in signals])), signals,
+                    Entrance(k, Number(1.0), force.unit),
+                )  # fmt: skip
+
+    def _state(self, state: Variable) -> str:
+        return f"{self.names[state.name]}_inside"
+
+    def _outside(self, state: Variable) -> str:
+        """The name of the output that is a state, else its own."""
+        index = self.inner.states.index(state)
+        return next((v.name for v in self.inner.outputs if self.inner.copied_state(v.name) == index), state.name)
+
+    def seam(self, uses: Sequence[Use], models: Models) -> Seam:
+        """Laws at ports of these surroundings as a flat model, with no more of the FMU's signals than they need."""
+        read = {name for use in uses for name in use.port.signals.values()}
+        flat = FlatModel(f"{self.inner.name} laws")
+        inputs, outputs, states = [], [], []
+        for v in self.inner.inputs:
+            name = self.names[v.name]
+            inputs.append((v, name, f"{name}_acts"))
+            flat = _input(flat, name, v, v.start or 0.0)
+            flat = add_output(flat, f"{name}_acts", Name(name), v.unit)
+        for v in self.inner.outputs:
+            name = self.names[v.name]
+            if v.kind == "real" and name in read:
+                outputs.append((v, f"{name}_unread", name))
+                flat = _input(flat, f"{name}_unread", v, v.start or 0.0)
+                flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
+        for v in self.inner.states:
+            if self._state(v) in read:
+                states.append((v, self._state(v)))
+                flat = _input(flat, self._state(v), v, v.start or 0.0)
+        return Seam(compose_laws(flat, uses, models), tuple(inputs), tuple(outputs), tuple(states))
+
+
+def _input(flat: FlatModel, name: str, v: Variable, start: float) -> FlatModel:
+    attributes = {"start": Number(start)}
+    variable = FlatVariable(name, causality="input", unit=v.unit, description=v.description, attributes=attributes)
+    return FlatModel(flat.name, (*flat.variables, variable), flat.equations)

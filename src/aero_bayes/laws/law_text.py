@@ -1,0 +1,131 @@
+"""A law as one class that needs no library: its own text and that of its partial model put together."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from aero_bayes.language.classes import Component, Statement
+from aero_bayes.language.edits import Edit, apply, indentation, replace_names, text_of
+from aero_bayes.language.parse import parse_expression, parse_text
+from aero_bayes.language.syntax import summands
+from aero_bayes.language.tokens import one_line, words_of
+from aero_bayes.language.values import evaluate
+from aero_bayes.laws.law import STANDING, Law
+
+
+def class_text(
+    law: Law,
+    name: str,
+    *,
+    sizes: Mapping[str, float],
+    signals: Mapping[str, str],
+    without: frozenset[str] = frozenset(),
+    declarations: Sequence[str] = (),
+    equations: Sequence[str] = (),
+) -> list[str]:
+    """The lines of a model ``name`` that does what the law says.
+
+    Parameters
+    ----------
+    law : Law
+    name : str
+        Name of the class.
+    sizes : mapping
+        Values of the sizes; those that are not given keep their default.
+    signals : mapping
+        Expressions for given signals, which become variables; the others stay inputs.
+    without : frozenset of str
+        Outputs and parameters of the partial model that are left out with the equations that give them.
+    declarations, equations : sequence of str
+        Further lines, such as connectors.
+    """
+    text, cls = law.text, law.cls
+    found: dict[str, list[str]] = {"public": [], "protected": [], "initial equation": [], "equation": [*equations]}
+    kept = [s for s in cls.statements if s.section in found and without.isdisjoint(words_of(s.tokens))]
+    used = Counter(word for s in kept for word in {t.word for t in s.tokens if t.kind == "name"})
+    for s in kept:
+        components = cls.declared_in(s)
+        if components and not any(used[c.name] > 1 or c.name == law.shape.acts for c in components):
+            continue
+        edits = _edits(s, components, sizes, signals)
+        # a unit that a law asks for is that of a port, in which it may be spelled otherwise
+        asked = [c.arguments for c in components if c.name in law.needs_unit and c.arguments]
+        edits += [Edit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
+        found[s.section].append(one_line(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
+    lines = [f'model {name} "{law.description}"', *(f"  {line}" for line in (*declarations, *found.pop("public")))]
+    for section, inside in found.items():
+        lines += [section, *(f"  {line}" for line in inside)] if inside else []
+    return [*lines, *(f"  {line}" for line in _documentation(law)), f"end {name};"]
+
+
+def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -> str | None:
+    """What the law gives as one expression, where its class says no more than that.
+
+    Parameters
+    ----------
+    law : Law
+    sizes : mapping
+        Values of all sizes; what follows from them alone becomes a number.
+    names : mapping
+        What stands for the law's given signals and parameters.
+
+    Returns
+    -------
+    str or None
+        None for a law with several equations or variables of its own.
+    """
+    if len(law.cls.equations) != 1:
+        return None
+    (equation,) = law.cls.equations
+    core = equation.core
+    if [t.word for t in core[:2]] != [law.shape.acts, "="] or any(t.word == "der" for t in core):
+        return None
+    values = {k: float(v) for k, v in sizes.items()}
+    for c in law.cls.components():
+        if "final" in c.prefixes:
+            values[c.name] = evaluate(parse_expression(c.binding), values)
+        elif c.name not in (*names, *sizes, *law.shape.given, law.shape.acts):
+            return None
+    numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
+    known = {**numbers, **{signal: numbers[size] for signal, size in STANDING.items() if size in numbers}, **names}
+    edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
+    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(text_of(law.text, core[2:]), edits)))
+    text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
+    text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
+    tree = parse_text(text)
+    return text if summands(tree) == [(1, tree)] else f"({text})"
+
+
+def _edits(
+    statement: Statement, components: Sequence[Component], sizes: Mapping[str, float], signals: Mapping[str, str]
+) -> list[Edit]:
+    """A declaration with the values of sizes and the expressions of signals."""
+    edits: list[Edit] = []
+    # what the program sets and what follows from that alone is no parameter to tune
+    if any(c.name in sizes or "final" in c.prefixes for c in components):
+        first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
+        last = next(t for t in statement.tokens if t.word == "parameter")
+        edits.append(Edit(first.start, last.end, "constant"))
+    for c in components:
+        value = signals.get(c.name, repr(float(sizes[c.name])) if c.name in sizes else None)
+        if value is None:
+            continue
+        if c.name in signals:
+            word = next(t for t in statement.tokens if t.word == "input")
+            edits.append(Edit(word.start, word.end + 1, ""))
+        if c.binding:
+            edits.append(Edit(c.binding[0].start, c.binding[-1].end, value))
+        else:
+            end = (c.arguments[-1] if c.arguments else c.name_token).end
+            edits.append(Edit(end, end, f" = {value}"))
+    return edits
+
+
+def _documentation(law: Law) -> list[str]:
+    if not law.cls.annotation:
+        return []
+    indent = indentation(law.text, law.cls.annotation_start)
+    lines = text_of(law.text, law.cls.annotation).split("\n")
+    return [line.removeprefix(indent) for line in lines[:-1]] + [lines[-1].removeprefix(indent) + ";"]

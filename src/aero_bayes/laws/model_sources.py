@@ -1,0 +1,53 @@
+"""The files that a model was made from, and the names in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.library import rig_packages
+from aero_bayes.language.sources import SourceFile, Sources, modelica_files, read_file
+from aero_bayes.language.tokens import tokenize, words_of
+
+
+def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
+    """Read the files and package folders that a model is exported with; the shipped packages of rigs are among
+    them.
+
+    Of libraries, the files that ``flat`` has something from are read as well.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or is no Modelica; names it.
+    """
+    files: dict[str, SourceFile] = {}
+    for source in (*rig_packages(), *map(Path, sources)):
+        if not source.exists():
+            raise InputError(f"{source}: no such file")
+        for path in modelica_files([source]):
+            name = str(path.relative_to(source.parent))
+            files[name] = read_file(path, name)
+    places = [] if flat is None else [v.place for v in flat.variables] + [e.place for e in flat.equations]
+    for place in dict.fromkeys(p.file for p in places if p is not None):
+        if place not in files and Path(place).is_absolute() and Path(place).is_file():
+            files[place] = read_file(Path(place), place)
+            # what the packages around it import
+            for package in (f / "package.mo" for f in Path(place).parents):
+                if not package.is_file():
+                    break
+                if str(package) not in files:
+                    files[str(package)] = read_file(package, str(package))
+    return Sources(files)
+
+
+def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
+    """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
+    loops = set[str]()
+    for path in modelica_files(sources):
+        words = words_of(tokenize(path.read_text(encoding="utf-8")))
+        loops |= {after for word, after in pairwise(words) if word == "for"}
+    return {v.name for v in flat.variables} | loops

@@ -1,0 +1,133 @@
+"""A law at a port, with the names and numbers that it gets in a model."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from aero_bayes.errors import InputError
+from aero_bayes.laws.candidates import reacts
+from aero_bayes.laws.law import STANDING, Attribute, Law, LawParameter
+from aero_bayes.ports.port import Port
+
+_LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
+
+
+@dataclass(frozen=True)
+class Use:
+    """A law at a port.
+
+    Attributes
+    ----------
+    instance : str
+        Name of the law's component.
+    names : mapping
+        For each parameter of the law that is fitted, its name in the whole model.
+    sizes : mapping
+        The port's sizes by the names of the law's partial model (``f_n``, ``v_n``, ...); one where missing.
+    values : mapping
+        Values by the law's own names; the default, which leaves nothing of the law, where missing.
+    neighbour : Port, optional
+        Where what is lost may go, or what takes the reaction.
+    """
+
+    law: Law
+    port: Port
+    instance: str
+    names: Mapping[str, str]
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    neighbour: Port | None = None
+
+    @property
+    def id(self) -> str:
+        """``law@port``."""
+        return f"{self.law.id}@{self.port.id}"
+
+    @property
+    def all_sizes(self) -> dict[str, float]:
+        """The sizes with the defaults of those that are not given."""
+        return {**self.law.sizes, **{k: float(v) for k, v in self.sizes.items() if k in self.law.sizes}}
+
+    @property
+    def standing(self) -> dict[str, float]:
+        """What the law is given for signals that the port does not have."""
+        own = {s: n for s, n in STANDING.items() if s in self.law.shape.given and s not in self.port.signals}
+        return {signal: self.all_sizes[size] for signal, size in own.items()}
+
+    def parameters(self) -> Iterator[LawParameter]:
+        """The fitted parameters; a share for the neighbour only where there is one."""
+        return (p for p in self.law.parameters if p.name in self.names)
+
+    def value(self, p: LawParameter) -> float:
+        return float(self.values.get(p.name, p.value("default", self.all_sizes)))
+
+    def limits(self, p: LawParameter) -> dict[str, float]:
+        """``min``, ``max`` and ``nominal``, those that are given."""
+        found = {attribute: p.value(of, self.all_sizes) for attribute, of in _LIMITS}
+        return {k: v for k, v in found.items() if math.isfinite(v)}
+
+    def declarations(self) -> Iterator[str]:
+        """The fitted parameters as Modelica declares them in the whole model."""
+        for p in self.parameters():
+            attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
+            attributes += [f"{k} = {v:.6g}" for k, v in self.limits(p).items()]
+            given, about = f"({', '.join(attributes)}) = {self.value(p)!r}", f'"{p.description} at {self.port.id}"'
+            yield f"parameter Real {self.names[p.name]}{given} {about};"
+
+    def unit(self, p: LawParameter) -> str:
+        """Unit of a parameter, from those of the port."""
+        signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
+        if signals.get("v") and not signals.get("x"):
+            signals["x"] = f"s.{signals['v']}"
+        of_size = {size: signals.get(signal, "") for size, signal in self.law.shape.sizes.items()}
+        return p.unit({**of_size, "t_n": "s", "w_n": "1"})
+
+
+def use_of(
+    law: Law,
+    port: Port,
+    taken: Collection[str],
+    *,
+    sizes: Mapping[str, float] | None = None,
+    values: Mapping[str, float] | None = None,
+    neighbour: Port | None = None,
+) -> Use:
+    """A law at a port under names that are free: ``F_c``, or ``F_c_v`` where that is taken.
+
+    Parameters
+    ----------
+    taken : collection of str
+        Names that the model has already; paths count by their first part.
+    neighbour : Port, optional
+        For an exchange, for what overflows and for what acts between two motions; other laws have none.
+
+    Raises
+    ------
+    InputError
+        For an exchange without a neighbour.
+    """
+    if law.kind == "exchange" and neighbour is None:
+        raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
+    neighbour = neighbour if reacts(law, port) else None
+    used = {n.partition(".")[0] for n in taken}
+    suffix = plain_name(port.id)
+
+    def free(name: str) -> str:
+        candidates = [name, f"{name}_{suffix}", *(f"{name}_{suffix}_{k}" for k in range(2, 100))]
+        chosen = next(c for c in candidates if c not in used)
+        used.add(chosen)
+        return chosen
+
+    fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
+    names = {p: free(p) for p in fitted}
+    # a size is a typical magnitude: three digits of it read well in a written model
+    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (sizes or {}).items()}
+    return Use(law, port, free(law.id), names, rounded, dict(values or {}), neighbour)
+
+
+def plain_name(path: str) -> str:
+    """A path as part of a name: ``rotor.a`` -> ``rotor_a``."""
+    return re.sub(r"\W+", "_", path).strip("_")

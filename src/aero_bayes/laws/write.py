@@ -1,0 +1,66 @@
+"""Laws written into the user's own Modelica: an extension where a connector takes them, else a copy of the class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.files import whole_file
+from aero_bayes.language.edits import unified_diff
+from aero_bayes.laws.model_sources import read_sources
+from aero_bayes.laws.use import Use
+from aero_bayes.laws.writer import Writer
+
+
+@dataclass(frozen=True)
+class Written:
+    """A written model: its name, its file, its text, and what differs from the user's class.
+
+    Export it with the sources of the original and ``path``.
+    """
+
+    name: str
+    path: Path
+    text: str
+    diff: str
+
+
+def write_law(
+    sources: Sequence[Path], model: str, flat: FlatModel, uses: Sequence[Use], out_dir: Path | str, name: str = ""
+) -> Written:
+    """Write a model with laws to ``out_dir/<name>.mo``.
+
+    Laws at connections alone give a model that extends the user's; others a copy of the user's class, with all that is
+    not touched as it was. A library is never edited.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        The files and package folders that the model was loaded from.
+    model : str
+        Its full name.
+    flat : FlatModel
+        The model without the laws, in which the ports were found.
+    uses : sequence of Use
+        What to write, in the order in which :func:`~aero_bayes.laws.compose.compose_laws` took them.
+    name : str, optional
+        Of the written class; the model's with the instances' by default.
+
+    Raises
+    ------
+    InputError
+        Where the source has no place for a law that its flat form has, such as an equation of a base class.
+    """
+    known = read_sources(sources, flat)
+    file, cls = known.find(model)
+    title = name or "_".join([cls.name, *(u.instance for u in uses)])
+    writer = Writer(known, (file, cls), flat, uses, title)
+    text = writer.text()
+    path = Path(out_dir) / f"{title}.mo"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    before, old = ("", "/dev/null") if writer.target.extends else (writer.target.original(), file.file)
+    return Written(title, path, text, unified_diff(before, text, old, path.name))

@@ -1,0 +1,1 @@
+"""Where a term may be missing in a flat model, and how large what acts there is."""

@@ -1,0 +1,77 @@
+"""Variables that move together: equal but for a constant and their sign, such as both ends of a rigid mass."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from aero_bayes.export.flat import FlatEquation
+from aero_bayes.language.syntax import Call, Name, names_in, summands
+
+#: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
+Together = Mapping[str, tuple[str, int]]
+
+
+class Signed:
+    """Classes of names that equal each other but for their sign."""
+
+    def __init__(self) -> None:
+        self._above: dict[str, tuple[str, int]] = {}
+
+    def root(self, name: str) -> tuple[str, int]:
+        """Representative of a name, and its sign beside it."""
+        sign = 1
+        while name in self._above:
+            name, flip = self._above[name]
+            sign *= flip
+        return name, sign
+
+    def put(self, gone: str, kept: str, sign: int) -> None:
+        """From now on one representative is another one, or its negative."""
+        self._above[gone] = kept, sign
+
+
+def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
+    """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
+    known = Signed()
+    sums = [s for e in equations if (s := _sum(e, free)) is not None]
+    grown = True
+    while grown:
+        grown = False
+        for terms in sums:
+            left: dict[str, int] = {}
+            for sign, name in terms:
+                base, flip = known.root(name)
+                left[base] = left.get(base, 0) + sign * flip
+            moving = [(name, k) for name, k in left.items() if name and k]
+            if len(moving) == 1:
+                known.put(moving[0][0], "", 1)
+                grown = True
+            elif len(moving) == 2 and {abs(k) for _, k in moving} == {1}:
+                (one, k), (two, m) = moving
+                known.put(two, one, -k * m)
+                grown = True
+    return {name: known.root(name) for name in free}
+
+
+def distances(equations: Sequence[FlatEquation], moving: Together) -> dict[str, frozenset[str]]:
+    """Between which two each variable that stands alone in an equation is the distance, or the sum, of two others."""
+    found: dict[str, frozenset[str]] = {}
+    for e in equations:
+        terms = _sum(e, moving.keys()) if isinstance(e.left, Name) else None
+        if terms is not None and isinstance(e.left, Name):
+            ends = frozenset(moving[name][0] for _, name in terms if name != e.left.name) - {""}
+            if len(ends) == 2:
+                found.setdefault(e.left.name, ends)
+    return found
+
+
+def _sum(e: FlatEquation, free: Collection[str]) -> list[tuple[int, str]] | None:
+    """The variables of an equation with their signs, where it is a sum of them and constants."""
+    found: list[tuple[int, str]] = []
+    for sign, tree in summands(Call("-", (e.left, e.right))):
+        match tree:
+            case Name(name, ()) if name in free:
+                found.append((sign, name))
+            case _ if names_in(tree) & {*free, "time"} or (isinstance(tree, Name) and tree.subscripts):
+                return None
+    return found

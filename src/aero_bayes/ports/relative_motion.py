@@ -1,0 +1,81 @@
+"""Places between two motions: what acts on both, and depends on how they move against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+from aero_bayes.export.flat import FlatEquation
+from aero_bayes.language.syntax import Call, Expression, Name, walk
+from aero_bayes.ports.connections import joined
+from aero_bayes.ports.equal_variables import Structure, is_derivative
+from aero_bayes.ports.port import MINUS, Port
+from aero_bayes.ports.quantities import owner_of, relative, unit_in
+
+
+def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+    """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
+
+    At connections it is every two that a component joins, but for one whose distance is a port already.
+    """
+    moving = [p for p in balances if p.kind == "motion" and p.entrance is not None]
+    apart, known = (
+        taken_apart(s),
+        {owner_of(s, p.id) for p in moving if p.via == "equation" and relative(s, s.of(p.id))},
+    )
+    for first, second in combinations(moving, 2):
+        distance = _distance(s, first, second)
+        one, other = (second, first) if distance and distance[1] else (first, second)
+        shared = one.signals.keys() & other.signals.keys()
+        alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
+        if one.via == other.via == "node":
+            both = joined(s, one, other)
+            coupled = bool(both) and not both & known
+        else:
+            coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
+            coupled = coupled and all(p.via == "equation" and not _inside(s, p) for p in (one, other))
+        if not alike or not coupled:
+            continue
+        signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
+        units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
+        if distance and "x" not in signals:
+            signals["x"], units["x"] = distance[0], unit_in(s, s.of(distance[0]))
+        yield replace(
+            one, id=f"{one.id}-{other.id}", signals=signals, units=units, neighbours=(other.id,),
+            states=tuple(dict.fromkeys((*one.states, *other.states))),
+        )  # fmt: skip
+
+
+def _distance(s: Structure, one: Port, other: Port) -> tuple[str, bool] | None:
+    """A state whose rate is the difference of two speeds, if there is one, and whether it counts from the second."""
+    speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
+    for e in s.flat.equations:
+        for rate, difference in ((e.left, e.right), (e.right, e.left)):
+            match difference:
+                case Call("-", (Name(a, ()), Name(b, ()))) if state := is_derivative(rate):
+                    if {s.of(a), s.of(b)} == {*speeds}:
+                        return state, s.of(a) != speeds[0]
+    return None
+
+
+def _balance(s: Structure, port: Port) -> FlatEquation:
+    assert port.entrance is not None
+    return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.entrance.equation)
+
+
+def _inside(s: Structure, port: Port) -> bool:
+    return bool(_balance(s, port).component)
+
+
+def taken_apart(s: Structure) -> set[frozenset[str]]:
+    """Two variables each whose difference stands anywhere in the model."""
+    return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
+
+
+def differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
+    """Two variables each whose difference stands in an expression."""
+    for t in walk(tree):
+        match t:
+            case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:
+                yield frozenset((s.of(a), s.of(b)))

@@ -1,0 +1,124 @@
+"""Where an opposing term enters an equation of a flat model, by the same rule as in its source, and its unit there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import evaluate
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
+from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, rebuilt, reference, show, walk
+from aero_bayes.ports.balance import Driver, Entry, Row, entry_of, row_of
+from aero_bayes.ports.scalar_equations import swapped
+
+#: Where an opposing term stands in what the residual of a vector equation grows by.
+TERM = Name("")
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit.
+
+    Of a vector equation it is the ``row`` that grows, and ``scale`` is all that is added, with the term as ``TERM``;
+    ``beside`` are the terms, numbers, that it stands beside. ``state`` is the one that a balance drives.
+    """
+
+    equation: int
+    scale: Expression
+    unit: str = ""
+    row: Row | None = None
+    beside: tuple[Expression, ...] = ()
+    state: str = ""
+
+    def added(self, term: Expression) -> Expression:
+        """What the residual grows by."""
+        if self.row is None:
+            return Call("*", (self.scale, term))
+        return rebuilt(self.scale, lambda n: term if n == TERM else n)
+
+
+def entrance_of(
+    flat: FlatModel,
+    equation: int,
+    driver: Driver,
+    values: Mapping[str, float],
+    units: Mapping[str, str],
+    row: Row | None = None,
+) -> Entrance | None:
+    """Where an opposing term enters; None where the driver is not there, or not linearly.
+
+    ``row`` is the one of a vector equation.
+    """
+    e = flat.equations[equation]
+    sides = e.left, e.right
+    constants = frozenset(v.name for v in flat.variables if v.constant)
+    entry = entry_of(sides, driver, constants=constants, values=values, row=row)
+    if entry is None:
+        return None
+    if row is not None:
+        items = row_of(sides[0], row), row_of(sides[1], row)
+        # the terms of a side that is written element by element are numbers
+        numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in walk(item)}
+        one = _unit_vector(row, Number(1.0))
+        beside = tuple(t if id(t) in numbers else Call("*", (one, t)) for t in entry.like)
+        return _in_row(flat, equation, entry, row, _unit(entry, items, units), beside)
+    scale: Expression = Number(float(entry.sign * entry.side))
+    for operator, factor in entry.factors:
+        scale = Call(operator, (scale, factor))
+    return Entrance(
+        equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, sides, units)
+    )
+
+
+def _in_row(
+    flat: FlatModel, equation: int, entry: Entry, row: Row, unit: str, beside: tuple[Expression, ...]
+) -> Entrance:
+    e = flat.equations[equation]
+    whole = e.left if entry.side > 0 else e.right
+    if entry.row is None:
+        # the side is written element by element
+        item = whole.items[row[0] - 1] if isinstance(whole, Array) else whole
+        scale = _unit_vector(row, swapped(item, entry.group, TERM))
+    else:
+        scale = swapped(whole, entry.group, _unit_vector(row, TERM))
+    signed = scale if entry.sign * entry.side > 0 else Call("neg", (scale,))
+    return Entrance(equation, signed, unit, row, beside)
+
+
+def _unit_vector(row: Row, item: Expression) -> Expression:
+    return Array(tuple(item if k + 1 == row[0] else Number(0.0) for k in range(row[1])))
+
+
+def parameter_values(flat: FlatModel) -> dict[str, float]:
+    """Numbers of the parameters that have one."""
+    found = {}
+    for v in flat.variables:
+        if v.constant and not v.sizes and v.type == "Real":
+            try:
+                found[v.name] = evaluate(flat, v.name, "value")
+            except InputError:
+                continue
+    return found
+
+
+def _unit(entry: Entry, sides: tuple[Expression, Expression], units: Mapping[str, str]) -> str:
+    """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
+
+    def unit_of(name: str) -> str:
+        # elements of an array have its unit
+        return units.get(name) or units.get(name.partition("[")[0], "")
+
+    for term in entry.like:
+        if isinstance(term, Name) and unit_of(show(term)):
+            return unit_of(show(term))
+
+    def of(name: str) -> Dimension | None:
+        return dimension_of_unit(unit_of(name))
+
+    found = entry.dimension(of, sides)
+    if found is None:
+        return ""
+    mechanical = "kg" in found and "rad" in found
+    return unit_text(without_angle(found) if mechanical else found)

@@ -1,0 +1,170 @@
+"""Diagrams: what Modelica's annotations say, what was changed, and a layout for models that say nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from aero_bayes.export import modelica_root
+from aero_bayes.language.component_tree import grow, look_up, read_library
+from aero_bayes.language.diagram import model_diagrams
+from aero_bayes.schema import Component, Diagram
+from aero_bayes.simulation.model import Model, Variable
+
+LIBRARY = """
+within ;
+package Rig "A rig"
+  connector Pin Real v; flow Real i; end Pin;
+  partial model Slot "What may act"
+    Pin p;
+    annotation (Icon(graphics = {
+      Rectangle(origin = {10, 0}, extent = {{-60, 40}, {60, -40}}, fillPattern = FillPattern.Solid),
+      Text(extent = {{0, 0}, {1, 1}}, textString = "%name")}));
+  end Slot;
+  model Nothing extends Slot; equation p.i = 0; end Nothing;
+  model Friction "Dry // friction; with \\"marks\\""
+    extends Slot; parameter Real c = 1; equation p.i = c * tanh(p.v);
+  end Friction;
+  model Motor "A motor"
+    replaceable model Effect = Nothing constrainedby Slot "slot" annotation (choicesAllMatching = true);
+    Pin p annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
+    Effect effect
+      annotation (Placement(transformation(origin = {50, 0}, extent = {{-10, -10}, {10, 10}}, rotation = 90)));
+    /* a comment; with a semicolon */
+  equation
+    connect(p, effect.p) annotation (Line(points = {{-100, 0}, {40, 0}}));
+  end Motor;
+  model Placed "Drawn by its authors"
+    replaceable model Effect = Nothing;
+    input Real u(unit = "V") "Voltage" annotation (Placement(transformation(extent = {{-120, -10}, {-100, 10}})));
+    output Real y annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+    parameter Real gain = 2 * 3 "Gain";
+    Motor motor(redeclare model Effect = Effect, k = -u)
+      annotation (Placement(transformation(extent = {{-10, -10}, {10, 10}})));
+    Motor other annotation (Placement(transformation(extent = {{40, -10}, {60, 10}})));
+  equation
+    connect(motor.p, other.p) annotation (Line(points = {{10, 0}, {40, 0}}, color = {0, 0, 200}));
+    if time > 1 then der(x) = 1; else der(x) = 0; end if;
+    y = other.v;
+  end Placed;
+  model Bare
+    input Real u; output Real y; Motor a(k = u); Motor b; Motor c;
+  equation
+    connect(a.p, b.p); connect(a.p, c.p);
+    y = b.v;
+  end Bare;
+  model Equations input Real u; output Real y; Real x(start = 0); equation der(x) = u - x; y = x; end Equations;
+end Rig;
+"""
+EXTENDED = """
+model Better "Placed with friction"
+  extends Rig.Placed(redeclare model Effect = Rig.Friction, motor(effect(c = c)));
+  parameter Real c = 0.5;
+end Better;
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("library")
+    (folder / "Rig.mo").write_text(LIBRARY, "utf-8")
+    (folder / "Better.mo").write_text(EXTENDED, "utf-8")
+    return [folder / "Rig.mo", folder / "Better.mo"]
+
+
+@pytest.fixture(scope="module")
+def fmu() -> Model:
+    """The description of an FMU with one input, two states and one output."""
+    blank = {f.name: None for f in dataclasses.fields(Model) if f.default is dataclasses.MISSING}
+    number = {"start": None, "minimum": None, "maximum": None, "nominal": None, "value_reference": 0}
+    u, v, x, y = (Variable(name=name, unit="", description=f"the {name}", **number) for name in "uvxy")
+    return Model(**(blank | {"inputs": (u,), "states": (v, x), "outputs": (y,)}))
+
+
+def named(diagram: Diagram) -> dict[str, Component]:
+    return {component.name: component for component in diagram.components}
+
+
+def test_placements_icons_and_lines_are_those_of_the_annotations(files: list[Path], fmu: Model) -> None:
+    (diagram,) = model_diagrams(fmu, "Rig.Placed", files)
+    parts = named(diagram)
+    assert diagram.drawn
+    assert list(parts) == ["u", "y", "motor", "other"]
+    assert parts["motor"].extent == (-10, -10, 10, 10)
+    assert [parts[name].terminal for name in "uy"] == ["input", "output"]
+    assert parts["motor"].description == "A motor"
+    lines = {(line.first, line.second): line for line in diagram.connections}
+    assert lines["motor", "other"].points == [(10, 0), (40, 0)]
+    assert {ends for ends, line in lines.items() if line.signal} == {("u", "motor"), ("other", "y")}
+
+
+def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: list[Path], fmu: Model) -> None:
+    top, within = model_diagrams(fmu, "Rig.Placed", files, extended="Better")
+    assert [name for name, part in named(top).items() if part.marked] == ["motor"]
+    assert within.title == "within motor"
+    effect = named(within)["effect"]
+    assert effect.marked
+    assert effect.type == "Rig.Friction"
+    assert effect.description == 'Dry // friction; with \\"marks\\"'
+    assert (effect.extent, effect.rotation) == ((40, -10, 60, 10), 90)
+    assert [(s.kind, s.points, s.filled) for s in effect.shapes] == [("rectangle", [(-50, 40), (70, -40)], True)]
+
+
+def test_a_model_without_placements_is_laid_out_without_overlaps_from_inputs_to_outputs(
+    files: list[Path], fmu: Model
+) -> None:
+    (diagram,) = model_diagrams(fmu, "Rig.Bare", files)
+    assert not diagram.drawn
+    parts = named(diagram)
+    across = {name: part.extent[0] for name, part in parts.items()}
+    assert across["u"] < across["a"] < across["b"] == across["c"] < across["y"]
+    for one, two in combinations(diagram.components, 2):
+        (a, b, c, d), (e, f, g, h) = one.extent, two.extent
+        assert c <= e or g <= a or d <= f or h <= b
+
+
+@pytest.mark.parametrize("name", ["Rig.Equations", "nobody.knows"])
+def test_a_model_of_equations_shows_inputs_states_and_outputs(files: list[Path], fmu: Model, name: str) -> None:
+    (diagram,) = model_diagrams(fmu, name, files, ports=["x"])
+    parts = named(diagram)
+    box = name.rpartition(".")[2]
+    assert list(parts) == [box, "u", "v", "x", "y"]
+    assert parts["u"].extent[0] < parts["x"].extent[0] == parts["v"].extent[0] < parts["y"].extent[0]
+    assert {(line.first, line.second) for line in diagram.connections} == {("u", box), (box, "y")}
+    left, foot, right, top = parts[box].extent
+    for state in ("v", "x"):
+        a, b, c, d = parts[state].extent
+        assert (left, foot) < (a, b) < (c, d) < (right, top)
+    assert [part for part, found in parts.items() if found.marked] == ["x"]
+
+
+@pytest.mark.parametrize(("port", "terminal"), [("x", ""), ("output_x", "output"), ("u", "input")])
+def test_a_state_that_is_read_is_told_from_its_reading(fmu: Model, port: str, terminal: str) -> None:
+    """The mark stands in the box for a balance, at the arrow for a sensor or an input."""
+    read = dataclasses.replace(fmu, outputs=(fmu.states[1],))
+    (diagram,) = model_diagrams(read, "nobody.knows", ports=[port])
+    assert [part.terminal for part in diagram.components if part.name == "x"] == ["", "output"]
+    assert [(part.name, part.terminal) for part in diagram.components if part.marked] == [
+        (port.removeprefix("output_"), terminal)
+    ]
+
+
+def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None:
+    library = read_library(files)
+    assert look_up(library, "Motor", "Rig.Placed") == "Rig.Motor"
+    assert look_up(library, "Rig.Motor", "Better") == "Rig.Motor"
+    assert look_up(library, "Real", "Rig.Placed") is None
+    assert grow(library, "Better").inside["other"].inside["effect"].name == "Rig.Nothing"
+
+
+@pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
+def test_the_shipped_models_are_drawn_whole(fmu: Model, name: str) -> None:
+    """Every component of every class is placed, and every line begins and ends at components that are there."""
+    (diagram,) = model_diagrams(fmu, f"Aero.Systems.{name}", sorted(modelica_root().rglob("*.mo")))
+    parts = named(diagram)
+    assert diagram.drawn
+    assert all(part.shapes for part in diagram.components if not part.terminal)
+    assert {end for line in diagram.connections for end in (line.first, line.second)} == set(parts)
