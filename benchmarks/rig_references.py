@@ -1,0 +1,2 @@
+def residuals_of(*a, **k):
+    raise NotImplementedError
