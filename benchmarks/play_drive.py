@@ -1,4 +1,4 @@
-"""A simulated drive that lacks nothing but play: its recordings, made by a simulator that shares no code with the library."""
+"""Recordings of a simulated drive that has play, made by a simulator that shares no code with the library."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 #: Moment of inertia (kg m2), torque of the motor (N m/V), viscous friction (N m s/rad), and the spring (N m/rad), which
 #: acts only outside the play (rad, half width).
 INERTIA, GAIN, FRICTION, STIFFNESS, PLAY = 0.05, 1.2, 0.3, 28.0, 0.03
-#: Standard deviation of the white noise (rad), interval between samples (s), rows, and samples for which a voltage holds.
+#: Standard deviation of the white noise (rad), interval between samples (s), rows, samples for which a voltage holds.
 NOISE, INTERVAL, ROWS, HOLD = 5e-4, 0.01, 2000, 10
 #: Steps of the simulator in one interval.
 STEPS = 50

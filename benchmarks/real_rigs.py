@@ -28,7 +28,7 @@ from typing import Any
 import play_drive
 from real_rigs_table import judge, table
 from rig_references import residuals_of
-from trial_runs import Row, write_summary
+from trial_runs import Row, code, write_summary
 
 HERE = Path(__file__).resolve().parent
 MODELS = HERE / "real_rigs"
@@ -84,7 +84,7 @@ def close_loop(case: Case, files: dict[str, list[Path]], out: Path, options: arg
     began = time.perf_counter()
     done = subprocess.run(command, cwd=out, capture_output=True, text=True, check=False)
     seconds = round(time.perf_counter() - began, 1)
-    row: Row = {"key": case.name, "code": _code(), "seed": options.seed, "seconds": seconds}
+    row: Row = {"key": case.name, "code": code(), "seed": options.seed, "seconds": seconds}
     if done.returncode:
         return {**row, "error": (done.stderr.strip().splitlines() or ["no message"])[-1]}
     return {**row, **answer_of(json.loads((out / "run" / "result.json").read_text(encoding="utf-8")))}
@@ -105,14 +105,6 @@ def answer_of(result: dict[str, Any]) -> Row:
         "parameters": {name: {key: one.get(key) for key in ("value", "sd")} for name, one in parameters.items()},
         "sentence": loop.get("sentence", ""),
     }
-
-
-def _code() -> str:
-    """The commit that is run, with a mark where files differ from it."""
-    done = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=HERE, capture_output=True, text=True, check=False
-    )
-    return done.stdout.strip()
 
 
 def reference(case: Case, files: dict[str, list[Path]], folder: Path) -> dict[str, float]:

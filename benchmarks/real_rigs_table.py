@@ -32,8 +32,8 @@ def judge(
 ) -> Row:
     """A row with what is right, missed, false and other, and "before" over the reference.
 
-    An effect stands for all that the program calls equivalent to it. ``over_reference`` is by output; ``overall`` is its
-    geometric mean: what one output gains where another loses is a matter of their weights.
+    An effect stands for all that the program calls equivalent to it. ``over_reference`` is by output; ``overall`` is
+    its geometric mean: what one output gains where another loses is a matter of their weights.
     """
     if "error" in row:
         return {**row, "reference": dict(reference)}
