@@ -107,13 +107,13 @@ def answer_of(result: dict[str, Any]) -> Row:
     }
 
 
-def reference(case: Case, files: dict[str, list[Path]], folder: Path) -> dict[str, float]:
-    """RMS by output that the first model leaves at its best on what is fitted; computed once, then read."""
+def reference(case: Case, files: dict[str, list[Path]], folder: Path) -> dict[str, Any]:
+    """What the first model leaves at its best on what is fitted; computed once, then read."""
     path = folder / f"{case.name}.json"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         write_summary(residuals_of(case.folder.name, files["train"], whole=bool(case.test)), path)
-    found: dict[str, float] = json.loads(path.read_text(encoding="utf-8"))["rms"]
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
 
 

@@ -10,21 +10,17 @@ import numpy as np
 from trial_runs import Row
 
 HEAD = (
-    "rig",
-    "outcome",
-    "named",
-    "missed",
-    "false",
-    "residual, fitted",
-    "residual, unseen",
-    "before/least squares",
-    "s",
-)
+    "rig", "outcome", "named", "missed", "false", "residual, fitted", "residual, unseen",
+    "before over least squares, start free / as read", "s",
+)  # fmt: skip
+#: The two references, and how much larger than them "before" may be.
+STARTS = {"free": "with the start free", "as_read": "with the start as read"}
+LIMIT = 1.02
 
 
 def judge(
     row: Row,
-    reference: Mapping[str, float],
+    reference: Mapping[str, Any],
     expected: Sequence[Sequence[str]],
     fine: Sequence[str],
     false: Sequence[str],
@@ -32,8 +28,9 @@ def judge(
 ) -> Row:
     """A row with what is right, missed, false and other, and "before" over the reference.
 
-    An effect stands for all that the program calls equivalent to it. ``over_reference`` is by output; ``overall`` is
-    its geometric mean: what one output gains where another loses is a matter of their weights.
+    An effect stands for all that the program calls equivalent to it. ``over_reference`` holds "before" over least
+    squares with the start ``free`` and ``as_read``, by output and, ``together``, as the geometric mean of these: what
+    one output gains where another loses is a matter of their weights.
     """
     if "error" in row:
         return {**row, "reference": dict(reference)}
@@ -42,8 +39,6 @@ def judge(
     found = {n for n in right if n is not None}
     rest = [n for n in range(len(classes)) if n not in found and not _any(classes[n], fine)]
     wrong = [n for n in rest if _any({row["named"][n]}, false)]
-    before = row["before"].get("train", {})
-    over = {name: before[name] / rms for name, rms in reference.items() if before.get(name)}
     return {
         **row,
         "right": [row["named"][n] for n in sorted(found)],
@@ -51,10 +46,18 @@ def judge(
         "false": [row["named"][n] for n in wrong],
         "other": [row["named"][n] for n in rest if n not in wrong],
         "reference": dict(reference),
-        "over_reference": over,
-        "overall": float(np.exp(np.mean(np.log(list(over.values()))))) if over else None,
+        "over_reference": {
+            start: _over(row["before"].get("train", {}), reference[start]["rms"])
+            for start in ("free", "as_read")
+            if start in reference
+        },
         "standard_deviations_off": _off(row["parameters"], truth),
     }
+
+
+def _over(before: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
+    over = {name: before[name] / rms for name, rms in best.items() if before.get(name)}
+    return {**over, "together": float(np.exp(np.mean(np.log(list(over.values()))))) if over else float("nan")}
 
 
 def _class(row: Row, name: str) -> set[str]:
@@ -82,9 +85,11 @@ def table(rows: Sequence[Row]) -> str:
     good = [row for row in rows if "error" not in row]
     right, missed = (sum(len(row[key]) for row in good) for key in ("right", "missed"))
     wrong = sum(len(row["false"]) for row in good)
-    over = sum(bool(row["overall"]) and row["overall"] > 1.02 for row in good)
     lines += ["", f"{right} of {right + missed} expected names found, {wrong} false names"]
-    lines += [f'"before" more than 1.02 times least squares in {over} of {sum(bool(r["overall"]) for r in good)}']
+    for start, words in STARTS.items():
+        over = [row["over_reference"][start]["together"] for row in good if row["over_reference"]]
+        above = sum(ratio > LIMIT for ratio in over)
+        lines += [f'"before" more than {LIMIT} times least squares {words}: {above} of {len(over)}']
     for row in good:
         if row["standard_deviations_off"]:
             off = ", ".join(
@@ -99,9 +104,12 @@ def _cells(row: Row) -> list[str]:
     if "error" in row:
         return [row["key"], f"failed: {row['error']}", *([""] * (len(HEAD) - 3)), f"{row['seconds']:.0f}"]
     marks = {**{n: "" for n in row["right"]}, **{n: " (other)" for n in row["other"]}}
-    over = ", ".join(f"{_name(row, name)}{ratio:.3f}" for name, ratio in row["over_reference"].items())
-    if len(row["over_reference"]) > 1:
-        over += f"; together {row['overall']:.3f}"
+    over = [
+        ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
+        if len(ratios) > 2
+        else f"{ratios['together']:.3f}"
+        for ratios in row["over_reference"].values()
+    ]
     return [
         row["key"],
         row["outcome"],
@@ -110,7 +118,7 @@ def _cells(row: Row) -> list[str]:
         ", ".join(f"`{name}`" for name in row["false"]) or "-",
         _change(row, "train"),
         _change(row, "test"),
-        over or "-",
+        " / ".join(over) or "-",
         f"{row['seconds']:.0f}",
     ]
 
