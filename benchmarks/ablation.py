@@ -30,7 +30,12 @@ from aero_bayes.bench.rigs import DEVELOPMENT, rig_kinds
 from aero_bayes.fleet import open_executor
 
 #: Trials of each sort, over all kinds of rigs.
-COUNTS = {"law": 20, "none": 8, "pair": 6, "outside": 6}
+COUNTS = {"law": 20, "none": 6, "pair": 8, "outside": 6}
+#: Numbers of the trials with one law: the first ones whose law is visible (d >= 8).
+LAWS = {
+    "pendulum": (0, 1), "cart": (1, 2), "shaft": (2, 3), "motor": (0, 1), "circuit": (0, 3), "tanks": (1, 2),
+    "heat": (0, 1), "reservoirs": (0, 3), "oscillator": (0, 1), "carriages": (0, 1),
+}  # fmt: skip
 #: So many trials are run for all parts before the next ones.
 PARCEL = 10
 
@@ -47,15 +52,16 @@ class Ablation:
         return f"{self.part or 'nothing'}/{self.trial.key}"
 
 
-def trials(counts: dict[str, int] = COUNTS) -> list[Task]:
+def trials() -> list[Task]:
     """The fixed list, its kinds and sorts interleaved so that its beginning is balanced."""
     kinds = rig_kinds()
-    numbered = [
-        (k, Task(DEVELOPMENT, kinds[(k + shift) % len(kinds)], what, k // len(kinds)))
-        for shift, (what, count) in zip((0, 0, 3, 6), counts.items(), strict=True)
-        for k in range(count)
-    ]
-    return [task for _, task in sorted(numbered, key=lambda one: ((one[0] + 0.5) / counts[one[1].what], one[1].what))]
+    placed = []
+    for shift, (what, count) in zip((0, 0, 2, 5), COUNTS.items(), strict=True):
+        for k in range(count):
+            kind = kinds[(k + shift) % len(kinds)]
+            number = LAWS[kind][k // len(kinds)] if what == "law" else 0
+            placed.append(((k + 0.5) / count, what, Task(DEVELOPMENT, kind, what, number)))
+    return [task for *_, task in sorted(placed, key=lambda one: one[:2])]
 
 
 def ablations(parts: Sequence[str], count: int) -> list[Ablation]:

@@ -107,11 +107,10 @@ def answer_of(result: dict[str, Any]) -> Row:
     }
 
 
-def reference(case: Case, files: dict[str, list[Path]], folder: Path) -> dict[str, Any]:
+def reference(case: Case, files: dict[str, list[Path]], path: Path) -> dict[str, Any]:
     """What the first model leaves at its best on what is fitted; computed once, then read."""
-    path = folder / f"{case.name}.json"
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_summary(residuals_of(case.folder.name, files["train"], whole=bool(case.test)), path)
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
@@ -128,7 +127,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--max-minutes", type=float, help="[loop] max_minutes of each loop (default: the program's)")
     parser.add_argument("--stop-after", type=float, default=float("inf"), help="start no loop after so many minutes")
-    parser.add_argument("--table", action="store_true", help="run no loop, only print what is there")
+    parser.add_argument(
+        "--table", action="store_true", help="run no loop: references that are not there, then the table"
+    )
     parser.add_argument("--no-reference", action="store_true", help="compute no reference that is not there")
     options = parser.parse_args()
     out = (options.out / "real_rigs").resolve()
@@ -146,11 +147,11 @@ def main() -> None:
             row = close_loop(case, files, out / "runs" / name, options)
             write_summary(row, path)
             print(f"{name}: {row.get('sentence') or row.get('error')} ({row['seconds']:.0f} s)", flush=True)
+        kept = out / "references" / f"{name}.json"
+        best = {} if options.no_reference and not kept.exists() else reference(case, files, kept)
         if not path.exists():
             continue
         row = json.loads(path.read_text(encoding="utf-8"))
-        kept = out / "references" / f"{name}.json"
-        best = {} if options.no_reference and not kept.exists() else reference(case, files, kept.parent)
         rows.append(judge(row, best, case.expected, case.fine, case.false, case.truth))
     text = table(rows)
     print(text)
