@@ -116,6 +116,20 @@ def reference(case: Case, files: dict[str, list[Path]], path: Path) -> dict[str,
     return found
 
 
+def run(
+    known: dict[str, Case], there: dict[str, dict[str, list[Path]]], out: Path, options: argparse.Namespace
+) -> None:
+    """Run the loops that have no row yet, or are asked for again, one after the other."""
+    end = time.monotonic() + 60.0 * options.stop_after
+    for name, files in there.items():
+        path = out / f"{name}.json"
+        if time.monotonic() >= end or (path.exists() and name not in options.again):
+            continue
+        row = close_loop(known[name], files, out / "runs" / name, options)
+        write_summary(row, path)
+        print(f"{name}: {row.get('sentence') or row.get('error')} ({row['seconds']:.0f} s)", flush=True)
+
+
 def main() -> None:
     known = cases()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -135,24 +149,18 @@ def main() -> None:
     out = (options.out / "real_rigs").resolve()
     play_drive.write(out / "recordings" / "play")
     folders = [*(options.recordings or RECORDINGS), out / "recordings"]
-    began = time.perf_counter()
+    found = {name: known[name].find(folders) for name in options.only or known}
+    there = {name: files for name, files in found.items() if files is not None}
+    print("".join(f"{name}: its recordings are not there\n" for name in found if name not in there), end="")
+    if not options.table:
+        run(known, there, out, options)
     rows = []
-    for name in options.only or known:
-        case, path = known[name], out / f"{name}.json"
-        if (files := case.find(folders)) is None:
-            print(f"{name}: its recordings are not there")
-            continue
-        in_time = (time.perf_counter() - began) / 60.0 < options.stop_after
-        if not options.table and in_time and (name in options.again or not path.exists()):
-            row = close_loop(case, files, out / "runs" / name, options)
-            write_summary(row, path)
-            print(f"{name}: {row.get('sentence') or row.get('error')} ({row['seconds']:.0f} s)", flush=True)
-        kept = out / "references" / f"{name}.json"
+    for name, files in there.items():
+        case, kept = known[name], out / "references" / f"{name}.json"
         best = {} if options.no_reference and not kept.exists() else reference(case, files, kept)
-        if not path.exists():
-            continue
-        row = json.loads(path.read_text(encoding="utf-8"))
-        rows.append(judge(row, best, case.expected, case.fine, case.false, case.truth))
+        if (path := out / f"{name}.json").exists():
+            row = json.loads(path.read_text(encoding="utf-8"))
+            rows.append(judge(row, best, case.expected, case.fine, case.false, case.truth))
     text = table(rows)
     print(text)
     write_summary({"rows": rows}, out / "table.json")
