@@ -296,7 +296,7 @@ RIGS = {
         delayed=True, held=True, starts=12,
     ),
     "aero_2dof": FirstModel(
-        two_dof, ("V_m", "V_t"), ("omega_m", "omega_t", "theta", "psi"), _FREE, (0, 1.0, 0, 1.0, 0.01, 0.1, 0.1, 0.1),
-        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=12,
+        two_dof, ("V_m", "V_t"), ("omega_m", "omega_t", "theta", "psi"), _FREE, (0, 0, 0, 0, 0.01, 0.1, 0.1, 0.1),
+        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=6,
     ),
 }  # fmt: skip
