@@ -139,6 +139,8 @@ def _pieces(
         inside = (time >= begin) & (time < end)
         if end <= begin:
             continue
+        if not np.isfinite(state).all():
+            break
         run = solve_ivp(
             lambda _, x, level=level: slope(x, level), (begin, end), state, "LSODA", np.append(time[inside], end),
             rtol=1e-8, atol=1e-10,

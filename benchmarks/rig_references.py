@@ -27,8 +27,8 @@ FloatArray = NDArray[np.float64]
 Motion = Callable[[dict[str, float], FloatArray, FloatArray, FloatArray, bool], FloatArray]
 #: Share of a recording that is fitted where there is no other to judge on.
 FITTED = 0.7
-#: Standard deviation of the logarithm of a start over its nominal value.
-SPREAD = 0.7
+#: Standard deviation of the logarithm of a start over its nominal value, and how far the search may go from that.
+SPREAD, REACH = 0.7, 5.0
 #: A residual that no model should leave, in standard deviations of the readings: what cannot be simulated gets it.
 HOPELESS = 1e3
 #: Differences by which slopes are taken: of logarithms of parameters, and of initial states over their steps.
@@ -185,7 +185,8 @@ def _climb(
     """Least squares from a start, with weights that are renewed; ``left`` is the RMS by output to begin with."""
     count = len(rig.start)
     low, high = (np.full(point.size, sign * np.inf) for sign in (-1, 1))
-    low[:count], high[:count] = np.log(list(rig.start.values())) - 9.0, np.log(list(rig.start.values())) + 9.0
+    nominal = np.log(list(rig.start.values()))
+    low[:count], high[:count] = nominal - REACH, nominal + REACH
     spans = np.ones(point.size)
     if rig.delayed:
         low[count], high[count], spans[count] = 0.0, 0.02, 0.01
@@ -297,6 +298,6 @@ RIGS = {
     ),
     "aero_2dof": FirstModel(
         two_dof, ("V_m", "V_t"), ("omega_m", "omega_t", "theta", "psi"), _FREE, (0, 0, 0, 0, 0.01, 0.1, 0.1, 0.1),
-        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=6,
+        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=4,
     ),
 }  # fmt: skip
