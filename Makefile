@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial coverage docs lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial real-rigs ablation coverage docs lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -98,6 +98,12 @@ trial-quick: setup ## a small part of the blind trial
 
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
 	$(BIN)/python benchmarks/rig_trial.py --out reports
+
+real-rigs: setup ## the loop on measured recordings of real rigs in ../shared -> reports/real_rigs (resumable)
+	$(BIN)/python benchmarks/real_rigs.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
+
+ablation: setup ## the development trials with each part of the search left out -> reports/ablation.json (resumable)
+	$(BIN)/python benchmarks/ablation.py --out reports
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,fleet]'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -46,6 +47,13 @@ def write_summary(summary: dict[str, Any], path: Path) -> None:
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     temporary.replace(path)
+
+
+def code() -> str:
+    """The commit that is run, with a mark where files differ from it."""
+    here = Path(__file__).resolve().parent
+    command = ["git", "describe", "--always", "--dirty"]
+    return subprocess.run(command, cwd=here, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def rate(rows: Sequence[Row], test: Callable[[Row], bool]) -> float | None:
