@@ -106,14 +106,14 @@ def _without(
     here, r, shared = slopes[:, block], residual[block], ~own
     whole = slopes @ slopes.T + prior
     rest = whole - here @ here.T
-    inner: FloatArray = rest[np.ix_(shared, shared)]
     follow: FloatArray = np.zeros((0, int(shared.sum())))
     if own.any():
         follow = np.linalg.solve(whole[np.ix_(own, own)], whole[np.ix_(own, shared)])
         cross = rest[np.ix_(own, shared)]
-        inner = inner - cross.T @ np.linalg.solve(whole[np.ix_(own, own)], cross)
+        rest = rest.copy()
+        rest[np.ix_(shared, shared)] -= cross.T @ np.linalg.solve(whole[np.ix_(own, own)], cross)
     # Readings of the block no longer hold the shared parameters: the Newton step to the optimum of the others.
     step = np.zeros(len(own))
-    step[shared] = np.clip(-np.linalg.solve(inner, here[shared] @ r), low[shared], high[shared])
+    step[shared] = np.clip(-np.linalg.solve(rest[np.ix_(shared, shared)], here[shared] @ r), low[shared], high[shared])
     step[own] = np.clip(-follow @ step[shared], low[own], high[own])
     return r - step @ here
