@@ -16,6 +16,7 @@ from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.loop.base_fit import BaseFit, fit_again
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
+from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.physics.kin import Extension
@@ -71,9 +72,7 @@ class Conclusion:
 def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
     """Name the best structure that passes the checks, unless unseen readings refuse it."""
     settings = bench.settings
-    checks: list[Check] = [EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over)]
-    checks = [c for c in checks if type(c).__name__ not in settings.leave_out]
-    choice = choose(explored, checks, settings.structures.require)
+    choice = choose(explored, checks_of(settings), settings.structures.require)
     chosen, within = choice.fitted, settings.structures.equivalence
     base = fit_again(bench, base, _first_of(explored, chosen))
     before = bench.unseen.predict(base.plain, base.fit)
@@ -96,6 +95,12 @@ def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
         base, explored, chosen, steps, "extended", sentence, before, extended.after, extended.written,
         extended.effects, extended.calibration, extended.fit, extended.reports,
     )  # fmt: skip
+
+
+def checks_of(settings: LoopSettings) -> list[Check]:
+    """What a structure has to pass."""
+    standard: tuple[Check, ...] = (EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over))
+    return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
 def _first_of(explored: Explored, chosen: FittedModel) -> FittedModel:

@@ -13,10 +13,11 @@ from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export import declaration_of
+from aero_bayes.judge.checks import choose
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
-from aero_bayes.loop.conclude import conclude
+from aero_bayes.loop.conclude import checks_of, conclude
 from aero_bayes.loop.held_values import doubts
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
@@ -121,8 +122,13 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
-    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
-    explored = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work).run(root)
+    parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)
+
+    def explained(explored: Explored) -> bool:
+        return bool(choose(explored, checks_of(settings), settings.structures.require).fitted.terms)
+
+    searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work, explained)
+    explored = searching.run(root)
     bench.tally.lap("search")
     return cache, explored
 
