@@ -1,7 +1,7 @@
 within Aero.Effects;
 model ThrustInflowLoss "Thrust that falls as the propeller moves along its axis"
   extends Interfaces.ThrustEffect;
-  parameter Real k_v(unit = "N.s2/(m.rad)", min = 0, nominal = 1e-4) = 0 "Loss for each unit of speed and velocity";
+  parameter Real k_v(unit = "N.s2/(m.rad)", min = 0, max = 0.005, nominal = 0.0001) = 0 "Loss of thrust by speed and velocity";
 equation
   propeller.v = frame.v;
   -frame.f = propeller.f - k_v * abs(w) * propeller.v;

@@ -1,4 +1,4 @@
-"""From a residual to the effect that the model lacks: residual, locate, attribute, extend, judge.
+"""From a residual to the effect that the model lacks: residual, attribution, extension, judgement.
 
 >>> from pathlib import Path
 >>> from aero_bayes.loop import LoopSettings, close_loop

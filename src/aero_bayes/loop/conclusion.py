@@ -46,13 +46,11 @@ def nothing_added(bench: Workbench, found: Found, refused: str) -> Conclusion:
     ``refused`` says where the named effects are far off on data that was not fitted; empty where they are not, or
     where none is named.
     """
-    base, selection, moment = found.base, found.selection, found.rival.moment
+    base, selection = found.base, found.selection
     after = found.before
-    if moment is not None:
-        after = bench.unseen.predict(moment.calibration, moment.refit, {moment.recording: moment.signal})
-    adequate = moment is None and not selection.effects and not those_structured(base.reports)
+    adequate = not selection.effects and not those_structured(base.reports)
     sentence = _sentence(found, refused)
-    if moment is None and selection.effects and refused != CANNOT:
+    if selection.effects and refused != CANNOT:
         sentence += _what_they_gain(bench, found)
     return Conclusion(
         found, "adequate" if adequate else "unexplained", sentence, None, (), base.plain, base.fit, base.reports, after
@@ -81,12 +79,6 @@ def _how(report: ResidualReport) -> str:
 def _sentence(found: Found, refused: str) -> str:
     """Why nothing is added."""
     selection = found.selection
-    if found.rival.moment is not None:
-        m = found.rival.moment.moment
-        return (
-            f"A disturbance of a moment at the {m.port} port, from {m.start:.3g} s to {m.stop:.3g} s, explains the "
-            "residual better than any effect; it belongs to that moment and is not made into physics."
-        )
     best = listed(selection.effects)
     explain, is_ = ("explain", "are") if len(selection.effects) > 1 else ("explains", "is")
     if refused == CANNOT:

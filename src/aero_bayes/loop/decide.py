@@ -12,7 +12,7 @@ import numpy as np
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.loop.conclusion import CANNOT, Conclusion, nothing_added
-from aero_bayes.loop.extend import add_curve, add_effects
+from aero_bayes.loop.extend import add_effects
 from aero_bayes.loop.judge import Prediction, surely_worse
 from aero_bayes.loop.learn import learn
 from aero_bayes.loop.rounds import Selection
@@ -46,22 +46,16 @@ def decide(bench: Workbench, found: Found) -> Conclusion:
 
     What the engineer required is added whatever the evidence.
     """
-    selection, rival = found.selection, found.rival
+    selection = found.selection
     if bench.settings.attribute.require:
         return add_effects(bench, found)
-    if rival.curve is not None:
-        told = add_curve(bench, found, rival.curve)
-        if not _is_open(told) or _plainly_better(found.before, told.after, VISIBLY):
-            return told
     refused, hardly = "", None
-    if selection.effects and rival.moment is None and not _incomplete(found, bench.settings.left_over):
+    if selection.effects and not _incomplete(found, bench.settings.left_over):
         named, refused = _added(bench, found)
         if named is not None and not refused:
             hardly = _what_carries_over(bench, found, named)
             if hardly.effects:
                 return hardly
-        elif rival.curve is None and (learned := _rival_curve(bench, found)) is not None:
-            return learned
         elif (other := _other(bench, found)) is not None:
             return _what_carries_over(bench, found, other)
     tried = learn(bench, found) if refused or those_structured(found.left) else None
@@ -95,15 +89,6 @@ def _said_sensitive(told: Conclusion, far: Mapping[tuple[str, str], float]) -> C
         f"Data that was not fitted is sensitive to the parameters: {_in_words(far)}, as their uncertainty lets expect."
     )
     return replace(told, sentence=f"{told.sentence} {sensitive}")
-
-
-def _rival_curve(bench: Workbench, found: Found) -> Conclusion | None:
-    """The curve of a package that declares some, where it explains more than nothing and carries over."""
-    best, selection = found.rival.best_curve, found.selection
-    if best is None or best.refit.log_evidence <= selection.base.log_evidence + selection.rounds[0].threshold:
-        return None
-    learned = add_curve(bench, found, best)
-    return None if _astray(bench, found, learned) else learned
 
 
 def _what_carries_over(bench: Workbench, found: Found, named: Conclusion) -> Conclusion:

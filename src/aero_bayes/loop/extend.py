@@ -11,10 +11,9 @@ import numpy as np
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, inspect, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum, SmoothPrior, climb
+from aero_bayes.estimate.climb import Optimum, climb
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.export import FreeForm
 from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.judge import gain_text
 from aero_bayes.loop.result import FoundEffect, LearnedCurve
@@ -22,9 +21,7 @@ from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.search import Found
 from aero_bayes.loop.tell import fitted_parameters
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.beyond import CurveFit
-from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.kin import Basis, Extension, rounded
+from aero_bayes.physics.kin import Basis, Extension
 from aero_bayes.show import listed
 
 #: What an effect may be instead is named where it is no more than so many.
@@ -63,42 +60,6 @@ def add_effects(bench: Workbench, found: Found) -> Conclusion:
     return Conclusion(found, "extended", sentence, written, effects, calibration, fit, reports, after)
 
 
-def add_curve(bench: Workbench, found: Found, curve: CurveFit) -> Conclusion:
-    """The port is clear and nothing listed fits: the learned curve goes into the model as a table."""
-    bench.progress("writing the learned curve into the model", 0.75)
-    values = tuple(rounded(float(v)) for v in curve.values)
-    use = FreeForm(curve.port, curve.over, curve.x_min, curve.x_max, values)
-    family = bench.family
-    assert isinstance(family, ModelFamily), "curves are learned for these"
-    table, model = family.with_effects([use], bench.folder)
-    bench.tally.written.append(table.path)
-    written = Extension(table.name, table.path, table.text, family.diff(table), model, (), {}, {})
-    bench.tally.lap("extension")
-    start = dict(zip(curve.parameters.names, curve.parameters.from_search(curve.refit.coordinates), strict=True))
-    new = [curve.parameters.items[j] for j in curve.columns]
-    calibration = found.base.on(bench, model, new)
-    study, fit = _final_fit(bench, found, calibration, start, curve.refit, curve.smooth)
-    reports = inspect(calibration, study.series, fit, found.base.floors)
-    after = bench.unseen.predict(calibration, fit)
-    bench.tally.count(study)
-    study.simulator.close()
-    named = fitted_parameters(calibration.parameters, fit)
-    bar = found.selection.rounds[0].threshold if found.selection.rounds else math.nan
-    effect = FoundEffect(
-        "free_form", curve.port, "free_form", tuple(named[p.name] for p in new),
-        curve.refit.log_evidence - found.selection.base.log_evidence, bar,
-        f"a learned curve over {curve.over} from {curve.x_min:.3g} to {curve.x_max:.3g}, straight beyond",
-        over=curve.over,
-    )  # fmt: skip
-    rival = [s.candidate.id for s in found.selection.rounds[0].scores[:1]] if found.selection.rounds else []
-    sentence = (
-        f"Something acts at the {curve.port} port as a function of {curve.over}; no effect of the catalogue fits "
-        f"as well{f' (the best is {rival[0]})' if rival else ''}: {gain_text(found.before, after, bench.units)}"
-    )
-    bench.tally.lap("judgement")
-    return Conclusion(found, "extended", sentence, written, (effect,), calibration, fit, reports, after)
-
-
 def _left(structured: Sequence[ResidualReport]) -> list[str]:
     """Outputs with structure, with how far it is above the noise where it is far."""
     worst: dict[str, float] = {}
@@ -125,15 +86,13 @@ def _final_fit(
     calibration: Calibration,
     start: Mapping[str, float],
     warm: Optimum,
-    smooth: SmoothPrior | None = None,
 ) -> tuple[Objective, Optimum]:
     """Optimum on the exported model itself, from where the search ended."""
     parameters = calibration.parameters
     at = parameters.to_search(np.array([start[name] for name in parameters.names]))
     study = bench.open_objective(calibration)
-    settings = replace(found.base.settings, smooth=smooth)
     free = [j for j, p in enumerate(parameters) if not p.auto]
-    return study, climb(study, at, free, noise=warm.noise, settings=settings)
+    return study, climb(study, at, free, noise=warm.noise, settings=found.base.settings)
 
 
 def _found_effect(

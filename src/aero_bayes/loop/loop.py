@@ -1,7 +1,7 @@
 """The closed loop: fit, look at what is left, find the effect that is missing, write it into the model, judge.
 
-Everything happens on one FMU that carries every effect switched off; the chosen ones are then written as a model of
-their own, exported, refitted and judged.
+The search happens on FMUs that carry effects switched off; the chosen ones are then written as a model of their own,
+exported, refitted and judged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from aero_bayes.checkpoint import Answers, Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
-from aero_bayes.export import declaration_of
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.recordings import Recordings
@@ -24,7 +23,6 @@ from aero_bayes.loop.search import search
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
-from aero_bayes.physics.family import ModelFamily
 from aero_bayes.physics.fmu_family import FmuFamily
 from aero_bayes.physics.kin import Family
 from aero_bayes.physics.narrowed import Narrowed
@@ -103,15 +101,12 @@ def close_loop(
 
 
 def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
-    """The model and its relatives: with the effects that its package declares, else with laws at the ports found."""
+    """The model and its relatives."""
     require = settings.attribute.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    family: ModelFamily | RigFamily
     given = settings.sources, folder, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
-        family = FmuFamily(fmu.stem, *given, fmu=fmu)
-    elif model.partition(".")[2] in declaration_of(model, settings.sources).systems:
-        family = ModelFamily(model, folder, narrowed=narrowed, sources=settings.sources)
+        family: RigFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
     else:
         family = RigFamily(model, *given)
     family.check()

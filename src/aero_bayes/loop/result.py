@@ -14,7 +14,6 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.loop.judge import Prediction, Shift
 from aero_bayes.loop.recordings import Recordings
 from aero_bayes.loop.rounds import Round
-from aero_bayes.physics.locate import Moment, PortSignal
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import table_html
 from aero_bayes.simulation.model import Model
@@ -129,14 +128,6 @@ class LoopResult:
         Noise floor by recording and output, in the output's SI unit.
     residual_before, residual_after : tuple of ResidualReport
     rounds : tuple of Round
-    signals : mapping of str to PortSignal
-        What was inferred at ports.
-    ports, tied_ports : tuple of str
-        Where something is missing, and where it may be as well.
-    states : mapping of str to (ndarray, ndarray), shape (k,) each
-        Times and fitted states that the signals may be drawn against.
-    moment : Moment, optional
-        A disturbance that belongs to a time.
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
     parameters : mapping of str to NewParameter
@@ -152,8 +143,6 @@ class LoopResult:
     added : tuple of Parameter
     words : mapping of str to str
         What candidates are, by id.
-    drawn : str
-        Recording whose port signals are drawn.
     data_notes : tuple of str
     recordings : Recordings, optional
         What was fitted and predicted.
@@ -169,9 +158,9 @@ class LoopResult:
     ('N', True)
     >>> print(loop.diff[:30].splitlines()[0][:3])
     ---
-    >>> loop.to_dict()["outcome"], loop.story_recording
-    ('extended', 'train')
-    >>> curves = loop.series({r.name: r.time for r in (recording, test)})
+    >>> loop.to_dict()["outcome"]
+    'extended'
+    >>> curves = loop.series()
     >>> curves["before/test/position"].shape == (test.rows,)
     True
     """
@@ -188,11 +177,6 @@ class LoopResult:
     residual_before: tuple[ResidualReport, ...]
     residual_after: tuple[ResidualReport, ...]
     rounds: tuple[Round, ...]
-    signals: Mapping[str, PortSignal]
-    ports: tuple[str, ...]
-    tied_ports: tuple[str, ...]
-    states: Mapping[str, tuple[FloatArray, FloatArray]]
-    moment: Moment | None
     shifts: tuple[Shift, ...]
     parameters: Mapping[str, NewParameter]
     noise: Mapping[str, OutputNoise]
@@ -206,7 +190,6 @@ class LoopResult:
     seconds: Mapping[str, float]
     added: tuple[Parameter, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
-    drawn: str = ""
     data_notes: tuple[str, ...] = ()
     recordings: Recordings | None = None
     plain: Model | None = None
@@ -320,16 +303,6 @@ class LoopResult:
                 "before": reports_table(self.residual_before),
                 "after": reports_table(self.residual_after),
             },
-            "port_scores": {port: signal.gain for port, signal in self.signals.items()},
-            "tied_ports": list(self.tied_ports),
-            "moment": None
-            if self.moment is None
-            else {
-                "port": self.moment.port,
-                "start": self.moment.start,
-                "stop": self.moment.stop,
-                "size": self.moment.size,
-            },
             "separate": list(self.separate),
             "story": list(self.story),
             "diff": self.diff,
@@ -340,33 +313,18 @@ class LoopResult:
             "seconds": dict(self.seconds),
         }
 
-    def series(self, times: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).
-
-        ``times`` are the sample times of each recording; port signals, inferred on a grid of their own, are put on
-        them, NaN outside of that grid.
-        """
+    def series(self) -> dict[str, FloatArray]:
+        """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`)."""
         arrays: dict[str, FloatArray] = {}
         for (recording, output), fitted in self.before.fitted.items():
             arrays[f"before/{recording}/{output}"] = fitted
         for (recording, output), fitted in self.after.fitted.items():
             arrays[f"after/{recording}/{output}"] = fitted
-        time = times[self.story_recording]
-        for port, signal in self.signals.items():
-            arrays[f"port/{self.story_recording}/{port}"] = _resampled(time, signal.time, signal.values)
-        for state, (grid, values) in self.states.items():
-            arrays[f"portstate/{self.story_recording}/{state}"] = _resampled(time, grid, values)
         return arrays
-
-    @property
-    def story_recording(self) -> str:
-        """Name of the recording whose port signals are drawn."""
-        return self.drawn or next(iter(self.before.train))[0]
 
     def _step(self, found: Round) -> dict[str, object]:
         return {
             "round": found.number,
-            "port_scores": {port: signal.gain for port, signal in self.signals.items()} if found.number == 1 else {},
             "candidates": [
                 {
                     "id": s.candidate.id,
@@ -383,10 +341,6 @@ class LoopResult:
             "odds": {"nothing": found.nothing, "untried": found.untried},
             "why": found.why,
         }
-
-
-def _resampled(time: FloatArray, grid: FloatArray, values: FloatArray) -> FloatArray:
-    return np.interp(time, grid, values, left=np.nan, right=np.nan)
 
 
 def _pooled_floors(floors: Mapping[tuple[str, str], float]) -> dict[str, float]:

@@ -11,7 +11,6 @@ from aero_bayes.loop.base_fit import BaseFit, fit_from_there
 from aero_bayes.loop.held_values import doubts, held_in
 from aero_bayes.loop.judge import Prediction
 from aero_bayes.loop.refine import refine
-from aero_bayes.loop.rival import Rival, find_rival
 from aero_bayes.loop.rounds import Selection
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
@@ -27,7 +26,6 @@ class Found:
     base: BaseFit
     selection: Selection
     left: tuple[ResidualReport, ...]
-    rival: Rival
     before: Prediction
 
 
@@ -43,7 +41,7 @@ def listed_alone(bench: Workbench, base: BaseFit) -> list[str]:
 
 
 def search(bench: Workbench, base: BaseFit) -> Found:
-    """Try every candidate, then look beyond them."""
+    """Try every candidate."""
     bench.progress("trying every effect", 0.2)
     bench.tally.allow(60.0 * bench.settings.max_minutes)
     ids, curves = listed_alone(bench, base), bench.family.learned()
@@ -65,7 +63,5 @@ def search(bench: Workbench, base: BaseFit) -> Found:
         base = fit_from_there(bench, base, selection.base, effort.stands)
     bench.tally.lap("attribution")
     left = base.report(selection.held)
-    rival = find_rival(bench, base, selection, left)
-    bench.tally.lap("beyond the catalogue")
     base, before = base.at_its_best(bench)
-    return Found(base, selection, left, rival, before)
+    return Found(base, selection, left, before)

@@ -69,8 +69,6 @@ class LoopSettings(Settings):
         Parameters of the base model to fit; by default those that its package declares to be searched.
     undecided : tuple of str
         Parameters that are held until a first effect lets the data tell them.
-    locate : bool
-        Whether the port signals are inferred also where an effect explains all; the page draws them.
     search_samples : int
         Samples on which candidates are compared where an input changes more than twice as often; the model that comes
         out is fitted to all.
@@ -112,7 +110,6 @@ class LoopSettings(Settings):
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     undecided: tuple[str, ...] = ()
-    locate: bool = True
     search_samples: int = 5000
     max_minutes: float = 20.0
     left_over: float = 0.3

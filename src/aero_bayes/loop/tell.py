@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.conclusion import Conclusion
 from aero_bayes.loop.judge import shifts
@@ -21,8 +20,6 @@ from aero_bayes.loop.search import Found
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.stand import Held
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.beyond import Probing
-from aero_bayes.physics.locate import rank_ports
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import with_unit
 from aero_bayes.simulation.interface import ParameterTarget
@@ -36,13 +33,9 @@ EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.
 def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
     """All that the loop found, as plain values."""
     found = conclusion.found
-    base, selection, probing = found.base, found.selection, found.rival.probing
+    base, selection = found.base, found.selection
     written, effects = conclusion.written, conclusion.effects
-    signals = probing.signals if probing is not None else {}
-    ports, tied = rank_ports(signals)
-    moment = found.rival.moment.moment if found.rival.moment is not None else None
     named = any(effect.kind == "catalogue" for effect in effects)
-    names = bench.recordings.names
     parameters = base.plain.parameters
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     return LoopResult(
@@ -58,11 +51,6 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
         residual_before=base.reports,
         residual_after=conclusion.reports,
         rounds=selection.rounds,
-        signals=signals,
-        ports=ports,
-        tied_ports=tied,
-        states=_states_at(base.held.stand.study, base.held.optimum, probing),
-        moment=moment,
         shifts=moved,
         parameters=fitted_parameters(conclusion.calibration.parameters, conclusion.refit),
         noise=conclusion.refit.noise,
@@ -70,13 +58,12 @@ def result_of(bench: Workbench, conclusion: Conclusion) -> LoopResult:
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
         separate=_separating_experiments(bench, found) if named else (),
-        story=(*_choices(bench.settings), *_story(bench.family.title, conclusion, ports, tied)),
+        story=(*_choices(bench.settings), *_story(bench.family.title, conclusion)),
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
         words={s.candidate.id: bench.family.summary(s.candidate.id) for r in selection.rounds for s in r.scores},
         added=written.parameters if written is not None else (),
-        drawn=names[probing.recording] if probing is not None else names[0],
         recordings=bench.recordings,
         plain=bench.family.plain(),
     )
@@ -132,17 +119,13 @@ def _choices(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _story(title: str, conclusion: Conclusion, ports: Sequence[str], tied: Sequence[str]) -> tuple[str, ...]:
+def _story(title: str, conclusion: Conclusion) -> tuple[str, ...]:
     found = conclusion.found
     worst = max(found.base.reports, key=lambda r: r.ratio)
     lines = [
         f"Fitted as it stands, {title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
         f" ({worst.recording}); its residual is {worst.verdict}."
     ]
-    if ports:
-        lines.append(f"An unknown signal explains most at the {ports[0]} port.")
-    if len(tied) > 1:
-        lines.append(f"As signals over time alone, the data cannot tell {' and '.join(tied)} apart.")
     lines += [f"Round {r.number}: {r.why}." for r in found.selection.rounds]
     if found.selection.skipped:
         lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(found.selection.skipped)}.")
@@ -202,20 +185,3 @@ def _separating_experiments(bench: Workbench, found: Found) -> tuple[str, ...]:
                 "`aero-bayes design --loop` writes the signal."
             )
     return tuple(lines)
-
-
-def _states_at(study: Objective, fit: Optimum, probing: Probing | None) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Fitted states on the times of the port signals, for drawing one against the other."""
-    if probing is None or not probing.signals:
-        return {}
-    time = next(iter(probing.signals.values())).time
-    states = {}
-    for k, series in enumerate(study.series):
-        if series.experiment != probing.recording:
-            continue
-        at = series.sampling.time
-        predicted = fit.evaluation.predicted[k]
-        states[series.output] = (time, np.interp(time, at, predicted))
-        if predicted.size > 2:
-            states[f"{series.output}_dot"] = (time, np.interp(time, at, np.gradient(predicted, at)))
-    return states

@@ -25,7 +25,7 @@ from aero_bayes.physics.feedback import giving
 from aero_bayes.physics.law_class import class_text
 from aero_bayes.physics.laws import Law
 from aero_bayes.physics.ports import Candidate, Port, Via, signal_of
-from aero_bayes.physics.use import Use, plain_name, use_of
+from aero_bayes.physics.use import Use, plain_name, uses_of
 from aero_bayes.scratch import ScratchFolder
 
 Models = Mapping[tuple[str, str], FlatModel]
@@ -192,14 +192,9 @@ def screening(
 
     Laws that need the rate of a reading are the innermost ones there.
     """
-    uses: list[Use] = []
-    taken = {v.name for v in flat.variables}
-    for c in found:
-        use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
-        taken |= {use.instance, *use.names.values()}
-        uses.append(use)
+    uses = uses_of(found, {v.name for v in flat.variables}, sizes)
     inner_first = sorted(uses, key=lambda u: not u.law.takes_rate)
-    return compose_laws(flat, inner_first, models), tuple(uses)
+    return compose_laws(flat, inner_first, models), uses
 
 
 def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:

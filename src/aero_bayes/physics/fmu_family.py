@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from aero_bayes.declared import Declaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
@@ -50,6 +51,11 @@ class FmuFamily(RigFamily):
     @cached_property
     def surroundings(self) -> Surroundings:
         return Surroundings(self.inner, self.laws)
+
+    @cached_property
+    def declared(self) -> Declaration:
+        """Nothing: what is around an FMU is found."""
+        return Declaration()
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:

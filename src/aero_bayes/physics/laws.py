@@ -15,7 +15,9 @@ from aero_bayes.physics.edit import apply, replace_names
 from aero_bayes.physics.terms import Term, coherent, dimension, evaluate, parse_term, unit_factors, unit_text
 from aero_bayes.physics.tokens import Token
 
-Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
+Kind = Literal[
+    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
+]  # fmt: skip
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
@@ -51,7 +53,7 @@ STANDING: Mapping[str, str] = {"h_s": "h_0"}
 class LawParameter:
     """A parameter that is fitted. Its attributes are expressions in the sizes of the port.
 
-    ``nominal`` is the magnitude at which a search starts.
+    ``nominal`` is the magnitude at which a search starts. ``own_unit`` is the unit that its declaration gives, if any.
     """
 
     name: str
@@ -60,6 +62,7 @@ class LawParameter:
     minimum: Term | None
     maximum: Term | None
     nominal: Term
+    own_unit: str = ""
 
     def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
         """One of its attributes in numbers; a bound that is not given is infinite."""
@@ -69,7 +72,9 @@ class LawParameter:
         return evaluate(term, sizes)
 
     def unit(self, of_size: Mapping[str, str]) -> str:
-        """Unit by the units of the port's sizes; empty where they do not tell."""
+        """Unit by the units of the port's sizes, where it gives none of its own; empty where they do not tell."""
+        if self.own_unit:
+            return self.own_unit
         if not _names(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in of_size.items()}
@@ -85,7 +90,8 @@ class Law:
     units of a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve,
     where it is no law of its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value
     decides from where on it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape
-    that may end on a bound without making it another law.
+    that may end on a bound without making it another law. ``widths`` are parameters that are not fitted, such as the
+    width of a rounding, where they can be set from outside.
     """
 
     id: str
@@ -106,6 +112,7 @@ class Law:
     cls: ClassText = field(repr=False, compare=False)
     base: ClassText = field(repr=False, compare=False)
     base_text: str = field(repr=False, compare=False)
+    widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def derived(self) -> frozenset[str]:
@@ -224,7 +231,7 @@ def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
 
 def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, base_text: str) -> Law:
     own, inherited = cls.components(), base.components()
-    parameters = tuple(_parameter(c) for c in (*own, *inherited) if _is_fitted(c))
+    parameters = tuple(parameter_of(c) for c in (*own, *inherited) if is_fitted(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
     sizes = {c.name: evaluate(parse_term(c.binding), {}) for c in inherited if _is_size(c)}
@@ -237,28 +244,31 @@ def _law(cls: ClassText, text: str, model: str, shape: Shape, base: ClassText, b
     extends = next(s for s in cls.declarations if s.first == "extends")
     return Law(
         snake_case(cls.name), shape.kind, model, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), _noted(cls.annotation, "not_for"),
-        _noted(cls.annotation, "refines"), _noted(cls.annotation, "learned"),
-        _noted(cls.annotation, "threshold"), _noted(cls.annotation, "vanishing"), shape, text, cls, base, base_text,
+        frozenset(words & set(shape.given)), dict(_units(extends.tokens)), noted(cls.annotation, "not_for"),
+        noted(cls.annotation, "refines"), noted(cls.annotation, "learned"),
+        noted(cls.annotation, "threshold"), noted(cls.annotation, "vanishing"), shape, text, cls, base, base_text,
     )  # fmt: skip
 
 
-def _is_fitted(c: Component) -> bool:
+def is_fitted(c: Component) -> bool:
+    """Whether a declaration is a parameter that is fitted: one with a nominal value."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
 
 
 def _is_size(c: Component) -> bool:
-    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not _is_fitted(c)
+    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted(c)
 
 
-def _parameter(c: Component) -> LawParameter:
-    terms = {name: parse_term(tokens) for name, tokens in c.modifiers}
+def parameter_of(c: Component) -> LawParameter:
+    """A declaration as a parameter that is fitted. Raises InputError for one without a default."""
+    terms = {name: parse_term(tokens) for name, tokens in c.modifiers if name != "unit"}
+    unit = next((tokens[0].word[1:-1] for name, tokens in c.modifiers if name == "unit"), "")
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
     return LawParameter(
-        c.name, c.description, parse_term(c.binding), terms.get("min"), terms.get("max"), terms["nominal"]
+        c.name, c.description, parse_term(c.binding), terms.get("min"), terms.get("max"), terms["nominal"], unit
     )
 
 
@@ -273,7 +283,7 @@ def _units(tokens: Sequence[Token]) -> Iterator[tuple[str, str]]:
             yield signal.word, value.word[1:-1]
 
 
-def _noted(annotation: Sequence[Token], word: str) -> str:
+def noted(annotation: Sequence[Token], word: str) -> str:
     """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
     for key, equals, value in zip(*(annotation[k:] for k in range(3)), strict=False):
         if key.word == word and equals.word == "=":

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from aero_bayes.declared import Declaration
+from aero_bayes.errors import InputError
 from aero_bayes.export.flat import Place
 from aero_bayes.export.syntax import Call, Expression, reference
 from aero_bayes.physics.entrance import Entrance
-from aero_bayes.physics.laws import STANDING, Law
+from aero_bayes.physics.laws import STANDING, Law, snake_case
+from aero_bayes.physics.replaceable import Replaceable
 
-PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
-Via = Literal["input", "output", "signal", "equation", "node", "series"]
+PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical", "replaceable"]
+Via = Literal["input", "output", "signal", "equation", "node", "series", "redeclare"]
 
 #: Units of a temperature, with the absolute zero in each.
 KELVIN: Mapping[str, float] = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
@@ -30,10 +34,10 @@ class Port:
         is ``series_<connector>``.
     kind : str
         What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
-        ``storage`` or ``electrical``.
+        ``storage``, ``electrical`` or ``replaceable``.
     via : str
         How a law is tied in: at an ``input``, an ``output`` or a ``signal`` within, as a term in an ``equation``, as an
-        element at a ``node`` or in ``series`` in a connection.
+        element at a ``node`` or in ``series`` in a connection, or by a ``redeclare`` of a replaceable model.
     unit : str
         Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
     units : mapping
@@ -58,6 +62,8 @@ class Port:
         Ids of the laws that fit.
     given : int, optional
         Of a signal, the equation that gives it, or the connection.
+    slot : Replaceable, optional
+        The replaceable model.
     """
 
     id: str
@@ -75,6 +81,7 @@ class Port:
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
     given: int | None = None
+    slot: Replaceable | None = None
 
 
 #: What stands between the two variables of a difference.
@@ -94,6 +101,8 @@ def reacts(law: Law, port: Port) -> bool:
 
 def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
+    if port.slot is not None:
+        return law.kind == "replaceable" and law in port.slot.laws
     if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
         return False
     # what does not ask for the surroundings is the same whatever they are
@@ -119,16 +128,20 @@ def _is_unit(unit: str, asked: str) -> bool:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction."""
+    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction.
+
+    ``alias`` is another name that it goes by.
+    """
 
     law: Law
     port: Port
     neighbour: Port | None = None
+    alias: str = ""
 
     @property
     def id(self) -> str:
-        """``law@port``."""
-        return f"{self.law.id}@{self.port.id}"
+        """``law@port``, or its alias."""
+        return self.alias or f"{self.law.id}@{self.port.id}"
 
 
 def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
@@ -166,3 +179,32 @@ def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:
         }
         for p in ports
     ]
+
+
+def slot_ports(found: Sequence[Replaceable], names: Mapping[str, str]) -> tuple[Port, ...]:
+    """A port for each replaceable model: by the name that it is given, unless several share that, or in snake case."""
+    own = [snake_case(one.name) for one in found]
+    given = [names.get(name, name) for name in own]
+    ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]
+    return tuple(
+        Port(id_, "replaceable", "redeclare", "", {}, one.place, laws=tuple(law.id for law in one.laws), slot=one)
+        for id_, one in zip(ids, found, strict=True)
+    )
+
+
+def listed(found: Sequence[Candidate], declared: Declaration) -> tuple[Candidate, ...]:
+    """The effects that a package names, under their names, and learned curves in its replaceable models.
+
+    Raises
+    ------
+    InputError
+        For an effect whose law there is not.
+    """
+    known = {c.id: c for c in found}
+    for name, effect in declared.effects.items():
+        if effect.law not in known:
+            near = difflib.get_close_matches(effect.law, known, n=1, cutoff=0.0)
+            nearest = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{nearest}")
+    named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
+    return (*named, *(c for c in found if c.port.slot is not None and c.law.learned))

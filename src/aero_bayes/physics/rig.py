@@ -1,54 +1,55 @@
-"""Any Modelica model and its relatives: laws of libraries at the ports that are found in it."""
+"""A Modelica model and its relatives: laws at the ports that are found in it, and at its replaceable models."""
 
 from __future__ import annotations
 
 import hashlib
-import itertools
-import math
 import tempfile
 import zipfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
 from xml.etree import ElementTree
 
-from aero_bayes.errors import InputError
+import numpy as np
+
+from aero_bayes.declared import Declaration
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.compose import TRUE
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library import declared_members
+from aero_bayes.export.library import declaration_of, declared_members
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.physics.columns import parameters_of, starts_of, vanishing_of
 from aero_bayes.physics.compose import Models, compose_laws, law_models
 from aero_bayes.physics.find import ports_of
-from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, magnitude, moved, rounded
+from aero_bayes.physics.kin import Basis, Candidate, Extension, Offer, OpenSimulator, moved, rounded
 from aero_bayes.physics.laws import Law, general_laws, laws_of
-from aero_bayes.physics.learned import basis_of
+from aero_bayes.physics.learned import basis_of, curve_alone, over, watched_curves
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
-from aero_bayes.physics.ports import Port, candidates
-from aero_bayes.physics.sizes import port_sizes
-from aero_bayes.physics.sources import names_taken
+from aero_bayes.physics.ports import Port, candidates, listed, slot_ports
+from aero_bayes.physics.redeclare import load_extended, parted
+from aero_bayes.physics.replaceable import replaceables_of
+from aero_bayes.physics.sizes import port_sizes, signal_size, signals_of
+from aero_bayes.physics.sources import names_taken, read_sources
 from aero_bayes.physics.structure import structure_of
-from aero_bayes.physics.use import Use, use_of
-from aero_bayes.physics.write import Written, write_law
+from aero_bayes.physics.use import Use, in_words, use_of, uses_of
+from aero_bayes.physics.write import Written, write_law, write_laws
 from aero_bayes.simulation import Model
 
-#: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
-#: not, which may act only beyond a threshold that a coarse grid steps over.
-SIZES, SIZES_ALONE = (1.0, 0.2, 5.0), (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0)
-#: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
-LEVELS, NARROW = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
 #: Sizes of ports by their ids.
 Sizes = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
 class RigFamily:
-    """A model of the user's own.
+    """A model, and how it may be extended.
 
     Parameters
     ----------
@@ -68,6 +69,8 @@ class RigFamily:
     narrowed: Narrowed = field(default_factory=Narrowed)
     _uses: dict[str, Use] = field(default_factory=dict, compare=False, repr=False)
     _read: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
+    _starts: dict[str, tuple[tuple[float, ...], ...]] = field(default_factory=dict, compare=False, repr=False)
+    _sizing: list[Callable[[], Mapping[str, float]]] = field(default_factory=list, compare=False, repr=False)
 
     @property
     def title(self) -> str:
@@ -83,8 +86,29 @@ class RigFamily:
         return (*general_laws(), *laws_of(self.sources))
 
     @cached_property
+    def declared(self) -> Declaration:
+        """What its package declares of it."""
+        return declaration_of(self.base, self.sources)
+
+    @cached_property
+    def slots(self) -> tuple[Port, ...]:
+        """Its replaceable models."""
+        found = replaceables_of(read_sources(self.sources, self.flat), self.base)
+        return slot_ports(found, self.declared.ports)
+
+    @cached_property
     def ports(self) -> tuple[Port, ...]:
-        return ports_of(self.flat, self.laws)
+        """All places where a law may act."""
+        found = ports_of(self.flat, self.laws)
+        taken = {p.id for p in found}
+        return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.slots))
+
+    @cached_property
+    def every(self) -> tuple[Trial, ...]:
+        """Every law at every port that it fits; where the package names effects, these and learned curves alone."""
+        inside = {law.model: law for p in self.ports if p.slot is not None for law in p.slot.laws}
+        found = candidates(self.ports, (*self.laws, *inside.values()))
+        return listed(found, self.declared) if self.declared.effects else found
 
     @cached_property
     def law_models(self) -> Models:
@@ -95,32 +119,44 @@ class RigFamily:
         return self._export(self.flat, "plain")
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
-        """Nothing beside what the model declares."""
-        return {}
+        """The declared priors."""
+        return declared_overrides(model)
 
     @property
     def roomy(self) -> bool:
-        """Laws that are off are simulated all the same."""
-        return False
+        """Whether all laws stand in replaceable models, which one model has them all in; others come as asked for."""
+        return all(use.port.slot is not None for use in self._uses.values())
 
     def check(self) -> None:
-        """Raise InputError where the engineer's choice names what there is not."""
-        ids = [c.id for c in candidates(self.ports, self.laws)]
-        self.narrowed.check(ids, [law.id for law in self.laws], [p.id for p in self.ports])
+        """Raise InputError where the engineer's choice names what there is not, or leaves nothing."""
+        laws = {c.law.id: None for c in self.every} | {law.id: None for law in self.laws if not self.declared.effects}
+        ports = {self.named(c.port): None for c in self.every} | {p.id: None for p in self.ports}
+        self.narrowed.check([c.id for c in self.every], list(laws), list(ports))
+        self._kept(self.every)
+
+    def _kept(self, found: Sequence[Trial]) -> list[Trial]:
+        kept = [c for c in found if self.narrowed.keeps(c.id, c.law.id, self.named(c.port))]
+        if not kept:
+            left = "[loop] effects, exclude, ports and laws leave none"
+            raise InputError(f"{self.base}: no law is left to try; {left}")
+        return kept
+
+    def named(self, port: Port) -> str:
+        """The name that a port goes by; several may share one."""
+        return self.declared.ports.get(port.id, port.id)
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every law at every port that it fits."""
-        every = [c for c in self._candidates(calibration) if self.narrowed.keeps(c.id, c.law.id, c.port.id)]
-        if not every:
-            raise InputError(f"{self.base}: no law is left to try; [loop] exclude, ports and laws leave none")
-        sizes = self._sizes(calibration, fit, open_simulator)
-        taken = self._taken()
+        kept = self._kept(self._candidates(calibration))
+        found = any(c.port.slot is None for c in kept)
+        sizes = self._sizes(calibration, fit, open_simulator) if found else {}
+        highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
         self._uses.clear()
-        for c in every:
-            use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
-            taken |= {use.instance, *use.names.values()}
+        for use in uses_of(kept, self._taken(), sizes):
             self._uses[use.id] = use
+            self._starts[use.id] = starts_of(use, self.declared.effects.get(use.id), highest)
             self._read.update(_read_by(use))
+        self._sizing[:] = [partial(self._curve_sizes, calibration, fit, open_simulator)]
         return tuple(self._uses)
 
     def _candidates(self, calibration: Calibration) -> Sequence[Trial]:
@@ -128,7 +164,7 @@ class RigFamily:
 
     def tried(self) -> tuple[Trial, ...]:
         """Every law at every port where the source has a place for one."""
-        every = candidates(self.ports, self.laws)
+        every = self.every
         edited = {c.port.id: c for c in every if c.port.via in ("equation", "signal")}.values()
         barred = {c.port.id for c in edited if not self._can_be_written(c)}
         return tuple(c for c in every if c.port.id not in barred)
@@ -150,43 +186,107 @@ class RigFamily:
         return names_taken(self.flat, self.sources)
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Laws without states together; those with states, which slow a simulation down, by port; curves last."""
+        """Laws in replaceable models, then those without states, each together; those with states, which slow a
+        simulation down, by port; curves last."""
         curves, finer = self.learned(), self.finer()
-        still = tuple(id_ for id_, use in self._uses.items() if not use.law.moves and id_ not in curves)
+        laws = {id_: use for id_, use in self._uses.items() if id_ not in curves}
+        inside = tuple(id_ for id_, use in laws.items() if use.port.slot is not None)
+        still = tuple(id_ for id_, use in laws.items() if use.port.slot is None and not use.law.moves)
         by_port: dict[str, list[str]] = {}
-        for id_, use in self._uses.items():
-            if use.law.moves:
+        for id_, use in laws.items():
+            if use.law.moves and use.port.slot is None:
                 by_port.setdefault(use.port.id, []).append(id_)
         tiers = (tuple(c for c in curves if (c in finer) is fine) for fine in (False, True))
-        return tuple(g for g in (still, *(tuple(ids) for ids in by_port.values()), *tiers) if g)
+        return tuple(g for g in (inside, still, *(tuple(ids) for ids in by_port.values()), *tiers) if g)
 
     def finer(self) -> Mapping[str, str]:
         """Laws that refine one at the same port."""
-        found = {id_: f"{use.law.refines}@{use.port.id}" for id_, use in self._uses.items() if use.law.refines}
-        return {id_: coarse for id_, coarse in found.items() if coarse in self._uses}
+        known = {(use.law.id, use.port.id): id_ for id_, use in self._uses.items()}
+        coarse = {id_: known.get((use.law.refines, use.port.id)) for id_, use in self._uses.items()}
+        return {id_: of for id_, of in coarse.items() if of is not None}
 
     def learned(self) -> Mapping[str, str]:
-        """Curves that stand for no law, and over which signal each is learned."""
-        return {id_: use.port.signals.get(use.law.learned, use.port.id) for id_, use in self._uses.items()
-                if use.law.learned}  # fmt: skip
+        """Curves that stand for no law, and over what each is learned."""
+        return {id_: over(use) for id_, use in self._uses.items() if use.law.learned}
 
     def basis(self, id_: str) -> Basis:
         """Of a curve that is learned."""
-        return basis_of(self._uses[id_], self.law_models)
+        (use,) = self._sized([id_])
+        if use.port.slot is None:
+            return basis_of(use, self.law_models)
+        return basis_of(*curve_alone(self._redeclared([use]), use))
+
+    def parameters(self, id_: str) -> tuple[Parameter, ...]:
+        """Those of a candidate, by their names in offers."""
+        return tuple(parameters_of(self._uses[id_]))
+
+    def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
+        """Values of a candidate's parameters worth starting from; none of a learned curve."""
+        return self._starts[id_]
 
     def offer(self, ids: Collection[str]) -> Offer:
-        """The model with some laws, switched off."""
-        uses = self._ordered(id_ for id_ in self._uses if id_ in ids)
+        """The model with some laws, switched off, and with all that are no curves in its replaceable models."""
+        curves = self.learned()
+        inside = any(self._uses[id_].port.slot is not None for id_ in ids)
+        also = {id_ for id_, use in self._uses.items() if use.port.slot is not None and id_ not in curves}
+        uses = self._ordered(id_ for id_ in self._uses if id_ in ids or (inside and id_ in also))
         model = self._with(uses)
-        own = [(Candidate(u.id, u.port.id, _starts(u), vanishing=_vanishing(u)), _parameters(u)) for u in uses]
+        own = [
+            (Candidate(u.id, self.named(u.port), self.starts(u.id), vanishing=vanishing_of(u)), self.parameters(u.id))
+            for u in uses
+        ]
         return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     def _with(self, uses: Sequence[Use]) -> Model:
-        return self._export(compose_laws(self.flat, uses, self.law_models), "offer")
+        inside, others = parted(uses)
+        flat = self._redeclared(inside)
+        if others:
+            flat = compose_laws(flat, self._found_in(flat, others) if inside else others, self.law_models)
+        return self._export(flat, "offer")
+
+    def _redeclared(self, uses: Sequence[Use]) -> FlatModel:
+        """The model with laws in its replaceable models."""
+        if not uses:
+            return self.flat
+        return load_extended(self.base, f"{self.title}_offer", uses, self.sources, self.libraries)
+
+    def _found_in(self, flat: FlatModel, uses: Sequence[Use]) -> list[Use]:
+        """The same laws at the ports of a relative."""
+        there = {p.id: p for p in ports_of(flat, self.laws)}
+        needed = {p.id for use in uses for p in (use.port, use.neighbour) if p is not None}
+        if lost := sorted(needed - there.keys()):
+            raise CannotFinishError(f"{self.base}: no port {lost[0]!r} is left beside laws in its replaceable models")
+        return [
+            replace(use, port=there[use.port.id], neighbour=there[use.neighbour.id] if use.neighbour else None)
+            for use in uses
+        ]
+
+    def _sized(self, ids: Iterable[str]) -> list[Use]:
+        """Uses by id; the first curve that is asked for gives all in replaceable models their sizes."""
+        wanted = list(ids)
+        if self._sizing and any(self._uses[i].port.slot is not None and self._uses[i].law.learned for i in wanted):
+            for id_, size in self._sizing.pop()().items():
+                self._uses[id_] = replace(self._uses[id_], sizes={"x_n": size})
+        return [self._uses[id_] for id_ in wanted]
+
+    def _curve_sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> dict[str, float]:
+        """How far a fit goes in what each curve is learned over; nothing where it cannot be simulated with them."""
+        uses = [use for use in self._uses.values() if use.port.slot is not None and use.law.learned]
+        flat, names = watched_curves(self._redeclared(uses), uses)
+        found: dict[str, float] = {}
+        with suppress(InputError):
+            own = self.on(calibration, self._export(flat, "watched"))
+            seen = signals_of(own, list(names.values()), fit, open_simulator)
+            found = {id_: float(f"{signal_size(seen[name]) or 1.0:.3g}") for id_, name in names.items()}
+        return found
 
     def _ordered(self, ids: Iterable[str]) -> list[Use]:
-        """Uses in the order in which they are composed: laws that need the rate of a reading are the innermost."""
-        return sorted((self._uses[id_] for id_ in ids), key=lambda u: not u.law.takes_rate)
+        """Uses in the order in which they are composed: those in replaceable models as listed; of the others, laws that
+        need the rate of a reading are the innermost."""
+        places = {id_: k for k, id_ in enumerate(self._uses)}
+        inside, others = parted(self._sized(ids))
+        inside = sorted(inside, key=lambda u: places[u.id])
+        return [*inside, *sorted(others, key=lambda u: not u.law.takes_rate)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
         """The model with chosen laws, written into a copy of its source."""
@@ -195,20 +295,21 @@ class RigFamily:
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
             own = {p.name: rounded(values[old.names[p.name]], 6) for p in old.parameters()}
-            use = use_of(old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour)
+            use = use_of(
+                old.law, old.port, taken, sizes=old.sizes, values=own, neighbour=old.neighbour, alias=old.alias
+            )
             taken |= {use.instance, *use.names.values()}
             uses.append(use)
             self._read.update(_read_by(use))
             names[old.id] = tuple((old.names[p.name], use.names[p.name]) for p in old.parameters())
         written, model = self._write(uses, values, folder)
-        parameters = tuple(p for use in uses for p in _parameters(use))
-        return Extension(
-            written.name, written.path, written.text, written.diff, model, parameters, names, {id_: {} for id_ in ids}
-        )
+        parameters = tuple(p for use in uses for p in parameters_of(use))
+        widths = {u.id: u.law.widths for u in uses}
+        return Extension(written.name, written.path, written.text, written.diff, model, parameters, names, widths)
 
     def _write(self, uses: Sequence[Use], values: Mapping[str, float], folder: Path) -> tuple[Written, Model]:
         """The written model and its FMU; ``values`` are those of the fit, by the names of the offers."""
-        written = write_law(self.sources, self.base, self.flat, uses, folder)
+        written = write_laws(self.sources, self.base, self.flat, uses, folder)
         flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
         return written, self._export(flat, written.name)
 
@@ -239,8 +340,7 @@ class RigFamily:
 
     def summary(self, id_: str) -> str:
         """A law in words."""
-        use = self._uses[id_]
-        return f"{use.law.description[:1].lower()}{use.law.description[1:]} at {use.port.id}"
+        return in_words(self._uses[id_].law, self._uses[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """The FMU of a flat model, kept under the hash of what it was made from."""
@@ -255,44 +355,3 @@ class RigFamily:
 def _read_by(use: Use) -> dict[str, str]:
     """The output that a law stands before, by the law's own name for its quantity."""
     return {f"{use.instance}.u": use.port.signals["u"]} if use.port.via == "output" else {}
-
-
-def _parameters(use: Use) -> list[Parameter]:
-    """Columns of a law, the switch first."""
-    found = []
-    for p in use.parameters():
-        limits = use.limits(p)
-        bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
-        default = p.value("default", use.all_sizes)
-        about = f"{p.description} at {use.port.id}"
-        found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
-    return found
-
-
-def _vanishing(use: Use) -> tuple[int, ...]:
-    """Columns of the shape with which a finer law becomes a coarser one as it goes to 0."""
-    return tuple(k for k, p in enumerate(use.parameters()) if p.name == use.law.vanishing)
-
-
-def _starts(use: Use) -> tuple[tuple[float, ...], ...]:
-    """Values worth starting from: magnitudes, of both signs where they mean something, and shapes."""
-    if use.law.learned:
-        return ()
-    choices: list[Collection[float]] = []
-    parameters = list(use.parameters())
-    for k, p in enumerate(parameters):
-        limits = use.limits(p)
-        low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
-        scale = limits["nominal"]
-        if k == 0:
-            static = len(parameters) == 1 and low >= 0.0 and not use.law.moves
-            sizes = [m * scale for m in (SIZES_ALONE if static or use.law.threshold else SIZES)]
-            values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
-        elif low > 0.0 and high < NARROW * low:
-            values = [m * scale for m in LEVELS if low < m * scale < high]
-        elif low > 0.0:
-            values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
-        else:
-            values = [scale] if low >= 0.0 else [scale, -scale]
-        choices.append(values)
-    return tuple(itertools.product(*choices))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -44,12 +45,15 @@ class Sources:
 
     def find(self, model: str) -> tuple[SourceFile, ClassText]:
         """The class of that full name. Raises InputError where there is none with a body of its own."""
-        for file in self.files.values():
-            for top in file.classes:
-                for cls in top.walk():
-                    if cls.full_name == model:
-                        return file, cls
-        raise InputError(f"{model}: the class was not found in the sources")
+        if model not in self.by_name:
+            raise InputError(f"{model}: the class was not found in the sources")
+        return self.by_name[model]
+
+    @cached_property
+    def by_name(self) -> Mapping[str, tuple[SourceFile, ClassText]]:
+        """All classes with a body, by their full names."""
+        every = [(file, cls) for file in self.files.values() for top in file.classes for cls in top.walk()]
+        return {cls.full_name: (file, cls) for file, cls in reversed(every)}
 
     def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
@@ -71,19 +75,17 @@ class Sources:
         if first in known:
             return known[first] + dot + rest
         for package in _opened_packages(cls):
-            if any(
-                c.full_name == f"{package}.{name}" for f in self.files.values() for top in f.classes for c in top.walk()
-            ):
+            if f"{package}.{name}" in self.by_name:
                 return f"{package}.{name}"
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
         """Full names of what the packages around a class define or import, by the names used inside it."""
-        every = [c for f in self.files.values() for top in f.classes for c in top.walk()]
+        every = [cls for _, cls in self.by_name.values()]
         found: dict[str, str] = {}
         around = cls.within
         while around:
-            for package in (c for c in every if c.full_name == around):
+            for _, package in (self.by_name[around],) if around in self.by_name else ():
                 for name in (*package.class_names, *(c.name for c in package.components())):
                     found.setdefault(name, f"{around}.{name}")
                 for alias, target in _imported(package).items():

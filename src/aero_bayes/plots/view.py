@@ -68,8 +68,7 @@ def loop_view(loop: LoopResult) -> RunDirectory:
     given = loop.recordings
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
-    everything = [*given.train, *given.test]
-    series = loop.series({recording.name: recording.time for recording in everything})
+    series = loop.series()
     series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:

@@ -211,4 +211,4 @@ def _level(loop: LoopResult) -> str:
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
-    return fitted | loop.series({recording.name: recording.time for recording in (*job.recordings, *job.tests)})
+    return fitted | loop.series()

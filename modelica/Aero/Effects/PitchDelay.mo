@@ -1,8 +1,8 @@
 within Aero.Effects;
-model SensorDelay "Reading that comes late"
+model PitchDelay "Reading that comes late"
   extends Interfaces.Sensor;
-  parameter Real T_d(unit = "s", min = 0, nominal = 0.02) = 0 "Delay";
-  parameter Real T_min(unit = "s", min = 1e-6, nominal = 1e-3) = 2e-3 "Delay below which the shape of the approximation is kept";
+  parameter Real T_d(unit = "s", min = 0, max = 0.5, nominal = 0.03) = 0 "Delay of the pitch reading";
+  parameter Real T_min(unit = "s", min = 1e-6) = 2e-3 "Delay below which the shape of the approximation is kept";
   Real q(start = 0, fixed = true, nominal = 0.1) "Filtered rate of change";
   Real dq(start = 0, fixed = true, nominal = 10) "Its rate of change";
 protected
@@ -18,4 +18,4 @@ through <code>1 / (1 + T_d s / 2 + T_d^2 s^2 / 12)</code>. For a motion of angul
 <code>(a T_d)^5 / 720</code> of its size.</p>
 </html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -20}, {-10, -20}, {0, 20}, {45, 20}}, color = {60, 60, 60})}));
-end SensorDelay;
+end PitchDelay;
