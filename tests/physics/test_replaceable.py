@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes import fit
+from aero_bayes import Fit, fit
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
@@ -169,15 +169,20 @@ def test_a_law_in_a_replaceable_model_and_one_at_another_port_stand_in_one_file(
     assert rate == pytest.approx((9.5 - 1.5) / (2.0 + 3.0) / 0.5, rel=1e-12)
 
 
-def test_what_is_offered_is_what_is_written(source: Path) -> None:
-    rng = np.random.default_rng(3)
+def fitted(family: RigFamily) -> Fit:
+    """A fit of the capacitance to a short recording, and the candidates prepared."""
     time = np.arange(400) * 0.02
-    drive = np.repeat(rng.uniform(-10.0, 10.0, 8), 50)
+    drive = np.repeat(np.random.default_rng(3).uniform(-10.0, 10.0, 8), 50)
     recording = Recording("run", time, {"V": drive}, {"w": np.cumsum(drive) * 0.002}, {"time": "s", "V": "V", "w": "V"})
-    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
     plain = family.plain()
     found = fit([recording], plain, parameters=parameters_from_model(plain, free=["C"]), workers=1)
-    assert "contact@link" in family.prepare(found.calibration, found.optimum, open_simulator)
+    family.prepare(found.calibration, found.optimum, open_simulator)
+    return found
+
+
+def test_what_is_offered_is_what_is_written(source: Path) -> None:
+    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    found = fitted(family)
     assert family.roomy is False
     ids = ["contact@link", "offset@V"]
     offer = family.offer(ids)
@@ -190,12 +195,13 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
     np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-8)
 
 
-def simulated(found, family: RigFamily, model: Model, values: dict[str, float]) -> np.ndarray:
+def simulated(found: Fit, family: RigFamily, model: Model, values: dict[str, float]) -> np.ndarray:
     calibration = family.on(found.calibration, model)
     calibration = replace(calibration, fixed={**calibration.fixed, **values})
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
-    return run.outputs[0][0]
+    values_seen: np.ndarray = run.outputs[0][0]
+    return values_seen
 
 
 def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source: Path) -> None:
@@ -204,3 +210,7 @@ def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source:
     assert written(source, {"shifted@reading": {"b": 0.2}}).name == "Rig_shifted"
     with pytest.raises(CannotFinishError, match="Exact does not tell how several laws"):
         written(source, {"shifted@reading": {}, "scaled@reading": {}})
+    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    fitted(family)
+    assert {("shifted@reading",), ("scaled@reading",)} <= set(family.groups())
+    assert "shifted@reading" not in {c.id for c, _ in family.offer(["scaled@reading"]).candidates}

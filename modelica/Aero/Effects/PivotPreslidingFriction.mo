@@ -12,6 +12,7 @@ equation
     Documentation(info = "<html>
 <p>Dahl's model: the contact bends like a spring of <code>tau_p / theta_p</code> until it slides with <code>tau_p</code>. Vibration of the rate
 <code>w_p</code> wears the bend down, so that a body that is shaken creeps to rest.</p>
+<p>Source: P. R. Dahl, A solid friction model, TOR-0158(3107-18)-1, The Aerospace Corporation (1968).</p>
 </html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -25}, {-30, -25}, {0, -10}, {15, 25}, {45, 25}}, color = {60, 60, 60})}));
 end PivotPreslidingFriction;

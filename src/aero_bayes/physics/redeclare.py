@@ -19,6 +19,11 @@ def parted(uses: Iterable[Use]) -> tuple[list[Use], list[Use]]:
     return [u for u in every if u.port.slot is not None], [u for u in every if u.port.slot is None]
 
 
+def go_together(use: Use) -> bool:
+    """Whether a law stands in a replaceable model that takes several."""
+    return use.port.slot is not None and use.port.slot.join is not None
+
+
 def load_extended(
     base: str, name: str, uses: Sequence[Use], sources: Sequence[Path], libraries: Sequence[Path]
 ) -> FlatModel:

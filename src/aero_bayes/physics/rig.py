@@ -34,7 +34,7 @@ from aero_bayes.physics.learned import basis_of, curve_alone, over, watched_curv
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
 from aero_bayes.physics.ports import Port, candidates, listed, slot_ports
-from aero_bayes.physics.redeclare import load_extended, parted
+from aero_bayes.physics.redeclare import go_together, load_extended, parted
 from aero_bayes.physics.replaceable import replaceables_of
 from aero_bayes.physics.sizes import port_sizes, signal_size, signals_of
 from aero_bayes.physics.sources import names_taken, read_sources
@@ -124,8 +124,8 @@ class RigFamily:
 
     @property
     def roomy(self) -> bool:
-        """Whether all laws stand in replaceable models, which one model has them all in; others come as asked for."""
-        return all(use.port.slot is not None for use in self._uses.values())
+        """Whether all laws stand in replaceable models, and one model has them all; others come as asked for."""
+        return all(go_together(use) for use in self._uses.values())
 
     def check(self) -> None:
         """Raise InputError where the engineer's choice names what there is not, or leaves nothing."""
@@ -187,17 +187,20 @@ class RigFamily:
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Laws in replaceable models, then those without states, each together; those with states, which slow a
-        simulation down, by port; curves last."""
+        simulation down, by port; one by one those in a replaceable model that takes only one; curves last."""
         curves, finer = self.learned(), self.finer()
-        laws = {id_: use for id_, use in self._uses.items() if id_ not in curves}
+        alone = [id_ for id_, use in self._uses.items() if use.port.slot is not None and not go_together(use)]
+        laws = {id_: use for id_, use in self._uses.items() if id_ not in curves and id_ not in alone}
         inside = tuple(id_ for id_, use in laws.items() if use.port.slot is not None)
         still = tuple(id_ for id_, use in laws.items() if use.port.slot is None and not use.law.moves)
         by_port: dict[str, list[str]] = {}
         for id_, use in laws.items():
             if use.law.moves and use.port.slot is None:
                 by_port.setdefault(use.port.id, []).append(id_)
-        tiers = (tuple(c for c in curves if (c in finer) is fine) for fine in (False, True))
-        return tuple(g for g in (inside, still, *(tuple(ids) for ids in by_port.values()), *tiers) if g)
+        every = [c for c in curves if c not in alone]
+        tiers = (tuple(c for c in every if (c in finer) is fine) for fine in (False, True))
+        moving = (tuple(ids) for ids in by_port.values())
+        return tuple(g for g in (inside, still, *moving, *((id_,) for id_ in alone), *tiers) if g)
 
     def finer(self) -> Mapping[str, str]:
         """Laws that refine one at the same port."""
@@ -225,10 +228,10 @@ class RigFamily:
         return self._starts[id_]
 
     def offer(self, ids: Collection[str]) -> Offer:
-        """The model with some laws, switched off, and with all that are no curves in its replaceable models."""
+        """The model with some laws, switched off, and with all in its replaceable models that go together."""
         curves = self.learned()
         inside = any(self._uses[id_].port.slot is not None for id_ in ids)
-        also = {id_ for id_, use in self._uses.items() if use.port.slot is not None and id_ not in curves}
+        also = {id_ for id_, use in self._uses.items() if go_together(use) and id_ not in curves}
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids or (inside and id_ in also))
         model = self._with(uses)
         own = [
@@ -289,7 +292,7 @@ class RigFamily:
         return [*inside, *sorted(others, key=lambda u: not u.law.takes_rate)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
-        """The model with chosen laws, written into a copy of its source."""
+        """The model with chosen laws, written as Modelica."""
         taken = self._taken()
         uses: list[Use] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
