@@ -47,8 +47,8 @@ def base() -> dict[str, float]:
 def test_one_effect_in_a_model_of_its_own(effect: Candidate, base: dict[str, float], tmp_path: Path) -> None:
     written = write_effects("Aero.Systems.OneDof", {effect.id: {}}, tmp_path)
     assert written.name == f"OneDof_{effect.id}"
-    assert effect.port.slot is not None
-    assert f"redeclare model {effect.port.slot.name} = {effect.law.model}" in written.text
+    assert effect.port.replaceable is not None
+    assert f"redeclare model {effect.port.replaceable.name} = {effect.law.model}" in written.text
     assert written.path.read_text(encoding="utf-8") == written.text
     model = explicit_model(written.name, [written.path])
     off = rates_at(model, {})

@@ -140,7 +140,7 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
 
 def test_ports_and_laws_come_from_the_text(source: Path) -> None:
     family = RigFamily("Circuit.Rig", (source,), source.parent)
-    rows = {row["id"]: row for row in port_table(family.slots)}
+    rows = {row["id"]: row for row in port_table(family.replaceables)}
     assert {id_: row["laws"] for id_, row in rows.items()} == {
         "reading": ["shifted", "scaled"], "link": ["contact", "battery"],
     }  # fmt: skip

@@ -25,7 +25,7 @@ def parameters_of(use: Use) -> list[Parameter]:
         limits = use.limits(p)
         bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
         default = p.value("default", use.all_sizes)
-        about = p.description if use.port.slot is not None else f"{p.description} at {use.port.id}"
+        about = p.description if use.port.replaceable is not None else f"{p.description} at {use.port.id}"
         found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
     return found
 

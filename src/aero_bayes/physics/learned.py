@@ -45,7 +45,7 @@ def basis_of(use: Use, models: Models) -> Basis:
 
 def over(use: Use) -> str:
     """What a curve is learned over."""
-    if use.port.slot is None:
+    if use.port.replaceable is None:
         return use.port.signals.get(use.law.learned, use.port.id)
     about = next((c.description for c in use.law.cls.components() if c.name == use.law.learned), "")
     return f"{about[:1].lower()}{about[1:]}" or use.port.id

@@ -62,7 +62,7 @@ class Port:
         Ids of the laws that fit.
     given : int, optional
         Of a signal, the equation that gives it, or the connection.
-    slot : Replaceable, optional
+    replaceable : Replaceable, optional
         The replaceable model.
     """
 
@@ -81,7 +81,7 @@ class Port:
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
     given: int | None = None
-    slot: Replaceable | None = None
+    replaceable: Replaceable | None = None
 
 
 #: What stands between the two variables of a difference.
@@ -101,8 +101,8 @@ def reacts(law: Law, port: Port) -> bool:
 
 def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
-    if port.slot is not None:
-        return law.kind == "replaceable" and law in port.slot.laws
+    if port.replaceable is not None:
+        return law.kind == "replaceable" and law in port.replaceable.laws
     if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
         return False
     # what does not ask for the surroundings is the same whatever they are
@@ -181,13 +181,15 @@ def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:
     ]
 
 
-def slot_ports(found: Sequence[Replaceable], names: Mapping[str, str]) -> tuple[Port, ...]:
+def replaceable_ports(found: Sequence[Replaceable], names: Mapping[str, str]) -> tuple[Port, ...]:
     """A port for each replaceable model: by the name that it is given, unless several share that, or in snake case."""
     own = [snake_case(one.name) for one in found]
     given = [names.get(name, name) for name in own]
     ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]
     return tuple(
-        Port(id_, "replaceable", "redeclare", "", {}, one.place, laws=tuple(law.id for law in one.laws), slot=one)
+        Port(
+            id_, "replaceable", "redeclare", "", {}, one.place, laws=tuple(law.id for law in one.laws), replaceable=one
+        )
         for id_, one in zip(ids, found, strict=True)
     )
 
@@ -207,4 +209,4 @@ def listed(found: Sequence[Candidate], declared: Declaration) -> tuple[Candidate
             nearest = f"; did you mean {near[0]!r}?" if near else ""
             raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{nearest}")
     named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
-    return (*named, *(c for c in found if c.port.slot is not None and c.law.learned))
+    return (*named, *(c for c in found if c.port.replaceable is not None and c.law.learned))

@@ -16,12 +16,12 @@ from aero_bayes.scratch import ScratchFolder
 def parted(uses: Iterable[Use]) -> tuple[list[Use], list[Use]]:
     """Laws in replaceable models, and the others."""
     every = list(uses)
-    return [u for u in every if u.port.slot is not None], [u for u in every if u.port.slot is None]
+    return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
 
 
 def go_together(use: Use) -> bool:
     """Whether a law stands in a replaceable model that takes several."""
-    return use.port.slot is not None and use.port.slot.join is not None
+    return use.port.replaceable is not None and use.port.replaceable.join is not None
 
 
 def load_extended(
@@ -47,18 +47,18 @@ def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
     """
     here: dict[str, list[Use]] = {}
     for use in uses:
-        here.setdefault(_slot(use).name, []).append(use)
+        here.setdefault(_place(use).name, []).append(use)
     redeclared: list[str] = []
     modified: dict[str, list[str]] = {}
     classes: list[str] = []
-    for slot_name, own in here.items():
-        slot, alone = _slot(own[0]), len(own) == 1
-        class_name = own[0].law.model if alone else f"{slot_name}s"
-        redeclared.append(f"redeclare model {slot_name} = {class_name}")
+    for name_there, own in here.items():
+        place, alone = _place(own[0]), len(own) == 1
+        class_name = own[0].law.model if alone else f"{name_there}s"
+        redeclared.append(f"redeclare model {name_there} = {class_name}")
         if not alone:
-            classes += _together(slot, class_name, own)
+            classes += _together(place, class_name, own)
         inner = _modifiers(own[0]) if alone else [f"{u.instance}({', '.join(_modifiers(u))})" for u in own]
-        for path in slot.components:
+        for path in place.components:
             owner, _, component = path.rpartition(".")
             modified.setdefault(owner, []).append(f"{component}({', '.join(inner)})")
     arguments = redeclared + modified.pop("", [])
@@ -77,14 +77,14 @@ def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
 
 def component_of(use: Use, uses: Sequence[Use]) -> str:
     """Path of a law's component in the class that extends with ``uses``; the first where there are several."""
-    slot = _slot(use)
-    alone = sum(_slot(other).name == slot.name for other in uses) == 1
-    return slot.components[0] if alone else f"{slot.components[0]}.{use.instance}"
+    place = _place(use)
+    alone = sum(_place(other).name == place.name for other in uses) == 1
+    return place.components[0] if alone else f"{place.components[0]}.{use.instance}"
 
 
-def _slot(use: Use) -> Replaceable:
-    assert use.port.slot is not None
-    return use.port.slot
+def _place(use: Use) -> Replaceable:
+    assert use.port.replaceable is not None
+    return use.port.replaceable
 
 
 def _in_words(use: Use) -> str:
@@ -114,12 +114,12 @@ def _parameters(use: Use) -> list[str]:
     return lines
 
 
-def _together(slot: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
+def _together(place: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
     """A local model with several laws: in series where something passes through, else parallel."""
-    join = slot.join
+    join = place.join
     if join is None:
         raise CannotFinishError(
-            f"{slot.place}: {slot.default} does not tell how several laws go in the place of {slot.name}"
+            f"{place.place}: {place.default} does not tell how several laws go in the place of {place.name}"
         )
     components, previous = [], join.signal[0] if join.signal else ""
     for u in uses:
@@ -129,7 +129,7 @@ def _together(slot: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
         previous = f"{u.instance}.{join.signal[1]}" if join.signal else ""
     return [
         f'model {name} "Several laws in one place"',
-        f"  extends {slot.constraint};",
+        f"  extends {place.constraint};",
         *components,
         "equation",
         *(f"  {line}" for line in _joined(join, [u.instance for u in uses], previous)),

@@ -33,7 +33,7 @@ from aero_bayes.physics.laws import Law, general_laws, laws_of
 from aero_bayes.physics.learned import basis_of, curve_alone, over, watched_curves
 from aero_bayes.physics.narrowed import Narrowed
 from aero_bayes.physics.ports import Candidate as Trial
-from aero_bayes.physics.ports import Port, candidates, listed, slot_ports
+from aero_bayes.physics.ports import Port, candidates, listed, replaceable_ports
 from aero_bayes.physics.redeclare import go_together, load_extended, parted
 from aero_bayes.physics.replaceable import replaceables_of
 from aero_bayes.physics.sizes import port_sizes, signal_size, signals_of
@@ -91,22 +91,22 @@ class RigFamily:
         return declaration_of(self.base, self.sources)
 
     @cached_property
-    def slots(self) -> tuple[Port, ...]:
+    def replaceables(self) -> tuple[Port, ...]:
         """Its replaceable models."""
         found = replaceables_of(read_sources(self.sources, self.flat), self.base)
-        return slot_ports(found, self.declared.ports)
+        return replaceable_ports(found, self.declared.ports)
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:
         """All places where a law may act."""
         found = ports_of(self.flat, self.laws)
         taken = {p.id for p in found}
-        return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.slots))
+        return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.replaceables))
 
     @cached_property
     def every(self) -> tuple[Trial, ...]:
         """Every law at every port that it fits; where the package names effects, these and learned curves alone."""
-        inside = {law.model: law for p in self.ports if p.slot is not None for law in p.slot.laws}
+        inside = {law.model: law for p in self.ports if p.replaceable is not None for law in p.replaceable.laws}
         found = candidates(self.ports, (*self.laws, *inside.values()))
         return listed(found, self.declared) if self.declared.effects else found
 
@@ -148,7 +148,7 @@ class RigFamily:
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every law at every port that it fits."""
         kept = self._kept(self._candidates(calibration))
-        found = any(c.port.slot is None for c in kept)
+        found = any(c.port.replaceable is None for c in kept)
         sizes = self._sizes(calibration, fit, open_simulator) if found else {}
         highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
         self._uses.clear()
@@ -189,13 +189,13 @@ class RigFamily:
         """Laws in replaceable models, then those without states, each together; those with states, which slow a
         simulation down, by port; one by one those in a replaceable model that takes only one; curves last."""
         curves, finer = self.learned(), self.finer()
-        alone = [id_ for id_, use in self._uses.items() if use.port.slot is not None and not go_together(use)]
+        alone = [id_ for id_, use in self._uses.items() if use.port.replaceable is not None and not go_together(use)]
         laws = {id_: use for id_, use in self._uses.items() if id_ not in curves and id_ not in alone}
-        inside = tuple(id_ for id_, use in laws.items() if use.port.slot is not None)
-        still = tuple(id_ for id_, use in laws.items() if use.port.slot is None and not use.law.moves)
+        inside = tuple(id_ for id_, use in laws.items() if use.port.replaceable is not None)
+        still = tuple(id_ for id_, use in laws.items() if use.port.replaceable is None and not use.law.moves)
         by_port: dict[str, list[str]] = {}
         for id_, use in laws.items():
-            if use.law.moves and use.port.slot is None:
+            if use.law.moves and use.port.replaceable is None:
                 by_port.setdefault(use.port.id, []).append(id_)
         every = [c for c in curves if c not in alone]
         tiers = (tuple(c for c in every if (c in finer) is fine) for fine in (False, True))
@@ -215,7 +215,7 @@ class RigFamily:
     def basis(self, id_: str) -> Basis:
         """Of a curve that is learned."""
         (use,) = self._sized([id_])
-        if use.port.slot is None:
+        if use.port.replaceable is None:
             return basis_of(use, self.law_models)
         return basis_of(*curve_alone(self._redeclared([use]), use))
 
@@ -230,7 +230,7 @@ class RigFamily:
     def offer(self, ids: Collection[str]) -> Offer:
         """The model with some laws, switched off, and with all in its replaceable models that go together."""
         curves = self.learned()
-        inside = any(self._uses[id_].port.slot is not None for id_ in ids)
+        inside = any(self._uses[id_].port.replaceable is not None for id_ in ids)
         also = {id_ for id_, use in self._uses.items() if go_together(use) and id_ not in curves}
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids or (inside and id_ in also))
         model = self._with(uses)
@@ -267,14 +267,18 @@ class RigFamily:
     def _sized(self, ids: Iterable[str]) -> list[Use]:
         """Uses by id; the first curve that is asked for gives all in replaceable models their sizes."""
         wanted = list(ids)
-        if self._sizing and any(self._uses[i].port.slot is not None and self._uses[i].law.learned for i in wanted):
+        if self._sizing and {use.id for use in self._curves()} & set(wanted):
             for id_, size in self._sizing.pop()().items():
                 self._uses[id_] = replace(self._uses[id_], sizes={"x_n": size})
         return [self._uses[id_] for id_ in wanted]
 
+    def _curves(self) -> list[Use]:
+        """Learned curves in replaceable models."""
+        return [use for use in self._uses.values() if use.port.replaceable is not None and use.law.learned]
+
     def _curve_sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> dict[str, float]:
         """How far a fit goes in what each curve is learned over; nothing where it cannot be simulated with them."""
-        uses = [use for use in self._uses.values() if use.port.slot is not None and use.law.learned]
+        uses = self._curves()
         flat, names = watched_curves(self._redeclared(uses), uses)
         found: dict[str, float] = {}
         with suppress(InputError):

@@ -45,7 +45,7 @@ def port_sizes(
 
     What a law gives at a balance is sized by the largest of that balance's own terms.
     """
-    ports = [p for p in ports if p.slot is None]
+    ports = [p for p in ports if p.replaceable is None]
     structure, watched = structure_of(flat), _Watched(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}

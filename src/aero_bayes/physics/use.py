@@ -143,7 +143,7 @@ def plain_name(path: str) -> str:
 
 def in_words(law: Law, port: Port) -> str:
     """A law and where it acts."""
-    about, slot = f"{law.description[:1].lower()}{law.description[1:]}", port.slot
-    if slot is None or not slot.description:
+    about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
+    if place is None or not place.description:
         return f"{about} at {port.id}"
-    return f"{about} ({slot.description[:1].lower()}{slot.description[1:]})"
+    return f"{about} ({place.description[:1].lower()}{place.description[1:]})"
