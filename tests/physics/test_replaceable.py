@@ -87,6 +87,13 @@ CIRCUIT = """package Circuit
     p.v - x = R * p.i;
     C * der(x) = p.i;
   end Storage;
+  model Amplified "Another meter, no law: nothing switches it off"
+    extends Meter;
+    parameter Real k(nominal = 1, min = 0.1 * k_0) = 2;
+    parameter Real k_0 = 1;
+  equation
+    y = k * u;
+  end Amplified;
   model Rig
     extends Half;
     replaceable model Reading = Exact constrainedby Meter;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import Place
@@ -66,8 +67,8 @@ class Replaceable:
 def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
     """The replaceable models that a model, or a class that it extends, declares, and the laws that fit there.
 
-    A law is a class that extends the constraining one and has a parameter of its own with a nominal value. Those
-    without components and without laws are left out.
+    A law is a class of the sources that extends the constraining one and whose first own parameter with a nominal value
+    is zero by default. Places without components or without laws are left out.
     """
     try:
         file, cls = known.find(model)
@@ -188,10 +189,12 @@ def _flow(known: Sources, cls: ClassText, c: Component) -> str:
 
 def _laws(known: Sources, constraint: str) -> tuple[Law, ...]:
     """Classes that extend a partial one and have something to fit, in the order of files and classes."""
-    found = []
+    found: list[Law] = []
+    if constraint not in known.by_name:
+        return ()
     base = known.find(constraint)[1]
     shared = {c.full_name for _, c in _lineage(known, *known.find(constraint))}
-    for file in known.files.values():
+    for file in (file for file in known.files.values() if not Path(file.file).is_absolute()):
         for cls in (c for top in file.classes for c in top.walk()):
             if cls.partial or cls.kind not in ("model", "block") or cls.full_name in shared:
                 continue
@@ -209,9 +212,10 @@ def _laws(known: Sources, constraint: str) -> tuple[Law, ...]:
 
 
 def _law(cls: ClassText, base: ClassText, own: Sequence[Component]) -> Law | None:
-    fitted = tuple(parameter_of(c) for c in own if is_fitted(c))
-    if not fitted:
+    switches = [c for c in own if is_fitted(c)]
+    if not switches or _number(switches[0]) != 0.0:
         return None
+    fitted = tuple(parameter_of(c) for c in switches)
     set_from_outside = [c for c in own if "parameter" in c.prefixes and not c.prefixes & {"final", "protected"}]
     others = {c.name: value for c in set_from_outside if not is_fitted(c) and (value := _number(c)) is not None}
     sizes = {name: value for name, value in others.items() if name in SHAPE.sizes}
