@@ -12,10 +12,10 @@ from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.checkpoint import Answers
 from aero_bayes.errors import InputError
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
-from aero_bayes.physics.family import ModelFamily
 from aero_bayes.simulation import WorkerPool
 
 SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
@@ -47,12 +47,12 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert source == found.modelica
     assert found.after.test["test", "theta"].rms < 1.05 * 2e-3
     assert found.before.test["test", "theta"].rms > 2.0 * found.after.test["test", "theta"].rms
-    assert found.ports[0] in ("body", "thrust")
+    assert found.effects[0].port == "body"
     told = found.to_dict()
     assert told["effects"][0]["modelica"] == "OneDof_pivot_coulomb_friction.mo"
     assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
     assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
-    assert found.series({r.name: r.time for r in (train, test)})["after/test/theta"].shape == test.time.shape
+    assert found.series()["after/test/theta"].shape == test.time.shape
     assert abs(found.effects[0].width_influence) < 3.0
 
 
@@ -121,7 +121,7 @@ def test_bad_requests_are_refused(fmus):
         close_loop([train], settings=LoopSettings(held_out=0.0, cache=fmus))
     with pytest.raises(InputError, match="unknown effect 'magic'"):
         close_loop([train], settings=LoopSettings(effects=("magic",), cache=fmus))
-    with pytest.raises(InputError, match="no effect is left to try"):
+    with pytest.raises(InputError, match="no law is left to try"):
         close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",), cache=fmus))
 
 
@@ -129,7 +129,7 @@ def test_bad_requests_are_refused(fmus):
 def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     bench = Workbench(
-        ModelFamily("Aero.Systems.OneDof", fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
+        RigFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
         replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, Tally(), Answers(),
     )  # fmt: skip
     plain = fit_as_it_stands(bench).plain

@@ -190,8 +190,8 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
+    from aero_bayes.laws.fmu_family import FmuFamily
     from aero_bayes.laws.selection import Narrowed
-    from aero_bayes.physics.fmu_family import FmuFamily
 
     family = FmuFamily("Plant", (), tmp_path, (), Narrowed(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match="did you mean 'dead_zone'"):

@@ -20,7 +20,7 @@ from aero_bayes.declared import MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
-from aero_bayes.physics.rig import RigFamily
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent / "models" / "Sledge"
@@ -104,7 +104,7 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
     config = tmp_path / "rig.toml"
     config.write_text(f'[model]\nname = "Sledge.Rig"\nsources = ["{SLEDGE}"]\n')
     listed = CliRunner().invoke(main, ["ports", "--config", str(config), "--json"])
-    assert [row["id"] for row in json.loads(listed.stdout)] == ["dry_runner", "wet_runner"]
+    assert [row["id"] for row in json.loads(listed.stdout)] == ["rubbing", "snow"]
     path = write_csv(sledge(np.random.default_rng(1), "run", 0.3), tmp_path / "run.csv")
     out = tmp_path / "out"
     arguments = ["fit", "--config", config, "--data", path, "--out", out, "--workers", 1, "--quiet"]
@@ -117,28 +117,41 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
     assert table["k"]["note"] == "weighed"
 
 
-def test_the_loop_finds_a_declared_effect(tmp_path: Path) -> None:
+def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path: Path) -> None:
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
     settings = LoopSettings(sources=(SLEDGE,))
     found = close_loop([train], [test], model="Sledge.Rig", settings=settings, workers=0, out_dir=tmp_path)
-    assert [e.id for e in found.effects] == ["dry_runner"]
+    assert [(e.id, e.port) for e in found.effects] == [("rubbing", "runners")]
     (friction,) = found.effects[0].parameters
     assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)
     assert "extends Sledge.Rig(\n    redeclare model Runner = Sledge.DryRunner" in found.modelica
-    assert found.ports == ("runner",)
+    assert found.effects[0].summary == "runners that rub (under the sledge)"
+
+
+def test_without_a_declaration_the_same_law_is_found_at_the_replaceable_model(tmp_path: Path) -> None:
+    package = tmp_path / "Sledge"
+    package.mkdir()
+    shutil.copy(SLEDGE / "package.mo", package)
+    streams = np.random.default_rng(2).spawn(2)
+    train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
+    settings = LoopSettings(sources=(package,), free=("M", "R_a"), ports=("runner",))
+    found = close_loop([train], [test], model="Sledge.Rig", settings=settings, workers=0, out_dir=tmp_path)
+    assert [(e.id, e.port) for e in found.effects] == [("dry_runner@runner", "runner")]
+    (friction,) = found.effects[0].parameters
+    assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)
 
 
 def test_a_declaration_with_a_mistake_is_refused(tmp_path: Path) -> None:
     package = tmp_path / "Sledge"
     shutil.copytree(SLEDGE, package)
     text = (package / "package.toml").read_text()
-    (package / "package.toml").write_text(text.replace("seen_by", "seen_form"))
-    with pytest.raises(InputError, match=r"package.toml: key 'ports.runner.seen_form'"):
+    (package / "package.toml").write_text(text.replace("starts", "stars"))
+    with pytest.raises(InputError, match=r"package.toml: key 'effects.rubbing.stars'"):
         declaration_of("Sledge.Rig", [package])
-    (package / "package.toml").write_text(text.replace('over = "v"', 'over = "w"'))
-    with pytest.raises(InputError, match=r"the curve at runner over w: there is no states.w"):
-        declaration_of("Sledge.Rig", [package])
+    (package / "package.toml").write_text(text.replace("dry_runner@", "dry_runer@"))
+    with pytest.raises(InputError, match=r"effects.rubbing.law: .*did you mean 'dry_runner@runners'"):
+        RigFamily("Sledge.Rig", (package,), tmp_path).check()
     (package / "package.toml").write_text(text + "[[")
     with pytest.raises(InputError, match="not a valid declaration"):
         declaration_of("Sledge.Rig", [package])

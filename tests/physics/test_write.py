@@ -21,9 +21,9 @@ from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.candidates import candidates, ports_of
 from aero_bayes.laws.compose import Models, compose_laws
 from aero_bayes.laws.law import Law
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import Use, use_of
 from aero_bayes.laws.write import Written, write_law
-from aero_bayes.physics.rig import RigFamily
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -8,19 +8,21 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from aero_bayes.declared import Declaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.candidates import Candidate, candidates
+from aero_bayes.laws.family import OpenSimulator, moved
 from aero_bayes.laws.fmu_coupling import couple, state_name
 from aero_bayes.laws.fmu_export import modelica_text, write_ssp
 from aero_bayes.laws.fmu_ports import Seam, Surroundings
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.rig_family import RigFamily, Sizes
 from aero_bayes.laws.use import Use
 from aero_bayes.laws.write import Written
-from aero_bayes.physics.kin import OpenSimulator, moved
-from aero_bayes.physics.rig import RigFamily, Sizes
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.sizes import pace, recorded, signal_size, signals_of, typical_time
 from aero_bayes.simulation import Model
@@ -51,6 +53,16 @@ class FmuFamily(RigFamily):
     @cached_property
     def surroundings(self) -> Surroundings:
         return Surroundings(self.inner, self.laws)
+
+    @cached_property
+    def declared(self) -> Declaration:
+        """Nothing: what is around an FMU is found."""
+        return Declaration()
+
+    @cached_property
+    def replaceable_laws(self) -> tuple[Law, ...]:
+        """None: an FMU has no replaceable models."""
+        return ()
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:

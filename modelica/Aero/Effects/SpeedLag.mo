@@ -1,8 +1,8 @@
 within Aero.Effects;
-model SensorLag "Reading that follows as a first-order lag"
+model SpeedLag "Reading that follows as a first-order lag"
   extends Interfaces.Sensor;
-  parameter Real T_w(unit = "s", min = 0, nominal = 0.05) = 0 "Time constant";
-  parameter Real T_min(unit = "s", min = 1e-6, nominal = 1e-3) = 1e-3 "Time constant below which the lag is taken to first order";
+  parameter Real T_w(unit = "s", min = 0, max = 1, nominal = 0.03) = 0 "Time constant of the speed reading";
+  parameter Real T_min(unit = "s", min = 1e-6) = 1e-3 "Time constant below which the lag is taken to first order";
   Real q(start = 0, fixed = true, nominal = 1000) "Rate of change of the reading";
 protected
   parameter Real T(unit = "s") = max(T_w, T_min);
@@ -15,4 +15,4 @@ equation
 quantity is. A lag shorter than <code>T_min</code> is taken to first order in <code>T_w</code>; at zero nothing is left of it.</p>
 </html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -25}, {-25, 5}, {0, 18}, {45, 22}}, color = {60, 60, 60})}));
-end SensorLag;
+end SpeedLag;
