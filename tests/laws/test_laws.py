@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from closed_form import damped_stops
 from numpy.random import Generator
-from physics_rigs import Numbers, explicit, rig
+from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import add_input

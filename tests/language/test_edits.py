@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from numpy.random import Generator
-from physics_rigs import RIGS
+from small_rigs import RIGS
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
@@ -166,7 +166,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
 
 def test_every_shipped_class_is_read() -> None:
     """Every file of the packages and the test rigs: names match, equations end where they should."""
-    files = [*RIGS.glob("*.mo"), *(RIGS.parents[2] / "modelica").rglob("*.mo")]
+    files = [*RIGS.glob("*.mo"), *(RIGS.parents[1] / "modelica").rglob("*.mo")]
     assert len(files) > 80
     for path in files:
         text = path.read_text(encoding="utf-8")

@@ -15,11 +15,11 @@ from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
 from aero_bayes.export.expression import evaluate
-from aero_bayes.ports.port import port_table
 from aero_bayes.laws.model_sources import names_taken
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import uses_of
 from aero_bayes.laws.write import Written, write_laws
+from aero_bayes.ports.port import port_table
 from aero_bayes.simulation import Model, open_simulator
 
 CIRCUIT = """package Circuit

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.random import Generator
-from physics_rigs import Numbers, explicit, rig, somewhere
+from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat

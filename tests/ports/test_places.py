@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from numpy.random import Generator
-from physics_rigs import Numbers, explicit, rig, somewhere
+from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.candidates import ports_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from closed_form import runge_kutta
 from test_between import CAR, found
-from test_write import agree, uses_at
+from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat

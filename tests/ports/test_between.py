@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from closed_form import runge_kutta
-from physics_rigs import Numbers, explicit
-from test_write import agree, uses_at
+from small_rigs import Numbers, explicit
+from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat

@@ -23,7 +23,7 @@ from aero_bayes.export import declaration_of, export_fmu
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.simulation import Model
 
-SLEDGE = Path(__file__).parent / "models" / "Sledge"
+SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])
 EXTENDED = "model Loaded\n  extends Sledge.Rig(M = 2);\nend Loaded;\n"
 STRANGER = """model Stranger

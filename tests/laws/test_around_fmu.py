@@ -14,7 +14,7 @@ from fmpy.ssp.ssd import read_ssd
 from fmpy.validation import validate_fmu
 from numpy.random import Generator
 from numpy.typing import NDArray
-from physics_rigs import RIGS, rig
+from small_rigs import RIGS, rig
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError

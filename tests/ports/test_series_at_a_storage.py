@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from fmpy import simulate_fmu
-from physics_rigs import RIGS
+from small_rigs import RIGS
 
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
