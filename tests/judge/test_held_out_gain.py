@@ -122,7 +122,7 @@ def test_of_several_recordings_one_at_a_time_is_left_out_and_its_own_parameters_
 
 
 def test_a_term_that_is_not_there_gains_nothing_on_what_was_left_out():
-    """Of twenty data sets hardly one gives two standard errors by chance; a wave as large as the noise nearly always."""
+    """Hardly one data set passes two standard errors by chance; with a wave as large as the noise nearly all do."""
     named = {0.0: 0, 0.1: 0}
     for seed in range(20):
         noise = 0.1 * np.random.default_rng(50 + seed).normal(size=TIME.size)
