@@ -298,6 +298,6 @@ RIGS = {
     ),
     "aero_2dof": FirstModel(
         two_dof, ("V_m", "V_t"), ("omega_m", "omega_t", "theta", "psi"), _FREE, (0, 0, 0, 0, 0.01, 0.1, 0.1, 0.1),
-        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=4,
+        lambda y: (0.0, y[0], 0.0, y[1], y[2], 0.0, y[3], 0.0), shown=(1, 3, 4, 6), delayed=True, held=True, starts=2,
     ),
 }  # fmt: skip

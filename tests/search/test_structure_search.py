@@ -20,7 +20,7 @@ from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import Library, StructureSearch, Work
 from aero_bayes.search.edits import likely_pairs, term_directions
-from aero_bayes.search.models import CandidateModel
+from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
 from aero_bayes.search.starts import START_RULES, starting_points
 from aero_bayes.sensors.noise import OutputNoise
@@ -95,7 +95,7 @@ class OneModel:
         return self.model
 
     def root(self, values=None, noise=NOISE):
-        return self.model.fit(Structure(), self.model.at(values or {}, ()), {"y": noise}, EXACT)
+        return self.model.fit(Structure(), self.model.at(values or {}, ()), Noise({"y": noise}), EXACT)
 
 
 FLOORS = {("run 0", "y"): 0.36}
@@ -164,7 +164,7 @@ def test_a_pair_that_does_little_alone_is_foretold_in_closed_form():
     assert set(likely_pairs(term_directions(root))[0]) == {"sine", "square"}
     both = Structure(("sine", "square"))
     (best, *_) = starting_points(START_RULES, root, both)
-    end = cache.model.fit(both, best.point, {"y": NOISE}, EXACT)
+    end = cache.model.fit(both, best.point, Noise({"y": NOISE}), EXACT)
     assert best.expected_gain == pytest.approx(end.optimum.log_likelihood - root.optimum.log_likelihood, rel=0.02)
     assert searched(cache).best.terms == ("sine", "square")
 
@@ -222,8 +222,9 @@ def test_noise_with_structure_left_counts_effective_samples():
     left = common_noise(root, FLOORS)
     assert left.structured == ("y",)
     assert left.effective_samples["y"] < 100.0
-    assert left.outputs["y"].sd > 3.0 * root.rms()["y"]
-    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, {"y": NOISE}, EXACT)
+    assert left.noise.outputs["y"].sd == pytest.approx(root.rms()["y"])
+    assert left.noise.temperature > 6.0
+    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, Noise({"y": NOISE}), EXACT)
     assert common_noise(right, FLOORS).effective_samples["y"] == 600.0
 
 
@@ -279,7 +280,7 @@ class FromElsewhere:
 
     def again(self, fitted, settings):
         start = fitted.model.at(fitted.values | {"b": 3.72}, fitted.terms)
-        return fitted.model.fit(fitted.structure, start, fitted.optimum.noise, settings)
+        return fitted.model.fit(fitted.structure, start, fitted.noise, settings)
 
 
 def test_what_only_led_the_fit_out_of_a_local_optimum_is_no_missing_term():

@@ -102,15 +102,19 @@ class Optimum:
         """
         noise, parameters = {**self.noise, **noise}, objective.parameters
         white = objective.whiten(self.evaluation.residual, self.evaluation.slopes, noise)
+        moved = replace(self, noise=noise, log_likelihood=white.log_likelihood, whitened=white)
+        covariance, evidence = moved.tempered(parameters)
+        return replace(moved, covariance=covariance, log_evidence=evidence)
+
+    def tempered(self, parameters: ParameterSet, temperature: float = 1.0) -> tuple[FloatArray, float]:
+        """Covariance and log-evidence, by Laplace's approximation, where the likelihood counts to the power
+        ``1 / temperature``."""
         second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
         low, high = (bound[list(self.free)] for bound in parameters.box)
-        hessian = white.slopes @ white.slopes.T + np.diag(np.maximum(-second, 1e-9))
-        covariance, volume = _laplace(hessian, high - low)
+        curvature = self.whitened.slopes @ self.whitened.slopes.T / temperature
+        covariance, volume = _laplace(curvature + np.diag(np.maximum(-second, 1e-9)), high - low)
         occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
-        return replace(
-            self, noise=noise, log_likelihood=white.log_likelihood, whitened=white, covariance=covariance,
-            log_evidence=white.log_likelihood + self.log_prior + occam,
-        )  # fmt: skip
+        return covariance, self.log_likelihood / temperature + self.log_prior + occam
 
 
 @dataclass(frozen=True, eq=False)

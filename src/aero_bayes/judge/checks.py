@@ -60,7 +60,7 @@ class LeaveBlockOut:
     """Each term has to improve the prediction of readings that are left out by two standard errors."""
 
     def judge(self, case: Case) -> Verdict:
-        fits, noise = case.explored.fits, case.explored.noise.outputs
+        fits, noise = case.explored.fits, case.explored.noise.noise
         weak = []
         for id_ in case.fitted.terms:
             rival = fits.get(case.fitted.structure.minus(id_))

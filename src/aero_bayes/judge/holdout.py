@@ -6,6 +6,7 @@ that is linear in its parameters this is exact (leave-group-out cross-validation
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,13 +54,14 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
     Notes
     -----
     With whitened residuals ``a`` of the rival and ``b`` of the model where each reading was left out, the gain is
-    ``(a'a - b'b) / 2`` and its variance under the noise ``|a - b|^2``. A term that acts in few blocks is told by
-    these; its parameters must be told by the other blocks.
+    ``(a'a - b'b) / 2`` and its variance under the noise ``|a - b|^2``, both over the temperature. A term that acts in
+    few blocks is told by these; its parameters must be told by the other blocks.
     """
     recordings = {s.experiment for s in model.model.objective.series}
     whole = len(recordings) > 1
     one, other = _left_out(rival, whole), _left_out(model, whole)
-    gain, spread = 0.5 * float(one @ one - other @ other), float(np.linalg.norm(one - other))
+    gain = 0.5 * float(one @ one - other @ other) / model.temperature
+    spread = float(np.linalg.norm(one - other)) / math.sqrt(model.temperature)
     count = len(recordings) if whole else len(_blocks(model)[0][1])
     return HeldOutGain(gain, spread, count, "recordings" if whole else "blocks")
 
@@ -104,16 +106,15 @@ def _without(
     ``own`` parameters, such as the initial values of its recording, are no prediction: they follow all readings.
     """
     here, r, shared = slopes[:, block], residual[block], ~own
-    whole = slopes @ slopes.T + prior
-    rest = whole - here @ here.T
+    whole: FloatArray = slopes @ slopes.T + prior
+    rest: FloatArray = whole - here @ here.T
     follow: FloatArray = np.zeros((0, int(shared.sum())))
     if own.any():
-        follow = np.linalg.solve(whole[np.ix_(own, own)], whole[np.ix_(own, shared)])
-        cross = rest[np.ix_(own, shared)]
-        rest = rest.copy()
-        rest[np.ix_(shared, shared)] -= cross.T @ np.linalg.solve(whole[np.ix_(own, own)], cross)
+        inside, cross = whole[np.ix_(own, own)], rest[np.ix_(own, shared)]
+        follow = np.asarray(np.linalg.solve(inside, whole[np.ix_(own, shared)]))
+        rest[np.ix_(shared, shared)] -= np.asarray(cross.T @ np.linalg.solve(inside, cross))
     # Readings of the block no longer hold the shared parameters: the Newton step to the optimum of the others.
     step = np.zeros(len(own))
     step[shared] = np.clip(-np.linalg.solve(rest[np.ix_(shared, shared)], here[shared] @ r), low[shared], high[shared])
-    step[own] = np.clip(-follow @ step[shared], low[own], high[own])
+    step[own] = np.clip(-(follow @ step[shared]), low[own], high[own])
     return r - step @ here

@@ -68,9 +68,9 @@ def _in_place_of(
     """The held values that do as well as a term; ``rest`` is the fit without it."""
     fit = replace(settings.climb, hold_noise=True)
     model = wider.of(rest.structure)
-    here = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.optimum.noise, fit)
+    here = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.noise, fit)
     promises = _promises(here, held)
-    needed = LIKELY * (chosen.log_evidence - here.log_evidence)
+    needed = LIKELY * here.temperature * (chosen.log_evidence - here.log_evidence)
     likely = sorted((n for n in promises if promises[n] > needed), key=lambda n: -promises[n])
     found = []
     for name in likely[:TRIED]:
@@ -85,7 +85,7 @@ def _in_place_of(
 
 def _freed(here: FittedModel, name: str, fit: ClimbSettings) -> FittedModel:
     freed = replace(here.model, own=(*here.model.own, here.model.objective.parameters.index(name)))
-    return freed.fit(here.structure, here.optimum.coordinates, here.optimum.noise, fit)
+    return freed.fit(here.structure, here.optimum.coordinates, here.noise, fit)
 
 
 def _promises(here: FittedModel, held: ParameterSet) -> dict[str, float]:

@@ -26,7 +26,7 @@ from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import Explored, Library, StructureSearch, Work
-from aero_bayes.search.models import ModelCache, ModelSource
+from aero_bayes.search.models import ModelCache, ModelSource, Noise
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
@@ -116,7 +116,7 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)
     model = cache.of(Structure(), library.groups[0])
-    root = model.fit(Structure(), model.at(base.values, ()), base.fit.noise, replace(fit, hold_noise=True))
+    root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
     parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)

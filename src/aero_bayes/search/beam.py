@@ -171,7 +171,7 @@ class StructureSearch:
         """
         self._root = root.structure.plus(*self.settings.require)
         self._noise = common_noise(root, self.floors)
-        self._fits[root.structure] = root.refitted(self._noise.outputs, self.fit)
+        self._fits[root.structure] = root.refitted(self._noise.noise, self.fit)
         if self.settings.require:
             self._require(root.structure)
         self._renew()
@@ -246,9 +246,7 @@ class StructureSearch:
                 continue
             with suppress(CannotFinishError):
                 model = self.cache.of(structure)
-                self._keep(
-                    model.fit(structure, model.at(fitted.values, structure.terms), self._noise.outputs, self.fit)
-                )
+                self._keep(model.fit(structure, model.at(fitted.values, structure.terms), self._noise.noise, self.fit))
 
     def _fit_larger(self, targets: Mapping[Structure, Structure], what: str) -> list[Structure]:
         """Fit structures that have new terms, the most promising first; give up what cannot matter."""
@@ -261,7 +259,8 @@ class StructureSearch:
             if self._late(what):
                 break
             starts[structure] = look()
-            self._promised[structure] = max((s.promise for s in starts[structure]), default=0.0)
+            promise = max((s.promise for s in starts[structure]), default=0.0)
+            self._promised[structure] = promise / bases[structure].temperature
         order = sorted(starts, key=lambda s: (-self._promise(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
         for wave in waves(order, self.settings.beam):
@@ -296,7 +295,7 @@ class StructureSearch:
             try:
                 model = self.cache.of(fitted.structure, extra)
                 start = model.at(fitted.values, fitted.terms)
-                self._moved[key] = model.fit(fitted.structure, start, self._noise.outputs, self.fit)
+                self._moved[key] = model.fit(fitted.structure, start, self._noise.noise, self.fit)
             except CannotFinishError:
                 # A law that is off can still be too stiff for this recording.
                 self._skipped |= dict.fromkeys(t for t in extra if t not in fitted.terms)
@@ -330,7 +329,7 @@ class StructureSearch:
     # what is worth a fit
 
     def _promise(self, base: FittedModel, starts: Sequence[Start]) -> float:
-        return base.log_evidence + (starts[0].promise if starts else -math.inf)
+        return base.log_evidence + (starts[0].promise / base.temperature if starts else -math.inf)
 
     def _least(self, tried: Sequence[Structure]) -> float:
         """Log-evidence below which a structure of this level cannot matter."""
@@ -344,12 +343,12 @@ class StructureSearch:
         promise = starts[0].promise if starts else -math.inf
         needed = max(least - base.log_evidence, 0.0)
         likely = base.response.possible(promise) >= self.settings.promise
-        return likely and promise >= self.settings.promise_share * needed
+        return likely and promise / base.temperature >= self.settings.promise_share * needed
 
     def _keep(self, found: FittedModel) -> None:
         """Keep the better fit of a structure."""
         known = self._fits.get(found.structure)
-        if known is None or found.log_evidence > known.under(self._noise.outputs).log_evidence:
+        if known is None or found.log_evidence > known.under(self._noise.noise).log_evidence:
             self._fits[found.structure] = found
 
     # noise, restarts, time
@@ -359,7 +358,7 @@ class StructureSearch:
         for _ in range(RENEWALS):
             last = self._noise
             self._noise = self._own_noise()
-            if self._noise.outputs == last.outputs:
+            if self._noise.noise == last.noise:
                 break
             self._rescore()
 
@@ -369,7 +368,7 @@ class StructureSearch:
         tops = [max((self._fits[s] for s in own), key=lambda f: (f.log_evidence, f.terms)) for own in sizes.values()]
         for top in sorted(tops, key=lambda f: -f.log_evidence):
             noise = common_noise(top, self.floors)
-            scores = {s: self._price.score(f.under(noise.outputs)) for s, f in self._fits.items()}
+            scores = {s: self._price.score(f.under(noise.noise)) for s, f in self._fits.items()}
             rivals = [score for s, score in scores.items() if s.contains_terms(self._root) and s != top.structure]
             if scores[top.structure] >= max(rivals, default=-math.inf) - self.settings.equivalence:
                 return noise
@@ -377,13 +376,13 @@ class StructureSearch:
 
     def _rescore(self) -> None:
         """Score all structures under the present noise; fit the best of each size anew."""
-        self._fits = {s: f.under(self._noise.outputs) for s, f in self._fits.items()}
+        self._fits = {s: f.under(self._noise.noise) for s, f in self._fits.items()}
         again = {self._root, Structure()} | {self._best().structure.minus(t) for t in self._best().terms}
         for own in by_size(self._fits).values():
             own.sort(key=lambda s: (-self._price.score(self._fits[s]), s.terms))
             again |= set(own[: self.settings.beam])
         known = [s for s in self._fits if s in again]
-        tasks = [partial(self._fits[s].refitted, self._noise.outputs, self.fit) for s in known]
+        tasks = [partial(self._fits[s].refitted, self._noise.noise, self.fit) for s in known]
         self.work.ahead(tasks, lambda done: None)
         for task in tasks:
             with suppress(CannotFinishError):
@@ -407,7 +406,7 @@ class StructureSearch:
     def _alone(self, structure: Structure) -> FittedModel:
         """A structure on the model that has its terms and no others."""
         model, known = self.cache.of(structure), self._fits[structure]
-        return model.fit(structure, model.at(known.values, structure.terms), self._noise.outputs, self.fit)
+        return model.fit(structure, model.at(known.values, structure.terms), self._noise.noise, self.fit)
 
     def _require(self, root: Structure) -> None:
         """The fit with the terms that must be there, one after the other."""

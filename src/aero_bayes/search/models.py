@@ -22,7 +22,22 @@ from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise
 
 FloatArray = NDArray[np.float64]
-Noise = Mapping[str, OutputNoise]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise under which structures are fitted and compared.
+
+    Parameters
+    ----------
+    outputs : mapping of str to OutputNoise
+        Of the fits: it weighs the outputs.
+    temperature : float
+        Log-likelihoods are divided by it for the comparison, so that readings count as effective samples.
+    """
+
+    outputs: Mapping[str, OutputNoise]
+    temperature: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,26 +82,35 @@ class CandidateModel:
         CannotFinishError
             If the model cannot be simulated at the start.
         """
-        end = climb(self.objective, start, self.free(structure.terms), noise=noise, settings=settings)
-        return FittedModel(self, structure, end)
+        end = climb(self.objective, start, self.free(structure.terms), noise=noise.outputs, settings=settings)
+        return FittedModel(self, structure, end, noise.temperature)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A structure fitted to the recordings: the model on which it was fitted, and the optimum there."""
+    """A structure fitted to the recordings: the model on which it was fitted, and the optimum there.
+
+    Its log-likelihood counts to the power ``1 / temperature``.
+    """
 
     model: CandidateModel
     structure: Structure
     optimum: Optimum
+    temperature: float = 1.0
 
     @property
     def terms(self) -> tuple[str, ...]:
         return self.structure.terms
 
     @property
+    def noise(self) -> Noise:
+        """Under which it was fitted and is compared."""
+        return Noise(self.optimum.noise, self.temperature)
+
+    @cached_property
     def log_evidence(self) -> float:
-        """Laplace's approximation under the noise that the optimum carries."""
-        return self.optimum.log_evidence
+        """Tempered log-evidence in Laplace's approximation."""
+        return self.optimum.tempered(self.model.objective.parameters, self.temperature)[1]
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -101,9 +125,10 @@ class FittedModel:
 
     def under(self, noise: Noise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
-        if all(self.optimum.noise[o] == n for o, n in noise.items()):
-            return self
-        return replace(self, optimum=self.optimum.under(self.model.objective, noise))
+        optimum = self.optimum
+        if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
+            optimum = optimum.under(self.model.objective, noise.outputs)
+        return replace(self, optimum=optimum, temperature=noise.temperature)
 
     def refitted(self, noise: Noise, settings: ClimbSettings) -> FittedModel:
         """The optimum under another noise, from here."""

@@ -19,8 +19,7 @@ SLACK = 20.0
 
 def aim_at(like: FittedModel, log_evidence: float) -> float:
     """The cost at which a fit with the Occam factor of another has a log-evidence."""
-    occam = like.log_evidence - like.optimum.log_likelihood - like.optimum.log_prior
-    return occam - log_evidence + SLACK
+    return like.temperature * (like.log_evidence - log_evidence + SLACK) - like.optimum.log_likelihood
 
 
 def refit(

@@ -42,7 +42,7 @@ class GrowingHorizon:
         try:
             free = model.free(fitted.terms)
             point, _ = grown(model.objective, start, free, settings.rough(25, 0.01), model.open, known)
-            return model.fit(fitted.structure, point, fitted.optimum.noise, settings)
+            return model.fit(fitted.structure, point, fitted.noise, settings)
         except CannotFinishError:
             return None
 
@@ -74,6 +74,6 @@ class Swarm:
             found = Climber(objective, search).to_optimum(
                 model.free(fitted.terms), model.open, np.random.default_rng(self._seed)
             )
-            return model.fit(fitted.structure, found.optimum.coordinates, fitted.optimum.noise, settings)
+            return model.fit(fitted.structure, found.optimum.coordinates, fitted.noise, settings)
         except CannotFinishError:
             return None

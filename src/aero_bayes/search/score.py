@@ -1,10 +1,10 @@
 """The one score of all structures under comparison: log-evidence under one noise, less a price for each term.
 
 The noise is that of the best structure so far, per output. Where a residual is what a sensor leaves, it is the sensor's
-noise as estimated. Where structure is left, it is the residual's root mean square times the square root of its
-integrated autocorrelation time: so a series of ``n`` readings counts for ``n / tau`` independent ones, which is the
-likelihood to the power ``1 / tau`` (a coarsened posterior: Miller and Dunson, 2019, JASA 114, 1113; composite
-likelihood: Varin, Reid and Firth, 2011, Statistica Sinica 21, 5). It weighs outputs by their effective samples as well.
+noise as estimated. Where structure is left, structures are fitted by least squares, and a series of ``n`` readings
+counts for ``n / tau`` independent ones, where ``tau`` is the residual's integrated autocorrelation time: the likelihood
+counts to the power ``1 / tau`` (a coarsened posterior: Miller and Dunson, 2019, JASA 114, 1113; composite likelihood:
+Varin, Reid and Firth, 2011, Statistica Sinica 21, 5). So do the weights of several outputs among each other.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.estimate.climb import ClimbSettings, noise_of
 from aero_bayes.search.models import FittedModel, Noise
-from aero_bayes.sensors.noise import OutputNoise, estimate_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 
 FloatArray = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class CommonNoise:
 
     Parameters
     ----------
-    outputs : mapping of str to OutputNoise
+    noise : Noise
     autocorrelation_time : mapping of str to float
         In samples, by output; 1 where the output is down to its noise.
     effective_samples : mapping of str to float
@@ -44,7 +45,7 @@ class CommonNoise:
         Of the residual that the noise was taken from, under the noise as estimated.
     """
 
-    outputs: Noise
+    noise: Noise
     autocorrelation_time: Mapping[str, float]
     effective_samples: Mapping[str, float]
     structured: tuple[str, ...]
@@ -94,25 +95,24 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     """
     objective, optimum = fitted.model.objective, fitted.optimum
     calibration, parts = objective.calibration, _by_output(fitted)
-    estimated = {}
-    for output, own in parts.items():
-        times = [objective.series[k].sampling.time for k, _ in own]
-        least = calibration.floors.get(output, 0.0)
-        estimated[output] = estimate_noise(
-            times, [r for _, r in own], calibration.noise.kind(output), None, max(least, 1e-7 * _range(fitted, output))
-        )
+    white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}
+    floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
+    # No longer correlated than a sensor's noise may be: what lasts is the model's fault.
+    estimated = noise_of(objective, optimum.evaluation.residual, ClimbSettings(kinds=white, floors=floors_of))
     reports = inspect(calibration, objective.series, replace(optimum, noise=estimated), floors)
-    left = {r.output for r in reports if r.verdict == "structured"} | {o for o, n in estimated.items() if n.held}
+    left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
     times_of = {o: autocorrelation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
     samples = {o: counts[o] / times_of[o] for o in parts}
     spent = _spent(sum(samples.values()), len(optimum.free))
+    shortest = min(times_of.values())
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
-        noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] * spent), 1e-300))
-    return CommonNoise(noise, times_of, samples, tuple(o for o in parts if o in left), reports)
+        noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
+    temperature = shortest * (spent if left else 1.0)
+    return CommonNoise(Noise(noise, temperature), times_of, samples, tuple(o for o in parts if o in left), reports)
 
 
 def _spent(samples: float, parameters: int) -> float:
