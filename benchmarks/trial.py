@@ -97,7 +97,7 @@ def run(task: Task) -> dict[str, Any]:
         "outcome": result.outcome,
         "found": [{"id": e.id, "port": e.port, "kind": e.kind, "gain": e.gain} for e in result.effects],
         "equivalent": [list(ids) for ids in result.equivalent],
-        "best": [(s.candidate.id, round(s.gain, 2)) for s in (result.rounds[0].scores[:3] if result.rounds else ())],
+        "best": [(rival.id, round(rival.gain, 2)) for rival in (result.steps[0].rivals[:3] if result.steps else ())],
         "after_over_noise": over,
         "sentence": result.sentence,
         "simulations": result.simulations,

@@ -14,7 +14,7 @@ from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.judge.holdout import BLOCKS, held_out_gain
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Structure
-from aero_bayes.search.models import CandidateModel
+from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -34,7 +34,7 @@ def rows(time):
     return np.stack([np.ones_like(time), time / 10.0, np.sin(time)], axis=-1)
 
 
-def study(times, measured, design, parameters, term):
+def study(times, measured, design, parameters, term, temperature=1.0):
     """The linear model ``y = design(time) p`` with and without the parameter ``term``, fitted under white noise."""
     outputs = ["y", "z"][: measured[0].shape[1]]
     problem = closed_form.calibration(list(zip(times, measured, strict=True)), outputs, parameters)
@@ -44,7 +44,7 @@ def study(times, measured, design, parameters, term):
     own = tuple(j for j in range(len(parameters)) if j != term)
     candidates = {"wave": Candidate("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
-    noise = {o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}
+    noise = Noise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
     structures = Structure(("wave",)), Structure()
     return [model.fit(s, model.at({}, ()), noise, EXACT) for s in structures]
 
@@ -84,6 +84,17 @@ def test_blocks_of_time_are_foretold_as_by_refits_without_them(size):
     assert found.gain == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert found.standard_error == pytest.approx(error, rel=1e-6)
     assert found.in_errors == pytest.approx(gain / error, rel=1e-6, abs=1e-6)
+
+
+def test_gain_and_error_are_those_of_effective_samples():
+    """At a temperature the log-density counts for less, and so does its variance."""
+    y = rows(TIME) @ [1.0, 2.0, 0.3] + 0.1 * np.random.default_rng(6).normal(size=TIME.size)
+    cold, warm = (
+        held_out_gain(*study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2, temperature))
+        for temperature in (1.0, 9.0)
+    )
+    assert warm.gain == pytest.approx(cold.gain / 9.0)
+    assert warm.in_errors == pytest.approx(cold.in_errors / 3.0)
 
 
 def test_a_block_is_left_out_of_all_outputs_at_once():
