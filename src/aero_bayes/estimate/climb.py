@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.search import Found, Ground, LocalSettings, Stop, search
 from aero_bayes.estimate.shape import shape_of
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
