@@ -75,7 +75,7 @@ def close_loop(
     >>> few = ("coulomb_friction", "gain")
     >>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"), laws=few)
     >>> aero_bayes.close_loop([recording], [test], model="Rig", settings=settings, workers=0)
-    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.0049 -> 0.000302>
+    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
     if not train:
         raise InputError("the closed loop needs at least one training recording")
