@@ -14,6 +14,8 @@ from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.show import listed
 
+#: Readings that there have to be for each free parameter.
+READINGS_PER_PARAMETER = 5
 #: Standard errors by which a term has to improve the prediction of readings that were left out.
 STANDARD_ERRORS = 2.0
 #: Structure that is less than so much above the noise floor is not seen.
@@ -54,6 +56,16 @@ class Check(Protocol):
     def judge(self, case: Case) -> Verdict:
         """Whether its terms may be named."""
         ...
+
+
+class EnoughReadings:
+    """There have to be several readings for each free parameter."""
+
+    def judge(self, case: Case) -> Verdict:
+        readings, parameters = case.fitted.optimum.whitened.readings, len(case.fitted.optimum.free)
+        few = readings < READINGS_PER_PARAMETER * parameters
+        reason = f"{readings} readings are too few for {parameters} free parameters" if few else ""
+        return Verdict("EnoughReadings", not few, reason)
 
 
 class LeaveBlockOut:

@@ -10,7 +10,7 @@ from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_struct
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.judge.checks import Check, Choice, LeaveBlockOut, LeftOver, choose, disturbed
+from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, choose, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
@@ -71,7 +71,7 @@ class Conclusion:
 def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
     """Name the best structure that passes the checks, unless unseen readings refuse it."""
     settings = bench.settings
-    checks: list[Check] = [LeaveBlockOut(), LeftOver(settings.left_over)]
+    checks: list[Check] = [EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over)]
     checks = [c for c in checks if type(c).__name__ not in settings.leave_out]
     choice = choose(explored, checks, settings.structures.require)
     chosen, within = choice.fitted, settings.structures.equivalence

@@ -123,6 +123,13 @@ class FittedModel:
         """How the free parameters readjust to a change of the outputs, to first order."""
         return LinearResponse(self.model.objective, self.optimum)
 
+    @cached_property
+    def parameters_on_bound(self) -> int:
+        """Free parameters of the first model that ended on a bound."""
+        parameters = self.model.objective.parameters
+        ended = parameters.on_bound(self.optimum.coordinates)
+        return sum(bool(ended[j]) for j in self.model.own if parameters.items[j].recording is None)
+
     def under(self, noise: Noise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
         optimum = self.optimum

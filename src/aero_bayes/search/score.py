@@ -105,22 +105,12 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
     times_of = {o: autocorrelation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
     samples = {o: counts[o] / times_of[o] for o in parts}
-    spent = _spent(sum(samples.values()), len(optimum.free))
     shortest = min(times_of.values())
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
         noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
-    temperature = shortest * (spent if left else 1.0)
-    return CommonNoise(Noise(noise, temperature), times_of, samples, tuple(o for o in parts if o in left), reports)
-
-
-def _spent(samples: float, parameters: int) -> float:
-    """Factor of the unbiased variance: a fit of so many parameters leaves less than the noise.
-
-    Where there are hardly more effective samples than parameters nothing is left to tell structures apart.
-    """
-    return samples / max(samples - parameters, 1e-3 * samples)
+    return CommonNoise(Noise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
 
 
 def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
@@ -166,9 +156,13 @@ class Price:
         return self.of_one + (self.margin if id_ in self.extra else 0.0)
 
     def score(self, fitted: FittedModel) -> float:
-        """Log-evidence less what the structure pays."""
+        """Log-evidence less what the structure pays.
+
+        A parameter of the first model that ends on a bound pays the margin: whoever wrote the model knows that it acts.
+        """
         freed = len(fitted.structure.freed) * (math.log(max(self.parameters, 1)) + self.margin)
-        return fitted.log_evidence - sum(self.of_term(t) for t in fitted.terms) - freed
+        off = self.margin * fitted.parameters_on_bound
+        return fitted.log_evidence - sum(self.of_term(t) for t in fitted.terms) - freed - off
 
 
 def odds(gains: Sequence[float]) -> tuple[list[float], float]:
