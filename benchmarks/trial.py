@@ -17,17 +17,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
-import multiprocessing
 import tempfile
 import time
 from dataclasses import dataclass
-from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 from trial_distance import distances, scaled_to
 from trial_runs import executor_options, run_trials, write_summary
 from trial_table import summarise
@@ -35,8 +31,8 @@ from trial_table import summarise
 from aero_bayes.bench import draw_trial
 from aero_bayes.data import read_recording
 from aero_bayes.fleet import open_executor
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.physics.family import KNOTS, ModelFamily
 
 TABLE, DEVELOPMENT = 7201, 1001
 KINDS = ("single", "none", "pair", "outside")
@@ -74,7 +70,7 @@ def run(task: Task) -> dict[str, Any]:
     began = time.perf_counter()
     rng = np.random.default_rng([task.root, KINDS.index(task.kind), task.number])
     spec = draw_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
-    family = ModelFamily(BASE, task.cache)
+    family = RigFamily(BASE, (), task.cache)
     if task.kind == "single" and (task.number // 2) % 2 == 0:
         spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
     with tempfile.TemporaryDirectory(prefix="trial-") as folder:
@@ -101,8 +97,7 @@ def run(task: Task) -> dict[str, Any]:
         "outcome": result.outcome,
         "found": [{"id": e.id, "port": e.port, "kind": e.kind, "gain": e.gain} for e in result.effects],
         "equivalent": [list(ids) for ids in result.equivalent],
-        "moment": None if result.moment is None else result.moment.port,
-        "best": [(s.candidate.id, round(s.gain, 2)) for s in (result.rounds[0].scores[:3] if result.rounds else ())],
+        "best": [(rival.id, round(rival.gain, 2)) for rival in (result.steps[0].rivals[:3] if result.steps else ())],
         "after_over_noise": over,
         "sentence": result.sentence,
         "simulations": result.simulations,
@@ -118,20 +113,6 @@ def attempt(task: Task) -> dict[str, Any]:
         return run(task)
     except Exception as error:
         return {"key": task.key, "kind": task.kind, "noise": task.noise, "error": f"{type(error).__name__}: {error}"}
-
-
-def build_curves(cache: Path, processes: int) -> None:
-    """Every FMU with a learned curve, so that no trial waits for one."""
-    places = [(curve.port, curve.over) for curve in ModelFamily(BASE, cache).declared.curves]
-    build = partial(build_curve, cache)
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        wanted = [(*place, knots) for place, knots in product(places, KNOTS)]
-        for _ in tqdm(pool.imap_unordered(build, wanted), total=len(wanted), desc="models"):
-            pass
-
-
-def build_curve(cache: Path, place: tuple[str, str, int]) -> None:
-    ModelFamily(BASE, cache).curve(*place)
 
 
 def main() -> None:
@@ -150,9 +131,7 @@ def main() -> None:
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
     cache = (work / "fmu").resolve()
-    ModelFamily(BASE, cache).screening()
-    if not arguments.quick:  # A few trials build the few curves that they need; many would all wait for the same ones.
-        build_curves(cache, arguments.processes)
+    RigFamily(BASE, (), cache).plain()
     tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
     with open_executor(arguments.dask, arguments.processes) as executor:
         rows = run_trials(tasks, attempt, work / "trials.sqlite", executor)

@@ -20,9 +20,8 @@ from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_m
 from aero_bayes.estimate.ascent import Climber
 from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.loop import LoopSettings
-from aero_bayes.physics.catalogue import candidates_of
-from aero_bayes.physics.family import ModelFamily
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator, SolverSettings
@@ -42,19 +41,19 @@ def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
     return noise
 
 
-def distances(spec: TrialSpec, silent: Recording, family: ModelFamily, ids: Sequence[str]) -> list[float]:
+def distances(spec: TrialSpec, silent: Recording, family: RigFamily, ids: Sequence[str]) -> list[float]:
     """Distance of each effect, the others of the truth being known to the model (catalogue effects only)."""
     if not ids:
         return []
-    left = _distance(spec, silent, family, ids) if all(id_ in family.declared.catalogue for id_ in ids) else 0.0
+    left = _distance(spec, silent, family, ids) if all(id_ in family.declared.effects for id_ in ids) else 0.0
     found = [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
     return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
 
-def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:
+def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
     """The trial with its one effect's magnitude changed so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = family.declared.effect(effect.id).magnitude.name
+    name = next(c.law.switch.name for c in family.every if c.id == effect.id)
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
@@ -71,8 +70,8 @@ def scaled_to(spec: TrialSpec, wanted: float, family: ModelFamily) -> TrialSpec:
     return spec
 
 
-def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Sequence[str]) -> float:
-    model = family.screening()
+def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequence[str]) -> float:
+    model = family.plain()
     shared = parameters_from_model(
         model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
     )
@@ -83,25 +82,27 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelFamily, known: Se
     assert experiment.measured is not None
     exact = silent.measured(experiment.outputs)[np.searchsorted(silent.time, experiment.time)]
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
-    base = read.parameters
-    highest = float(np.abs(silent.inputs["V_m"]).max())
-    listed = [k for k in known if k in family.declared.catalogue]
-    extra = [p for _, own in candidates_of(family.declared, listed, OUTPUTS, highest).values() for p in own]
-    parameters = base.extended(extra)
-    calibration = replace(read, experiments=(experiment,), parameters=parameters)
+    plain = replace(read, experiments=(experiment,))
+    with _here(plain.problem()) as simulator:
+        every = range(len(plain.parameters))
+        climber = Climber(Objective(plain, simulator), loop.ascent)
+        first = climber.to_optimum(every, _here, np.random.default_rng(1)).optimum
+    family.prepare(plain, first, _here)
+    listed = [k for k in known if k in family.declared.effects]
+    calibration, extra = plain, []
+    if listed:
+        offer = family.offer(listed)
+        names = {p.name for id_ in listed for p in family.parameters(id_)}
+        calibration, extra = family.on(plain, offer.model), [p for p in offer.parameters if p.name in names]
+    parameters = calibration.parameters.extended(extra)
+    calibration = replace(calibration, parameters=parameters)
+    truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
+    values = [*plain.parameters.from_search(first.coordinates), *(truth.get(p.name, p.start) for p in extra)]
     with _here(calibration.problem()) as simulator:
-        objective = Objective(calibration, simulator)
-        first = Climber(objective, loop.ascent).to_optimum(range(len(base)), _here, np.random.default_rng(1)).optimum
-        start = first.coordinates.copy()
-        truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
-        for item in extra:
-            if item.name in truth:
-                start[parameters.index(item.name)] = parameters.to_search(
-                    np.array([truth.get(p.name, p.start) for p in parameters])
-                )[parameters.index(item.name)]
         found = climb(
-            objective, start, range(len(parameters)), noise=true_noise(spec), settings=ClimbSettings(hold_noise=True)
-        )
+            Objective(calibration, simulator), parameters.to_search(np.array(values)), range(len(parameters)),
+            noise=true_noise(spec), settings=ClimbSettings(hold_noise=True),
+        )  # fmt: skip
     return float(np.linalg.norm(found.whitened.residual))
 
 

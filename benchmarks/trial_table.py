@@ -31,15 +31,21 @@ def abstained(row: Row) -> bool:
 def right_port(row: Row) -> bool:
     """Whether the first effect found, or one equivalent to it, acts where the true one does.
 
-    A moment is told by its time, not by a port.
+    A disturbance of a moment is at no port: then nothing is to be named.
     """
     if row["truth"][0]["port"] == "moment":
-        return row["moment"] is not None
+        return not row["found"]
     if not row["found"]:
         return False
     first = row["found"][0]
     same = {other for ids in row["equivalent"] if first["id"] in ids for other in ids}
-    return row["truth"][0]["port"] in {first["port"], *(declaration_of(DEFAULT_MODEL).effect(id_).port for id_ in same)}
+    return row["truth"][0]["port"] in {first["port"], *(_port(id_) for id_ in same)}
+
+
+def _port(id_: str) -> str:
+    """Where an effect acts; of a curve as its id says."""
+    declared = declaration_of(DEFAULT_MODEL)
+    return declared.port_of(id_) if id_ in declared.effects else id_.partition("@")[2]
 
 
 def learned(row: Row) -> bool:
@@ -114,7 +120,6 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
         "trials": len(rows),
         "no_false_name": rate(rows, abstained),
         "learned": sum(map(learned, rows)),
-        "moment": sum(row["moment"] is not None for row in rows),
         "right_port": rate(rows, right_port),
         "unseen_over_noise_median": quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
     }
@@ -160,9 +165,9 @@ def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row])
             f"{label:>14} {band['trials']:7d} {show(band['right_effect']):>14} {show(band['right_port']):>12} "
             f"{show(band['found_something']):>17}"
         )
-    lines += ["", "outside the catalogue        trials   no false name   curves   moments   right port   unseen/noise"]
+    lines += ["", "outside the catalogue        trials   no false name   curves   right port   unseen/noise"]
     lines += [
-        f"  {id_:<26} {item['trials']:6d} {show(item['no_false_name']):>15} {item['learned']:8d} {item['moment']:9d} "
+        f"  {id_:<26} {item['trials']:6d} {show(item['no_false_name']):>15} {item['learned']:8d} "
         f"{show(item['right_port']):>12} {show(item['unseen_over_noise_median'], False):>14}"
         for id_, item in summary["outside_by_effect"].items()
     ]

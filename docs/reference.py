@@ -26,9 +26,10 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
 from aero_bayes.default import DEFAULT_MODEL
-from aero_bayes.export import declaration_of
 from aero_bayes.fleet.rigs import FleetFile
-from aero_bayes.physics import general_laws
+from aero_bayes.laws.law import general_laws
+from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.use import in_words
 
 sys.path.insert(0, str(Path(__file__).parent))
 from docstrings import Public, public
@@ -93,7 +94,7 @@ KEYS: Mapping[str, str] = {
     "loop.max_effects": "most effects that are added",
     "loop.max_minutes": "most time for the search, in min; what it has found by then is judged",
     "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
-    "loop.effects": "ids of declared effects to consider; for other models the laws",
+    "loop.effects": "ids or laws to consider",
     "loop.exclude": "ids, ports or laws that are not considered",
     "loop.require": "ids of effects that are added without having to earn their place",
     "loop.ports": "the only ports that are considered",
@@ -281,10 +282,11 @@ def laws() -> str:
 
 
 def effects() -> str:
-    """The AERO's own catalogue."""
+    """The AERO's effects and the curves that are learned there."""
+    family = RigFamily(DEFAULT_MODEL, (), Path())
     rows = [
-        (f"`{effect.id}`", effect.port, effect.summary, ", ".join(f"`{p.name}`" for p in effect.parameters))
-        for effect in declaration_of(DEFAULT_MODEL).effects
+        (f"`{c.id}`", family.named(c.port), in_words(c.law, c.port), ", ".join(f"`{p.name}`" for p in c.law.parameters))
+        for c in family.every
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import field
 from functools import lru_cache
 from typing import Annotated, Any, Literal
@@ -95,130 +95,22 @@ class Searched:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class State:
-    """A signal that curves may be over: an output or its ``rate``.
-
-    ``even`` makes its range symmetric; ``typical`` is its size where the output was not recorded.
-    """
-
-    output: str
-    rate: bool = False
-    even: bool = False
-    typical: float = 1.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class Port:
-    """Where physics can be added: the ``unit`` of a signal there, and the class of the ``probe`` that adds one.
-
-    ``slot`` is what is filled at it; ``seen_by`` the output without which nothing of it shows; ``size``, a product of
-    parameters, inputs and sizes of states, what the model puts through it.
-    """
-
-    unit: str = ""
-    slot: str = ""
-    probe: str = ""
-    seen_by: str = ""
-    size: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, config=_STRICT)
-class Slot:
-    """A replaceable model of the systems.
-
-    ``component`` is what it is the class of, ``within`` the components (by the name that a system gives them) that have
-    one each. Of ``partial``, its base class, all that fill it are handed the variables ``hands``; several are connected
-    at the connectors ``shared``, in ``series`` from one connector to another, or pass a ``signal`` on.
-    """
-
-    component: str
-    partial: str
-    within: str = ""
-    hands: tuple[str, ...] = ()
-    series: tuple[str, str] | None = None
-    signal: tuple[str, str] | None = None
-    shared: tuple[str, ...] = ()
-    seen_by: str = ""
-
-
-@dataclass(frozen=True, config=_STRICT)
-class Curve:
-    """The class of a learned curve at a port over a state, which it knows itself or is handed as ``x``.
-
-    Its values are a loss in the port's unit, or a ``share`` of what passes.
-    """
-
-    port: str
-    over: str
-    model: str
-    x: str = ""
-    share: bool = False
-
-
-@dataclass(frozen=True, config=_STRICT)
-class EffectParameter:
-    """A new top-level parameter.
+class Effect:
+    """An effect by the name that it goes by.
 
     Parameters
     ----------
-    name, unit, description : str
-        As declared in the extended model, in SI units.
-    minimum, maximum : float
-        Bounds of a search. Where the effect vanishes at zero, zero is within them.
-    scale : float
-        Typical magnitude.
-    starts : tuple of float
-        Values worth starting a search from.
-    inverse_shares : tuple of float
+    law : str
+        The law and its port, as ``law@port``.
+    starts : mapping of str to tuple of float
+        Values of its parameters worth starting a search from.
+    inverse_shares : mapping of str to tuple of float
         In their place: shares of the largest input at whose inverse to start. (A limit acts only below that input.)
-    default : float
-        Value in the extended model: zero where the parameter switches the effect.
-    component_name : str
-        Its name in the component, where that differs.
     """
 
-    name: str
-    unit: str
-    description: str
-    maximum: float
-    scale: float
-    starts: tuple[float, ...]
-    minimum: float = 0.0
-    inverse_shares: tuple[float, ...] = ()
-    default: float = 0.0
-    component_name: str = ""
-
-    @property
-    def signed(self) -> bool:
-        """Whether negative values have a meaning."""
-        return self.minimum < 0.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class Effect:
-    """Physics that a system may lack.
-
-    ``slot`` is the replaceable model that it fills, by default the port's. ``parameters[0]`` switches the effect: at
-    zero nothing is left. ``widths`` names the component's smoothing constants with their values; ``rank`` orders
-    effects in one slot. An effect that ``refines`` another is a finer law of the same physics, with more parameters,
-    and stands in its place.
-    """
-
-    id: str
-    port: str
-    model: str
-    parameters: tuple[EffectParameter, ...]
-    summary: str
-    slot: str = ""
-    source: str = ""
-    widths: Mapping[str, float] = field(default_factory=dict)
-    rank: int = 0
-    refines: str = ""
-
-    @property
-    def magnitude(self) -> EffectParameter:
-        """The parameter that switches the effect."""
-        return self.parameters[0]
+    law: str
+    starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    inverse_shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -229,55 +121,30 @@ class Declaration:
     ----------
     package : str
         Its name; empty in an FMU.
-    systems : mapping
-        Models that it holds for, and in each the components that ``within`` of a slot stands for.
+    systems : tuple of str
+        Models that it holds for.
     parameters : mapping of str to Searched
     fixed : mapping of str to str
         Parameters that are not searched, with the reason.
+    ports : mapping of str to str
+        Names of replaceable models, by the model's name in snake case.
+    effects : mapping of str to Effect
+        By their names. Where there are any, only they and learned curves are tried.
     """
 
     package: str = ""
-    systems: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict)
+    systems: tuple[str, ...] = ()
     recording: Recorded = Recorded()
     limits: Allowed = Allowed()
     parameters: Mapping[str, Searched] = field(default_factory=dict)
     fixed: Mapping[str, str] = field(default_factory=dict)
-    states: Mapping[str, State] = field(default_factory=dict)
-    ports: Mapping[str, Port] = field(default_factory=dict)
-    slots: Mapping[str, Slot] = field(default_factory=dict)
-    curves: tuple[Curve, ...] = ()
-    effects: tuple[Effect, ...] = ()
+    ports: Mapping[str, str] = field(default_factory=dict)
+    effects: Mapping[str, Effect] = field(default_factory=dict)
 
-    @property
-    def catalogue(self) -> Mapping[str, Effect]:
-        """Effects by id."""
-        return {effect.id: effect for effect in self.effects}
-
-    def effect(self, id_: str) -> Effect:
-        """The effect of that id. Raises InputError for an unknown one."""
-        if id_ not in self.catalogue:
-            raise InputError(f"unknown effect {id_!r}; expected one of {', '.join(self.catalogue) or 'none'}")
-        return self.catalogue[id_]
-
-    def slot_of(self, effect: Effect) -> str:
-        """The replaceable model that an effect fills."""
-        return effect.slot or self.ports[effect.port].slot
-
-    def curve(self, port: str, over: str) -> Curve:
-        """The curve at a port over a state. Raises InputError where there is none."""
-        for curve in self.curves:
-            if (curve.port, curve.over) == (port, over):
-                return curve
-        options = ", ".join(f"{c.port} over {c.over}" for c in self.curves)
-        raise InputError(f"no learned curve at {port} over {over}; expected {options}")
-
-    def curve_unit(self, port: str, over: str) -> str:
-        """Unit of a learned curve's values."""
-        return "1" if self.curve(port, over).share else self.ports[port].unit
-
-    def shown(self, port: str, outputs: Collection[str]) -> bool:
-        """Whether recorded outputs show anything of a port."""
-        return self.ports[port].seen_by in ("", *outputs)
+    def port_of(self, effect: str) -> str:
+        """Name of the port at which an effect acts."""
+        at = self.effects[effect].law.partition("@")[2]
+        return self.ports.get(at, at)
 
 
 def parse(text: str, where: str, package: str = "") -> Declaration:
@@ -289,10 +156,7 @@ def parse(text: str, where: str, package: str = "") -> Declaration:
         Where it is no TOML, or holds a key or value that does not exist; names ``where`` it stands and the key.
     """
     try:
-        declared = _read(text, package)
-        if missing := next(_missing(declared), ""):
-            raise InputError(f"{where}: {missing}")
-        return declared
+        return _read(text, package)
     except ValidationError as error:
         problem = error.errors()[0]
         key = ".".join(map(str, problem["loc"]))
@@ -308,27 +172,3 @@ def _read(text: str, package: str) -> Declaration:
         for name in columns:
             columns[name]["name"] = name
     return TypeAdapter(Declaration).validate_python({**document, "package": package})
-
-
-def _missing(declared: Declaration) -> Iterator[str]:
-    """What the declaration refers to and does not have."""
-    for system, groups in declared.systems.items():
-        for name, slot in declared.slots.items():
-            if slot.within and slot.within not in groups:
-                yield f"systems.{system}: no components {slot.within!r}, which slots.{name} is within"
-    wanted = [(f"ports.{name}", "slots", port.slot) for name, port in declared.ports.items() if port.slot or port.probe]
-    for curve in declared.curves:
-        place = f"the curve at {curve.port} over {curve.over}"
-        wanted += [(place, "ports", curve.port), (place, "states", curve.over)]
-        wanted += [(place, "slots", declared.ports[curve.port].slot)] if curve.port in declared.ports else []
-    for effect in declared.effects:
-        wanted.append((f"the effect {effect.id}", "ports", effect.port))
-        if effect.port in declared.ports:
-            wanted.append((f"the effect {effect.id}", "slots", declared.slot_of(effect)))
-        if not effect.parameters:
-            yield f"the effect {effect.id}: expected a parameter that switches it"
-        if effect.refines and effect.refines not in declared.catalogue:
-            yield f"the effect {effect.id}: refines an effect {effect.refines!r} that is not there"
-    for place, table, name in wanted:
-        if name not in getattr(declared, table):
-            yield f"{place}: there is no {table}.{name}"

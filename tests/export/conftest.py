@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from written_effects import write_effects
 
-from aero_bayes.export import EffectUse, declaration_of, export_fmu, write_extension
+from aero_bayes.export import declaration_of, export_fmu
 
 BASE = "Aero.Systems.OneDof"
 
@@ -28,17 +29,9 @@ def aero_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """OneDof with every effect of the catalogue, switched off."""
     folder = tmp_path_factory.mktemp("screening")
-    every = [EffectUse(id_) for id_ in declaration_of(BASE).catalogue]
-    model = write_extension(BASE, every, folder, name="OneDof_screening")
+    every: dict[str, dict[str, float]] = {id_: {} for id_ in declaration_of(BASE).effects}
+    model = write_effects(BASE, every, folder, "OneDof_screening")
     return export_fmu(model.name, folder / "screening.fmu", compiler="embedded", sources=[model.path])
-
-
-@pytest.fixture(scope="session")
-def probes_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """OneDof with an input at every port."""
-    folder = tmp_path_factory.mktemp("probes")
-    model = write_extension(BASE, [], folder, name="OneDof_probes", probes=True)
-    return export_fmu(model.name, folder / "probes.fmu", compiler="embedded", sources=[model.path])
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from export_driver import driven
 from fmpy.validation import validate_fmu
-from hand_written_aero import NOMINAL, SCALES, STATES, one_dof
+from hand_written_aero import NOMINAL, SCALES, STATES
 
 from aero_bayes.export import declaration_of
+from aero_bayes.laws.rig_family import RigFamily
 
 #: A magnitude for each switching parameter, and the second parameters.
 ON = {
@@ -23,8 +24,9 @@ ON = {
 }  # fmt: skip
 
 #: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
-EFFECTS = declaration_of("Aero.Systems.OneDof").effects
-DEFAULTS = {p.name: p.default for effect in EFFECTS for p in effect.parameters}
+EFFECTS = [c for c in RigFamily("Aero.Systems.OneDof", (), Path()).every if c.alias]
+STARTS = {id_: effect.starts for id_, effect in declaration_of("Aero.Systems.OneDof").effects.items()}
+DEFAULTS = {p.name: p.value("default", {}) for effect in EFFECTS for p in effect.law.parameters}
 
 EXTRA = (
     "thruster_1.electricalEffect.winding_heating.h", "thruster_1.thrustEffect.thrust_lag.f", "speedSensor.q",
@@ -98,12 +100,13 @@ def test_the_screening_model_is_a_valid_fmu(screening_fmu: Path) -> None:
 def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu: Path) -> None:
     with driven(screening_fmu) as fmu:
         for effect in EFFECTS:
-            assert fmu.starts[effect.magnitude.name] == 0.0
-            for p in effect.parameters:
+            assert fmu.starts[effect.law.switch.name] == 0.0
+            for p in effect.law.parameters:
+                low, default, high = (p.value(of, {}) for of in ("minimum", "default", "maximum"))
                 assert p.name in fmu.parameters
-                assert p.minimum <= p.default <= p.maximum
-                assert all(p.minimum <= s <= p.maximum for s in p.starts)
-        assert set(ON) == {e.magnitude.name for e in EFFECTS}
+                assert low <= default <= high
+                assert all(low <= s <= high for s in STARTS[effect.id].get(p.name, ()))
+        assert set(ON) == {e.law.switch.name for e in EFFECTS}
 
 
 def test_switched_off_all_together_they_change_nothing(screening_fmu: Path, aero_fmu: Callable[[str], Path]) -> None:
@@ -170,30 +173,6 @@ def test_derivatives_by_the_effects_parameters(screening_fmu: Path) -> None:
             expected = (values[0] - values[1]) / (2 * h)
             tolerance = 1e-8 * np.abs(values[0]).max() / abs(value) + 1e-9 * np.abs(expected).max()
             np.testing.assert_allclose(fmu.slope(unknown, name), expected, rtol=1e-5, atol=tolerance)
-
-
-def test_probe_inputs_act_at_their_ports(probes_fmu: Path) -> None:
-    rng = np.random.default_rng(6)
-    p = NOMINAL
-    with driven(probes_fmu) as fmu:
-        fmu.begin()
-        x = np.array([rng.normal() * SCALES[STATES.index(s)] for s in fmu.states])
-        fmu.set(V_m=5.0)
-        base = dict(zip(fmu.states, fmu.rhs(x), strict=True))
-        by_hand = one_dof(np.array([x[fmu.states.index(s)] for s in STATES]), 5.0, p)
-        for state, rate in base.items():
-            assert rate == pytest.approx(by_hand[state], rel=1e-11)
-        inertia = p["J_r"] + p["J_s"]
-        expected = {
-            "u_electrical": {"i_m": 1 / p["L_a"], "thruster_2.motor.inductor.i": -1 / p["L_a"]},
-            "u_rotor": {"omega_m": 1 / inertia, "thruster_2.motor.rotor.w": -1 / inertia},
-            "u_thrust": {"body.omega": 2 * p["D_t"] / p["J_p"]},
-            "u_body": {"body.omega": 1 / p["J_p"]},
-        }
-        for name, effect in expected.items():
-            slopes = dict(zip(fmu.states, fmu.slope(fmu.rates, name), strict=True))
-            for state in fmu.states:
-                assert slopes[state] == pytest.approx(effect.get(state, 0.0), rel=1e-13), (name, state)
 
 
 def test_a_delay_delays_and_a_lag_lags(screening_fmu: Path) -> None:

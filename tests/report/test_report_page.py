@@ -213,7 +213,7 @@ def test_page_draws_what_is_left_when_any_piece_is_missing(runs: Path, kind: str
     assert Page(page_of(tmp_path, {})).faults == []
 
 
-@pytest.mark.parametrize("group", ["input", "measured", "fitted", "before", "after", "port", "portstate"])
+@pytest.mark.parametrize("group", ["input", "measured", "fitted", "before", "after"])
 def test_page_draws_the_other_series_when_one_group_is_missing(runs: Path, group: str, tmp_path: Path) -> None:
     copied(runs, "loop", tmp_path)
     with np.load(tmp_path / "series.npz") as archive:
@@ -226,7 +226,7 @@ def test_series_without_a_single_finite_value_are_left_out(tmp_path: Path) -> No
     time, blank = np.linspace(0, 1, 50), np.full(50, np.nan)
     (tmp_path / "result.json").write_text("{}", "utf-8")
     np.savez(tmp_path / "series.npz", **{"time/a": time, "measured/a/y": blank, "fitted/a/y": blank,
-                                         "before/a/y": blank, "port/a/p": blank, "portstate/a/y": blank,
+                                         "before/a/y": blank,
                                          "replay/time": time, "replay/measured": blank})  # fmt: skip
     assert Page(write_report(tmp_path).read_text("utf-8")).faults == []
 

@@ -16,7 +16,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings, Stop
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import Library, StructureSearch, Work
 from aero_bayes.search.edits import likely_pairs, term_directions

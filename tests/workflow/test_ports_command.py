@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from aero_bayes.bench.effects import KINDS
 from aero_bayes.cli import main
-from aero_bayes.export import declaration_of
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";
@@ -157,11 +157,9 @@ def test_the_table_is_aligned_and_names_file_and_line(rig):
     assert [line[at:].split()[0] for line in lines] == ["Pair.mo:3", "Pair.mo:4", "Pair.mo:8", "Pair.mo:9"]
 
 
-def test_the_aero_has_the_ports_of_its_catalogue():
+def test_the_aero_has_the_ports_of_its_effects():
     rows = json.loads(ports("--json"))
-    assert {row["id"]: row["port"] for row in rows} == {
-        e.id: e.port for e in declaration_of("Aero.Systems.OneDof").effects
-    }
+    assert {row["id"]: row["port"] for row in rows} == {kind.id: kind.port for kind in KINDS.values()}
 
 
 def test_recordings_beside_an_fmu_are_refused_in_one_line():

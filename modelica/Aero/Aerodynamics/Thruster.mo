@@ -14,6 +14,7 @@ model Thruster "Amplifier, motor and propeller, with a slot for an effect at eve
   replaceable model RotorEffect = Effects.NoRotorEffect constrainedby Interfaces.RotorEffect "On the rotor's shaft" annotation (choicesAllMatching = true);
   replaceable model ThrustEffect = Effects.NoThrustEffect constrainedby Interfaces.ThrustEffect "Between propeller and body" annotation (choicesAllMatching = true);
   input Real u(unit = "V") "Commanded voltage";
+  input Real theta(unit = "rad") = 0 "Pitch angle of the body, for effects that depend on it";
   Interfaces.Mount mount "What the thruster pushes" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   Electrical.Amplifier amplifier(u = u) annotation (Placement(transformation(extent = {{-100, -10}, {-80, 10}})));
   Electrical.Ground ground annotation (Placement(transformation(extent = {{-80, -50}, {-60, -30}})));
@@ -22,7 +23,7 @@ model Thruster "Amplifier, motor and propeller, with a slot for an effect at eve
   RotorEffect rotorEffect(orientation = orientation, i = motor.p.i) annotation (Placement(transformation(extent = {{20, -50}, {40, -30}})));
   Propeller propeller(k_t = k_t, k_d = k_d, redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{20, -10}, {40, 10}})));
-  ThrustEffect thrustEffect(orientation = orientation, w = propeller.flange.w) annotation (Placement(transformation(extent = {{60, -10}, {80, 10}})));
+  ThrustEffect thrustEffect(orientation = orientation, w = propeller.flange.w, theta = theta) annotation (Placement(transformation(extent = {{60, -10}, {80, 10}})));
 equation
   connect(amplifier.p, electricalEffect.p) annotation (Line(points = {{-80, 5}, {-70, 5}, {-70, 30}, {-60, 30}}, color = {0, 0, 200}));
   connect(electricalEffect.n, motor.p) annotation (Line(points = {{-40, 30}, {-30, 30}, {-30, 5}, {-20, 5}}, color = {0, 0, 200}));

@@ -1,7 +1,7 @@
 within Aero.Effects;
 model BodyQuadraticDrag "Air drag of the body"
   extends Interfaces.BodyEffect;
-  parameter Real c_b(unit = "N.m.s2/rad2", min = 0, nominal = 1e-3) = 0 "Torque for each unit of squared pitch rate";
+  parameter Real c_b(unit = "N.m.s2/rad2", min = 0, max = 0.5, nominal = 0.005) = 0 "Air drag of the body";
 equation
   flange.tau = c_b * flange.w * abs(flange.w);
   annotation (

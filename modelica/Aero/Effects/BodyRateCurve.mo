@@ -1,14 +1,25 @@
 within Aero.Effects;
-model BodyRateCurve "Torque that is a curve over the pitch rate"
+model BodyRateCurve "Torque at the pivot that depends on the pitch rate in an unlisted way"
   extends Interfaces.BodyEffect;
-  parameter Real x_min = -1 "First knot";
-  parameter Real x_max = 1 "Last knot";
-  parameter Real c[:] = {0, 0, 0} "Values at equally spaced knots";
+  parameter Real x_n(unit = "rad/s") = 1 "Largest pitch rate";
+  parameter Real c_1(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near -x_n";
+  parameter Real c_2(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near -3/4 x_n";
+  parameter Real c_3(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near -1/2 x_n";
+  parameter Real c_4(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near -1/4 x_n";
+  parameter Real c_5(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near 0";
+  parameter Real c_6(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near 1/4 x_n";
+  parameter Real c_7(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near 1/2 x_n";
+  parameter Real c_8(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near 3/4 x_n";
+  parameter Real c_9(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near x_n";
+  Real x(unit = "rad/s") "Pitch rate";
+  Real y(unit = "N.m") "Torque against the motion";
 equation
-  flange.tau = Functions.smoothTable(flange.w, x_min, x_max, c);
-  annotation (
+  x = flange.w;
+  y = Functions.bumps(x / x_n, {c_1, c_2, c_3, c_4, c_5, c_6, c_7, c_8, c_9});
+  flange.tau = y;
+  annotation (__aero_bayes(learned = "x"),
     Documentation(info = "<html>
-<p>A learned shape: torque against a positive motion over the pitch rate, through the values <code>c</code> at equally spaced knots and straight beyond the outer ones.</p>
+<p>Torque at the pivot: overlapping bumps whose heights are learned, zero far outside of what was seen. A last resort, tried where listed effects leave structure.</p>
 </html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-45, -20}, {-20, 15}, {10, -5}, {45, 20}}, color = {60, 60, 60}, smooth = Smooth.Bezier)}));
 end BodyRateCurve;

@@ -1,7 +1,7 @@
 within Aero.Effects;
 model CubicStiffness "Stiffness that changes with the pitch angle"
   extends Interfaces.BodyEffect;
-  parameter Real k_3(unit = "N.m/rad3", nominal = 0.01) = 0 "Torque for each unit of cubed pitch angle";
+  parameter Real k_3(unit = "N.m/rad3", min = -0.5, max = 0.5, nominal = 0.005) = 0 "Cubic part of the body's stiffness";
 equation
   flange.tau = k_3 * theta ^ 3;
   annotation (

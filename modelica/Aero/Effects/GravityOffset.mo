@@ -1,7 +1,7 @@
 within Aero.Effects;
 model GravityOffset "Centre of mass beside the pivot"
   extends Interfaces.BodyEffect;
-  parameter Real tau_g(unit = "N.m", nominal = 1e-3) = 0 "Torque of gravity at zero pitch, positive where it pitches the body up";
+  parameter Real tau_g(unit = "N.m", min = -0.05, max = 0.05, nominal = 0.001) = 0 "Torque of a centre of mass beside the pivot, at zero pitch";
 equation
   flange.tau = -tau_g * cos(theta);
   annotation (

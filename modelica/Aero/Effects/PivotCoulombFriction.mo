@@ -1,8 +1,8 @@
 within Aero.Effects;
 model PivotCoulombFriction "Dry friction at the pivot"
   extends Interfaces.BodyEffect;
-  parameter Real tau_c(unit = "N.m", min = 0, nominal = 1e-3) = 0 "Friction torque";
-  parameter Real w_smooth(unit = "rad/s", min = 1e-7, nominal = 1e-3) = 2e-5 "Pitch rate over which the torque changes its sign";
+  parameter Real tau_c(unit = "N.m", min = 0, max = 0.05, nominal = 0.001) = 0 "Dry friction torque at the pivot";
+  parameter Real w_smooth(unit = "rad/s", min = 1e-7) = 2e-5 "Pitch rate over which the torque changes its sign";
 equation
   flange.tau = tau_c * tanh(flange.w / w_smooth);
   annotation (

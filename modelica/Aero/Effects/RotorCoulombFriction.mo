@@ -1,8 +1,8 @@
 within Aero.Effects;
 model RotorCoulombFriction "Dry friction of the rotor"
   extends Interfaces.RotorEffect;
-  parameter Real tau_r(unit = "N.m", min = 0, nominal = 1e-3) = 0 "Friction torque";
-  parameter Real w_smooth(unit = "rad/s", min = 1e-6, nominal = 1) = 0.05 "Speed over which the torque changes its sign";
+  parameter Real tau_r(unit = "N.m", min = 0, max = 0.02, nominal = 0.001) = 0 "Dry friction torque of a rotor";
+  parameter Real w_smooth(unit = "rad/s", min = 1e-6) = 0.05 "Speed over which the torque changes its sign";
 equation
   flange.tau = tau_r * tanh(flange.w / w_smooth);
   annotation (

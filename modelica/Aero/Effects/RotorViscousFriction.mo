@@ -1,7 +1,7 @@
 within Aero.Effects;
 model RotorViscousFriction "Viscous friction of the rotor"
   extends Interfaces.RotorEffect;
-  parameter Real d_r(unit = "N.m.s/rad", min = 0, nominal = 1e-6) = 0 "Friction torque for each unit of speed";
+  parameter Real d_r(unit = "N.m.s/rad", min = 0, max = 0.0002, nominal = 2e-06) = 0 "Viscous friction of a rotor";
 equation
   flange.tau = d_r * flange.w;
   annotation (

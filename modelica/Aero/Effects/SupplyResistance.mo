@@ -1,7 +1,7 @@
 within Aero.Effects;
 model SupplyResistance "Resistance of supply and leads"
   extends Interfaces.ElectricalEffect;
-  parameter Real R_s(unit = "Ohm", min = 0, nominal = 1) = 0 "Resistance in series with the motor";
+  parameter Real R_s(unit = "Ohm", min = 0, max = 20, nominal = 1) = 0 "Resistance of supply and leads";
 equation
   p.i + n.i = 0;
   r.i = 0;

@@ -1,8 +1,8 @@
 within Aero.Effects;
 model ThrustAsymmetry "Thrust that differs between pitching up and down"
   extends Interfaces.ThrustEffect;
-  parameter Real a_f(unit = "1", min = -0.9, max = 0.9, nominal = 0.1) = 0 "Relative gain where the thrust pitches up, loss where it pitches down";
-  parameter Real f_smooth(unit = "N", min = 1e-6, nominal = 1e-3) = 1e-4 "Thrust over which the sign changes";
+  parameter Real a_f(unit = "1", min = -0.9, max = 0.9, nominal = 0.1) = 0 "Relative gain of thrust pitching up, loss pitching down";
+  parameter Real f_smooth(unit = "N", min = 1e-6) = 1e-4 "Thrust over which the sign changes";
 equation
   propeller.v = frame.v;
   -frame.f = propeller.f * (1 + a_f * tanh(orientation * propeller.f / f_smooth));

@@ -1,8 +1,8 @@
 within Aero.Effects;
 model ThrustLag "Thrust that follows the speed late"
   extends Interfaces.ThrustEffect;
-  parameter Real T_f(unit = "s", min = 0, nominal = 0.1) = 0 "Time constant";
-  parameter Real T_min(unit = "s", min = 1e-6, nominal = 1e-3) = 1e-3 "Time constant below which the lag is taken to first order";
+  parameter Real T_f(unit = "s", min = 0, max = 3, nominal = 0.1) = 0 "Time constant of the thrust";
+  parameter Real T_min(unit = "s", min = 1e-6) = 1e-3 "Time constant below which the lag is taken to first order";
   Real f(unit = "N", start = 0, fixed = true, nominal = 0.1) "Thrust after the lag";
 protected
   parameter Real T(unit = "s") = max(T_f, T_min);

@@ -1,8 +1,8 @@
 within Aero.Effects;
 model WindingHeating "Armature resistance that grows as the winding heats"
   extends Interfaces.ElectricalEffect;
-  parameter Real r_h(unit = "Ohm/A2", min = 0, nominal = 1) = 0 "Added resistance for each square ampere after a long time";
-  parameter Real T_h(unit = "s", min = 0.1, nominal = 10) = 10 "Thermal time constant";
+  parameter Real r_h(unit = "Ohm/A2", min = 0, max = 1000, nominal = 20) = 0 "Added resistance of the warm winding";
+  parameter Real T_h(unit = "s", min = 0.5, max = 500, nominal = 10) = 10 "Time constant of the winding's heating";
   Real h(unit = "A2", start = 0, fixed = true, nominal = 0.01) "Squared current as the winding's temperature follows it";
 equation
   p.i + n.i = 0;

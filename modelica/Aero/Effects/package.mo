@@ -3,7 +3,7 @@ package Effects "Physics that the base model lacks, one component for each effec
   annotation (
     Documentation(info = "<html><p>Each effect extends the partial model of its port and is put in by redeclaring the port's model, for instance</p>
 <pre>model OneDof_pivot_coulomb_friction
-  extends Aero.Systems.OneDof(redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction(tau_c = tau_c));
+  extends Aero.Systems.OneDof(redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction, bodyEffect(tau_c = tau_c));
   parameter Real tau_c(unit = \"N.m\") = 0;
 end OneDof_pivot_coulomb_friction;</pre>
 <p>Where its parameter is zero an effect changes nothing. Where the truth has a corner it is rounded, and the width of the rounding is a

@@ -1,5 +1,5 @@
 within Aero;
-package Functions "Tables"
+package Functions "Shapes of curves"
   annotation (
     Documentation(info = "<html><p>Functions that the components share.</p></html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {

@@ -4,6 +4,7 @@ partial model ThrustEffect "What can lie between a propeller and the body that c
   Interfaces.Mount propeller "Towards the propeller" annotation (Placement(transformation(extent = {{-110, -10}, {-90, 10}})));
   Interfaces.Mount frame "Towards the body" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   input Real w(unit = "rad/s") "Speed of the propeller";
+  input Real theta(unit = "rad") "Pitch angle of the body";
   annotation (
     Documentation(info = "<html><p>Extend it with <code>propeller.v = frame.v</code> and one equation between <code>propeller.f</code> and <code>frame.f</code>. The thrust that the propeller
 makes is <code>propeller.f</code>, the thrust that reaches the body is <code>-frame.f</code>.</p></html>"),

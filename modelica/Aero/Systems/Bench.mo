@@ -24,7 +24,7 @@ partial model Bench "One driven thruster on a pitching body; what all benches sh
   output Real i_m(unit = "A") "Current through motor 1" annotation (Placement(transformation(extent = {{100, 50}, {120, 70}})));
   output Real omega_m(unit = "rad/s") "Speed of motor 1" annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
   output Real theta(unit = "rad") "Pitch angle" annotation (Placement(transformation(extent = {{100, -70}, {120, -50}})));
-  Aerodynamics.Thruster thruster_1(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = 1, u = V_m,
+  Aerodynamics.Thruster thruster_1(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = 1, u = V_m, theta = body.theta,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw, redeclare model ElectricalEffect = ElectricalEffect,
     redeclare model RotorEffect = RotorEffect, redeclare model ThrustEffect = ThrustEffect)
     annotation (Placement(transformation(extent = {{-80, 30}, {-60, 50}})));

@@ -1,7 +1,7 @@
 within Aero.Systems;
 model OneDof "One-degree-of-freedom set-up: both motors driven against each other, the body free in pitch"
   extends Bench;
-  Aerodynamics.Thruster thruster_2(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = -1, u = -V_m,
+  Aerodynamics.Thruster thruster_2(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = -1, u = -V_m, theta = body.theta,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw, redeclare model ElectricalEffect = ElectricalEffect,
     redeclare model RotorEffect = RotorEffect, redeclare model ThrustEffect = ThrustEffect)
     annotation (Placement(transformation(extent = {{-80, -50}, {-60, -30}})));

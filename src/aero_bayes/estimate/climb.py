@@ -29,29 +29,6 @@ FloatArray = NDArray[np.float64]
 THERE, SO = 0.9, 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothPrior:
-    """A joint normal prior of zero mean for the values of a learned curve, in place of their own.
-
-    ``covariance`` (k, k) is over the values of the parameters ``names``, in their squared unit.
-    """
-
-    names: tuple[str, ...]
-    covariance: FloatArray
-
-    def terms(self, parameters: ParameterSet, x: FloatArray) -> tuple[list[int], float, FloatArray, FloatArray]:
-        """Columns, log-density in search coordinates, its gradient (k,) and the curvature (k, k) of its negative."""
-        columns = [parameters.index(name) for name in self.names]
-        values = parameters.from_search(x)
-        slope = parameters.jacobian(values)[columns]
-        factor = np.linalg.cholesky(self.covariance)
-        precision = np.linalg.inv(self.covariance)
-        white = np.linalg.solve(factor, values[columns])
-        density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor) / slope)))
-        density -= 0.5 * len(columns) * math.log(2.0 * math.pi)
-        return columns, density, -slope * (precision @ values[columns]), precision * np.outer(slope, slope)
-
-
 @dataclass(frozen=True)
 class ClimbSettings:
     """When a climb stops, and what the noise may be.
@@ -69,7 +46,6 @@ class ClimbSettings:
         Leave the noise as it is.
     prior : bool
         Whether the priors count.
-    smooth : SmoothPrior, optional
     """
 
     local: LocalSettings = field(
@@ -82,7 +58,6 @@ class ClimbSettings:
     longest: float | None = None
     hold_noise: bool = False
     prior: bool = True
-    smooth: SmoothPrior | None = None
 
     def aiming(self, cost: float) -> ClimbSettings:
         """The same, given up where a cost is out of reach."""
@@ -254,30 +229,19 @@ class _Posterior:
         """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
         if not self.settings.prior:
             return 0.0
-        parameters, smooth = self.objective.parameters, self.settings.smooth
+        parameters = self.objective.parameters
         values = parameters.from_search(x)
         slopes = parameters.jacobian(values)
-        coupled: list[int] = []
-        total = 0.0
-        if smooth is not None:
-            coupled, total, _, _ = smooth.terms(parameters, x)
-        for j in self.free:
-            if j not in coupled:
-                total += float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j]))
-        return total
+        return sum(float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j])) for j in self.free)
 
     def _prior_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and curvature of the negative log-prior over the free columns."""
         count = len(self.free)
         if not self.settings.prior:
             return np.zeros(count), np.zeros((count, count))
-        parameters, smooth = self.objective.parameters, self.settings.smooth
+        parameters = self.objective.parameters
         first, second = parameters.prior_derivatives(x)
         curvature = np.diag(np.maximum(-second, 1e-9))
-        if smooth is not None:
-            coupled, _, gradient, block = smooth.terms(parameters, x)
-            first[coupled] = gradient
-            curvature[np.ix_(coupled, coupled)] = block
         return -first[self.free], curvature[np.ix_(self.free, self.free)]
 
 

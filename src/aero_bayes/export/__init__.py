@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.extend import EffectUse, ExtendedModel, FreeForm, write_extension
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.library import declaration_of, modelica_root
 
@@ -21,19 +20,15 @@ Compiler = Literal["auto", "omc", "embedded"]
 
 __all__ = [
     "Compiler",
-    "EffectUse",
-    "ExtendedModel",
     "FlatEquation",
     "FlatModel",
     "FlatVariable",
-    "FreeForm",
     "declaration_of",
     "export_flat",
     "export_fmu",
     "first_compiler",
     "load_flat",
     "modelica_root",
-    "write_extension",
 ]
 
 

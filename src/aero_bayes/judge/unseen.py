@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -19,9 +19,9 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.starts import loosened
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.physics.kin import Family
+from aero_bayes.laws.family import Family
 from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import InputSignal, ParameterTarget, Problem, Simulator, StartTarget, Target
+from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget, Target
 
 FloatArray = NDArray[np.float64]
 
@@ -56,21 +56,19 @@ class Unseen:
         self,
         calibration: Calibration,
         fit: Optimum,
-        extra: Mapping[int, InputSignal] | None = None,
         *,
         close: bool = False,
     ) -> Prediction:
         """Run a fitted model, or a fitted relative of it.
 
-        ``extra`` is an input beside the recorded ones, by the index of a training recording. ``close`` holds starts
-        close to their readings.
+        ``close`` holds starts close to their readings.
 
         Raises
         ------
         CannotFinishError
             If it cannot be simulated.
         """
-        whole, row, starts = self._laid_out(calibration, fit, extra, close)
+        whole, row, starts = self._laid_out(calibration, fit, close)
         rows, _ = self._settled(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(rows)
@@ -146,7 +144,6 @@ class Unseen:
         self,
         calibration: Calibration,
         fit: Optimum,
-        extra: Mapping[int, InputSignal] | None = None,
         close: bool = False,
     ) -> tuple[Calibration, FloatArray, list[int]]:
         """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
@@ -168,11 +165,6 @@ class Unseen:
             starts = loosened(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
         whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
-        if extra:
-            experiments = list(whole.experiments)
-            for e, signal in extra.items():
-                experiments[e] = replace(experiments[e], inputs=(*experiments[e].inputs, signal))
-            whole = replace(whole, experiments=tuple(experiments))
         row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
         # A law at an output hides where its state started.
         hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]

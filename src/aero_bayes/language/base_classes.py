@@ -89,7 +89,8 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
         if part[0].word in ("redeclare", "replaceable") or part[0].kind != "name":
             raise InputError(f"{cls.name}: the modifier {part[0].word!r} of a base class cannot be written out")
         modifiers[part[0].word] = part[1:]
-    lines, section = [], "public"
+    # short class definitions, such as replaceable models
+    lines, section = [text[s.start : s.end] for s in cls.statements if s.section == "class"], "public"
     for s in cls.declarations:
         if s.section != section:
             lines.append(s.section)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -144,6 +145,11 @@ class ClassText:
         yield self
         for inner in self.classes:
             yield from inner.walk()
+
+
+def snake_case(name: str) -> str:
+    """``CoulombFriction`` -> ``coulomb_friction``."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def innermost(classes: Sequence[ClassText], at: int) -> ClassText | None:

@@ -47,6 +47,17 @@ class Sources:
             raise InputError(f"{model}: the class was not found in the sources")
         return self.by_name[model]
 
+    def lineage(self, file: SourceFile, cls: ClassText) -> list[tuple[SourceFile, ClassText]]:
+        """A class and all that it extends, as far as their sources are there."""
+        found = [(file, cls)]
+        for base in cls.bases():
+            try:
+                further = self.lineage(*self.find(self.resolve(cls, base)))
+            except InputError:
+                continue
+            found += [one for one in further if one not in found]
+        return found
+
     @cached_property
     def by_name(self) -> Mapping[str, tuple[SourceFile, ClassText]]:
         """All classes with a body, by their full names."""
@@ -83,7 +94,7 @@ class Sources:
         found: dict[str, str] = {}
         around = cls.within
         while around:
-            for package in (c for c in every if c.full_name == around):
+            for _, package in (self.by_name[around],) if around in self.by_name else ():
                 for name in (*package.class_names, *(c.name for c in package.components())):
                     found.setdefault(name, f"{around}.{name}")
                 for alias, target in _imported(package).items():

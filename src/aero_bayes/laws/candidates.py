@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from aero_bayes.declared import Declaration
+from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.law import STANDING, Law
 from aero_bayes.ports.find import find_ports
@@ -37,6 +40,8 @@ def reacts(law: Law, port: Port) -> bool:
 
 def fits(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
+    if port.replaceable is not None:
+        return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
     if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
         return False
     # what does not ask for the surroundings is the same whatever they are
@@ -62,16 +67,20 @@ def _is_unit(unit: str, asked: str) -> bool:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction."""
+    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction.
+
+    ``alias`` is another name that it goes by.
+    """
 
     law: Law
     port: Port
     neighbour: Port | None = None
+    alias: str = ""
 
     @property
     def id(self) -> str:
-        """``law@port``."""
-        return f"{self.law.id}@{self.port.id}"
+        """``law@port``, or its alias."""
+        return self.alias or f"{self.law.id}@{self.port.id}"
 
 
 def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
@@ -93,3 +102,21 @@ def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, .
                 joined.add(pair)
             found.append(Candidate(law, port, neighbour))
     return tuple(found)
+
+
+def listed(found: Sequence[Candidate], declared: Declaration) -> tuple[Candidate, ...]:
+    """The effects that a package names, under their names, and learned curves in its replaceable models.
+
+    Raises
+    ------
+    InputError
+        For an effect whose law there is not.
+    """
+    known = {c.id: c for c in found}
+    for name, effect in declared.effects.items():
+        if effect.law not in known:
+            near = difflib.get_close_matches(effect.law, known, n=1, cutoff=0.0)
+            nearest = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{nearest}")
+    named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
+    return (*named, *(c for c in found if c.port.replaceable is not None and c.law.learned))

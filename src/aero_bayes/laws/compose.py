@@ -24,7 +24,7 @@ from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, 
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
-from aero_bayes.laws.use import Use, plain_name, use_of
+from aero_bayes.laws.use import Use, plain_name, uses_of
 from aero_bayes.ports.port import Port, Via, signal_of
 from aero_bayes.ports.signals import giving
 from aero_bayes.scratch import ScratchFolder
@@ -193,14 +193,9 @@ def screening(
 
     Laws that need the rate of a reading are the innermost ones there.
     """
-    uses: list[Use] = []
-    taken = {v.name for v in flat.variables}
-    for c in found:
-        use = use_of(c.law, c.port, taken, sizes=sizes.get(c.port.id, {}), neighbour=c.neighbour)
-        taken |= {use.instance, *use.names.values()}
-        uses.append(use)
+    uses = uses_of(found, {v.name for v in flat.variables}, sizes)
     inner_first = sorted(uses, key=lambda u: not u.law.takes_rate)
-    return compose_laws(flat, inner_first, models), tuple(uses)
+    return compose_laws(flat, inner_first, models), uses
 
 
 def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:

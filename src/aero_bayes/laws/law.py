@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -12,7 +11,7 @@ from typing import Literal
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
 from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component, annotated
+from aero_bayes.language.classes import ClassText, Component, annotated, snake_case
 from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import modelica_files, sources_in
@@ -20,7 +19,9 @@ from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.tokens import Token
 from aero_bayes.language.values import evaluate
 
-Kind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
+Kind = Literal[
+    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
+]  # fmt: skip
 Attribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
@@ -56,7 +57,7 @@ STANDING: Mapping[str, str] = {"h_s": "h_0"}
 class LawParameter:
     """A parameter that is fitted. Its attributes are expressions in the sizes of the port.
 
-    ``nominal`` is the magnitude at which a search starts.
+    ``nominal`` is the magnitude at which a search starts. ``own_unit`` is the unit that its declaration gives, if any.
     """
 
     name: str
@@ -65,6 +66,7 @@ class LawParameter:
     minimum: Expression | None
     maximum: Expression | None
     nominal: Expression
+    own_unit: str = ""
 
     def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
         """One of its attributes in numbers; a bound that is not given is infinite."""
@@ -74,7 +76,9 @@ class LawParameter:
         return evaluate(term, sizes)
 
     def unit(self, of_size: Mapping[str, str]) -> str:
-        """Unit by the units of the port's sizes; empty where they do not tell."""
+        """Unit by the units of the port's sizes, where it gives none of its own; empty where they do not tell."""
+        if self.own_unit:
+            return self.own_unit
         if not names_in(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in of_size.items()}
@@ -90,7 +94,9 @@ class Law:
     units of a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve,
     where it is no law of its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value
     decides from where on it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape
-    that may end on a bound without making it another law.
+    that may end on a bound without making it another law. ``widths`` are parameters that are not fitted, such as the
+    width of a rounding, where they can be set from outside. ``constraint`` is the class that it extends, of a law for
+    replaceable models.
     """
 
     id: str
@@ -109,6 +115,8 @@ class Law:
     shape: Shape
     text: str
     cls: ClassText = field(repr=False, compare=False)
+    widths: Mapping[str, float] = field(default_factory=dict)
+    constraint: str = ""
 
     @cached_property
     def derived(self) -> frozenset[str]:
@@ -171,11 +179,6 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     return tuple(found)
 
 
-def snake_case(name: str) -> str:
-    """``CoulombFriction`` -> ``coulomb_friction``."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
-
-
 def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     """Name of the partial model that a class extends, directly or through others."""
     waiting, seen = list(cls.bases()), set[str]()
@@ -229,8 +232,9 @@ def parameter_of(c: Component) -> LawParameter:
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
     return LawParameter(
-        c.name, c.description, parse_expression(c.binding), terms.get("min"), terms.get("max"), terms["nominal"]
-    )
+        c.name, c.description, parse_expression(c.binding), terms.get("min"), terms.get("max"), terms["nominal"],
+        _text(terms.get("unit")),
+    )  # fmt: skip
 
 
 def noted(annotation: Sequence[Token], word: str) -> str:

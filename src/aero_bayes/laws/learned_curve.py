@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from aero_bayes.export.causalise import causalise
+from aero_bayes.export.compose import add_output
 from aero_bayes.export.expression import evaluate
+from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.translate import translate
+from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt
 from aero_bayes.laws.compose import Models
+from aero_bayes.laws.family import Basis
+from aero_bayes.laws.redeclare import component_of
 from aero_bayes.laws.use import Use
-from aero_bayes.physics.kin import Basis
+from aero_bayes.ports.sizes import NO_MORE
 
 #: Points of a curve.
 POINTS = 61
@@ -33,3 +41,49 @@ def basis_of(use: Use, models: Models) -> Basis:
     plain = np.array(given(-1))
     rows = np.array([given(k) for k in range(len(heights))]) - plain
     return Basis(x, use.port.units.get(law.learned, ""), plain, rows, use.port.unit)
+
+
+def over(use: Use) -> str:
+    """What a curve is learned over."""
+    if use.port.replaceable is None:
+        return use.port.signals.get(use.law.learned, use.port.id)
+    about = next((c.description for c in use.law.cls.components() if c.name == use.law.learned), "")
+    return f"{about[:1].lower()}{about[1:]}" or use.port.id
+
+
+def curve_alone(flat: FlatModel, use: Use) -> tuple[Use, Models]:
+    """A curve in a replaceable model as a model of its own, from a model that has it and no other law there."""
+    prefix = f"{component_of(use, [use])}."
+    kept = {use.law.learned, use.law.shape.acts, *use.all_sizes, *(p.name for p in use.law.parameters)}
+
+    def inner(n: Name) -> Expression:
+        return Name(n.name.removeprefix(prefix), n.subscripts)
+
+    variables = tuple(
+        replace(
+            v,
+            name=name,
+            causality="input" if name == use.law.learned else "local",
+            binding=Number(0.0) if v.constant else None,
+        )
+        for v in flat.variables
+        if v.name.startswith(prefix) and (name := v.name.removeprefix(prefix)) in kept
+    )
+    equations = tuple(
+        replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+        for e in flat.equations
+        if isinstance(e.left, Name) and e.left.name == f"{prefix}{use.law.shape.acts}"
+    )
+    part = FlatModel(use.law.id, variables, equations, functions=flat.functions)
+    units = {v.name: v.unit for v in variables}
+    port = replace(use.port, unit=units[use.law.shape.acts], units={use.law.learned: units[use.law.learned]})
+    return replace(use, port=port), {(use.law.kind, use.law.id): part}
+
+
+def watched_curves(flat: FlatModel, uses: Sequence[Use]) -> tuple[FlatModel, dict[str, str]]:
+    """A model whose further outputs are what curves in its replaceable models are over, and their names by id."""
+    names = {use.id: f"learned_over_{k}" for k, use in enumerate(uses)}
+    for use in uses:
+        signal = Name(f"{component_of(use, uses)}.{use.law.learned}")
+        flat = add_output(flat, names[use.id], Call("+", (signal, NO_MORE)))
+    return flat, names

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.laws.candidates import reacts
+from aero_bayes.laws.candidates import Candidate, reacts
 from aero_bayes.laws.law import STANDING, Attribute, Law, LawParameter
 from aero_bayes.ports.port import Port
 
@@ -31,6 +31,8 @@ class Use:
         Values by the law's own names; the default, which leaves nothing of the law, where missing.
     neighbour : Port, optional
         Where what is lost may go, or what takes the reaction.
+    alias : str
+        Another name that it goes by.
     """
 
     law: Law
@@ -40,11 +42,12 @@ class Use:
     sizes: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     neighbour: Port | None = None
+    alias: str = ""
 
     @property
     def id(self) -> str:
-        """``law@port``."""
-        return f"{self.law.id}@{self.port.id}"
+        """``law@port``, or its alias."""
+        return self.alias or f"{self.law.id}@{self.port.id}"
 
     @property
     def all_sizes(self) -> dict[str, float]:
@@ -94,6 +97,7 @@ def use_of(
     sizes: Mapping[str, float] | None = None,
     values: Mapping[str, float] | None = None,
     neighbour: Port | None = None,
+    alias: str = "",
 ) -> Use:
     """A law at a port under names that are free: ``F_c``, or ``F_c_v`` where that is taken.
 
@@ -125,9 +129,30 @@ def use_of(
     names = {p: free(p) for p in fitted}
     # a size is a typical magnitude: three digits of it read well in a written model
     rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (sizes or {}).items()}
-    return Use(law, port, free(law.id), names, rounded, dict(values or {}), neighbour)
+    return Use(law, port, free(alias or law.id), names, rounded, dict(values or {}), neighbour, alias)
+
+
+def uses_of(
+    found: Iterable[Candidate], taken: Collection[str], sizes: Mapping[str, Mapping[str, float]]
+) -> tuple[Use, ...]:
+    """Candidates in one model, in the order given, no name twice; ``sizes`` by the port's id."""
+    uses: list[Use] = []
+    used = set(taken)
+    for c in found:
+        own = sizes.get(c.port.id, {})
+        uses.append(use_of(c.law, c.port, used, sizes=own, neighbour=c.neighbour, alias=c.alias))
+        used |= {uses[-1].instance, *uses[-1].names.values()}
+    return tuple(uses)
 
 
 def plain_name(path: str) -> str:
     """A path as part of a name: ``rotor.a`` -> ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")
+
+
+def in_words(law: Law, port: Port) -> str:
+    """A law and where it acts."""
+    about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
+    if place is None or not place.description:
+        return f"{about} at {port.id}"
+    return f"{about} ({place.description[:1].lower()}{place.description[1:]})"

@@ -10,8 +10,10 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.model_sources import read_sources
+from aero_bayes.laws.redeclare import extending_class, parted
 from aero_bayes.laws.use import Use
 from aero_bayes.laws.writer import Writer
+from aero_bayes.scratch import ScratchFolder
 
 
 @dataclass(frozen=True)
@@ -64,3 +66,25 @@ def write_law(
         temporary.write_text(text, encoding="utf-8")
     before, old = ("", "/dev/null") if writer.target.extends else (writer.target.original(), file.file)
     return Written(title, path, text, unified_diff(before, text, old, path.name))
+
+
+def write_laws(
+    sources: Sequence[Path], model: str, flat: FlatModel, uses: Sequence[Use], out_dir: Path | str, name: str = ""
+) -> Written:
+    """As :func:`write_law`, with laws in replaceable models as well: the model then extends the user's, or the one with
+    the other laws, which stands before it in the file."""
+    inside, others = parted(uses)
+    if not inside:
+        return write_law(sources, model, flat, others, out_dir, name)
+    title = name or "_".join([model.rpartition(".")[2], *(u.instance for u in uses)])
+    before, base = "within ;\n", model
+    if others:
+        with ScratchFolder() as folder:
+            first = write_law(sources, model, flat, others, folder)
+        before, base = first.text, first.name
+    text = before + "\n".join([*extending_class(base, title, inside), ""])
+    path = Path(out_dir) / f"{title}.mo"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Written(title, path, text, unified_diff("", text, "/dev/null", path.name))

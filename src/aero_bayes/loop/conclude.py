@@ -13,13 +13,13 @@ from aero_bayes.estimate.climb import Optimum
 from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, choose, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
+from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, fit_again
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.kin import Extension
 from aero_bayes.search.beam import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.show import listed

@@ -15,11 +15,11 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
+from aero_bayes.laws.family import Basis, Extension
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.result import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import Step, equivalents, in_order, loss_without
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.physics.kin import Basis, Extension
 from aero_bayes.search.beam import Explored
 from aero_bayes.search.models import FittedModel
 

@@ -12,9 +12,11 @@ from aero_bayes.checkpoint import Answers, Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
-from aero_bayes.export import declaration_of
 from aero_bayes.judge.checks import choose
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.laws.family import Family
+from aero_bayes.laws.fmu_family import FmuFamily
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
 from aero_bayes.loop.conclude import checks_of, conclude
@@ -23,10 +25,6 @@ from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
-from aero_bayes.physics.family import ModelFamily
-from aero_bayes.physics.fmu_family import FmuFamily
-from aero_bayes.physics.kin import Family
-from aero_bayes.physics.rig import RigFamily
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import Explored, Library, StructureSearch, Work
 from aero_bayes.search.models import ModelCache, ModelSource, Noise
@@ -78,7 +76,7 @@ def close_loop(
     >>> few = ("coulomb_friction", "gain")
     >>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"), laws=few)
     >>> aero_bayes.close_loop([recording], [test], model="Rig", settings=settings, workers=0)
-    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.0049 -> 0.000302>
+    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
     if not train:
         raise InputError("the closed loop needs at least one training recording")
@@ -134,15 +132,12 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
 
 
 def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
-    """The model and its relatives: with the effects that its package declares, else with laws at the ports found."""
+    """The model and its relatives."""
     require = settings.structures.require
     narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    family: ModelFamily | RigFamily
     given = settings.sources, folder, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
-        family = FmuFamily(fmu.stem, *given, fmu=fmu)
-    elif model.partition(".")[2] in declaration_of(model, settings.sources).systems:
-        family = ModelFamily(model, folder, narrowed=narrowed, sources=settings.sources)
+        family: RigFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
     else:
         family = RigFamily(model, *given)
     family.check()

@@ -15,8 +15,8 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
+from aero_bayes.laws.family import Family
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.physics.kin import Family
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
 

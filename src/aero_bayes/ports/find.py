@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
@@ -10,6 +10,7 @@ from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.translate import translate
+from aero_bayes.language.classes import snake_case
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
 from aero_bayes.ports.ambient import ambient_differences
@@ -29,6 +30,7 @@ from aero_bayes.ports.quantities import (
     units_of,
 )
 from aero_bayes.ports.relative_motion import relative_motions
+from aero_bayes.ports.replaceable import Replaceable
 from aero_bayes.ports.residual import Entrance, entrance_of, parameter_values
 from aero_bayes.ports.signals import connected, inner_signals
 
@@ -304,3 +306,14 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
         )
     )
     return tuple(p.id for p in others)
+
+
+def replaceable_ports(found: Sequence[Replaceable], names: Mapping[str, str]) -> tuple[Port, ...]:
+    """A port for each replaceable model: by the name that it is given, unless several share that, or in snake case."""
+    own = [snake_case(one.name) for one in found]
+    given = [names.get(name, name) for name in own]
+    ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]
+    return tuple(
+        Port(id_, "replaceable", "redeclare", "", {}, one.place, replaceable=one)
+        for id_, one in zip(ids, found, strict=True)
+    )

@@ -8,10 +8,11 @@ from typing import Literal
 
 from aero_bayes.language.syntax import Call, Expression, reference
 from aero_bayes.language.tokens import Place
+from aero_bayes.ports.replaceable import Replaceable
 from aero_bayes.ports.residual import Entrance
 
-PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
-Via = Literal["input", "output", "signal", "equation", "node", "series"]
+PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical", "replaceable"]
+Via = Literal["input", "output", "signal", "equation", "node", "series", "redeclare"]
 
 #: Units of a temperature, with the absolute zero in each.
 KELVIN: Mapping[str, float] = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
@@ -29,10 +30,10 @@ class Port:
         is ``series_<connector>``.
     kind : str
         What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
-        ``storage`` or ``electrical``.
+        ``storage``, ``electrical`` or ``replaceable``.
     via : str
         How a law is tied in: at an ``input``, an ``output`` or a ``signal`` within, as a term in an ``equation``, as an
-        element at a ``node`` or in ``series`` in a connection.
+        element at a ``node`` or in ``series`` in a connection, or by a ``redeclare`` of a replaceable model.
     unit : str
         Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
     units : mapping
@@ -57,6 +58,8 @@ class Port:
         Ids of the laws that fit.
     given : int, optional
         Of a signal, the equation that gives it, or the connection.
+    replaceable : Replaceable, optional
+        The replaceable model.
     """
 
     id: str
@@ -74,6 +77,7 @@ class Port:
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
     given: int | None = None
+    replaceable: Replaceable | None = None
 
 
 #: What stands between the two variables of a difference.

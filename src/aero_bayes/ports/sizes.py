@@ -35,7 +35,7 @@ FIRST = 5
 #: How many times a recording's length a model is left alone to find its surroundings, and the share of its range by
 #: which a level may still move in the second half of that.
 LONG, AT_REST = 20.0, 0.01
-_NOTHING = Call("*", (Number(1e-300), Name("time")))
+NO_MORE = Call("*", (Number(1e-300), Name("time")))
 
 
 def port_sizes(
@@ -45,6 +45,7 @@ def port_sizes(
 
     What a law gives at a balance is sized by the largest of that balance's own terms.
     """
+    ports = [p for p in ports if p.replaceable is None]
     structure, watched = structure_of(flat), _Watched(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
@@ -172,7 +173,7 @@ class _Watched:
         flat = self.flat
         for expression in expressions:
             # Kept apart from what it equals, so that no state takes its name.
-            flat = add_output(flat, self.names[expression], Call("+", (expression, _NOTHING)))
+            flat = add_output(flat, self.names[expression], Call("+", (expression, NO_MORE)))
         return Model.load(export_flat(flat, path, quick=True))
 
     def _can_be_watched(self, expression: Expression, path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Figures of the closed loop: its rounds, and the unknown signal at the port where something is missing."""
+"""Figures of the closed loop: its rounds, and the curves that it learned."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
-from aero_bayes.report.drawing import Band, Dots, FloatArray, Layer, Line, Panel, tick_text
+from aero_bayes.report.drawing import Band, Line, Panel, tick_text
 from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
-from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM, Canvas
+from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
 from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
 
 PORT = 430.0
-#: States that a port's signal is drawn against: those that explain it best.
-STATES_SHOWN = 2
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Odds below which the number says no more.
@@ -153,30 +150,6 @@ def gain_text(value: float | None) -> str:
     return NOTHING if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
-def port_plates(run: RunDirectory, recording: str) -> list[Plate]:
-    """The signal inferred at each port that matters, against the states that explain it best."""
-    plates = []
-    ports, states = run.signals("port", recording), run.signals("portstate", recording)
-    for port in _ports_that_matter(run, ports):
-        factor, unit = scaled_unit(largest(ports[port]), run.result.unit(port))
-        axis = f"signal at port {port}" + (f" ({unit})" if unit else "")
-        ranked = sorted(states.items(), key=lambda item: -explained(item[1], ports[port]))
-        for state, across in ranked[:STATES_SHOWN]:
-            plates.append(_against_state(run, across, ports[port] * factor, axis, port, state))
-    return plates
-
-
-def _ports_that_matter(run: RunDirectory, ports: Mapping[str, FloatArray]) -> list[str]:
-    """Where an effect was added, else where the unknown signal explains most; all if the run does not say."""
-    loop = run.result.loop
-    if loop is None:
-        return list(ports)
-    added = {effect.port for effect in loop.effects} & set(ports)
-    scores = {port: score for port, score in loop.port_scores.items() if score is not None and port in ports}
-    best = {max(scores, key=lambda port: scores[port])} if scores else set()
-    return [port for port in ports if port in (added or best or set(ports))]
-
-
 def curve_plate(effect: EffectResult) -> Plate | None:
     """A learned curve and its 90 % band over its signal."""
     found = effect.curve
@@ -201,41 +174,3 @@ def curve_plate(effect: EffectResult) -> Plate | None:
     return plate(
         [Panel(title, layers, 220, y_limits=limits)], alt, label, "The band is wide where no data went.", width=PORT
     )
-
-
-def explained(across: FloatArray, values: FloatArray, bins: int = 24) -> float:
-    """Share of a signal's variance that its mean over bins of a state leaves no more."""
-    both = np.isfinite(across) & np.isfinite(values)
-    x, y = across[both], values[both]
-    if x.size < 4 * bins or np.ptp(y) == 0.0:
-        return 0.0
-    parts = np.array_split(y[np.argsort(x, kind="stable")], bins)
-    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
-    return 1.0 - within / float(np.sum((y - y.mean()) ** 2))
-
-
-def _against_state(
-    run: RunDirectory, across: FloatArray, values: FloatArray, axis: str, port: str, state: str
-) -> Plate:
-    factor, unit = scaled_unit(largest(across), run.result.unit(state))
-    both = np.isfinite(across) & np.isfinite(values)
-    x, y = across[both] * factor, values[both]
-    layers: list[Layer] = [Dots(*_occupied(x, y), MEASURED)]
-    order = np.argsort(x, kind="stable")
-    parts = np.array_split(order, max(4, min(40, len(order) // 25)))
-    middle = np.array([np.median(x[part]) for part in parts])
-    low, centre, high = np.transpose([np.quantile(y[part], (0.05, 0.5, 0.95)) for part in parts])
-    layers += [
-        Band(middle, low, high, ACCENT, 0.18, label="90 % range"), Line(middle, centre, ACCENT, 2.0, label="median")
-    ]  # fmt: skip
-    label = plain_name(state) + (f" ({unit})" if unit else "")
-    alt = f"Signal inferred at port {port} against {state}: points, median and 90 % range."
-    words = "Points: inferred at each moment; line and band: median and 90 % range."
-    return plate([Panel(axis, tuple(layers), 220)], alt, label, words, width=PORT)
-
-
-def _occupied(x: FloatArray, y: FloatArray, across: int = 110, up: int = 60) -> tuple[FloatArray, FloatArray]:
-    """One point for each cell of a grid that holds any: thins a cloud and keeps its outliers."""
-    cells = [np.minimum(((v - v.min()) / (np.ptp(v) or 1.0) * n).astype(int), n - 1) for v, n in ((x, across), (y, up))]
-    _, first = np.unique(cells[0] * up + cells[1], return_index=True)
-    return x[first], y[first]

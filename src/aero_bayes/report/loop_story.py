@@ -10,9 +10,9 @@ from markupsafe import Markup
 from aero_bayes.report.figure import Plate
 from aero_bayes.report.loop_figures import curve_plate, gain_text
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity, ratio_glyph
-from aero_bayes.report.text import NOTHING, pretty_unit, role_words, signed, significant, symbol, tidy
-from aero_bayes.schema import EffectResult, LoopPart, Quantiles, StepResult
+from aero_bayes.report.tables import Column, html_table, parameter_quantity, ratio_glyph
+from aero_bayes.report.text import NOTHING, pretty_unit, role_words, signed, significant, symbol
+from aero_bayes.schema import EffectResult, LoopPart, Quantiles
 
 
 @dataclass(frozen=True)
@@ -99,19 +99,6 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         Column("in standard deviations", "right"),
     )  # fmt: skip
     return html_table(columns, rows, "How far the base parameters moved")
-
-
-def port_table(step: StepResult) -> Markup | None:
-    """How well an unknown signal at each port explains all outputs."""
-    scores = {port: score for port, score in step.port_scores.items() if score is not None}
-    if not scores:
-        return None
-    most = max(map(abs, scores.values())) or 1.0
-    ranked = sorted(scores.items(), key=lambda item: -item[1])
-    rows = [(port, bar(score / most, f"score of port {port}"), tidy(score, 3)) for port, score in ranked]
-    return html_table(
-        ("port", "", Column("score", "right")), rows, "How well an unknown signal at each port explains all outputs"
-    )
 
 
 def diff_lines(loop: LoopPart) -> list[tuple[str, str]]:

@@ -220,12 +220,9 @@ def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
         "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
         "effects": loop_story.effects(loop, run.result.parameters),
         "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
-        "scores": loop_story.port_table(loop.steps[0]) if loop.steps else None,
         "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
-        "named": any(effect.kind == "catalogue" for effect in loop.effects),
-        "ports": [plate for name in run.recordings() for plate in loop_figures.port_plates(run, name)],
     }  # fmt: skip
 
 

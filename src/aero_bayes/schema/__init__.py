@@ -35,7 +35,6 @@ from aero_bayes.schema.loop import (
     EffectResult,
     Evidence,
     LoopPart,
-    MomentResult,
     ShiftResult,
     StepResult,
 )
@@ -70,7 +69,6 @@ __all__ = [
     "LoopPart",
     "McmcResult",
     "ModelResult",
-    "MomentResult",
     "NoiseResult",
     "ParameterResult",
     "PredictionResult",

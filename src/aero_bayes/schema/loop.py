@@ -6,7 +6,6 @@ from typing import Literal
 
 from aero_bayes.schema.base import Number, ParameterResult, Part
 from aero_bayes.schema.estimate import ResidualResult
-from aero_bayes.schema.model import Signal
 
 
 class Evidence(Part):
@@ -57,22 +56,12 @@ class StepResult(Part):
     """A round of the search; ``threshold`` is the least gain that counts, ``odds`` those of nothing and the untried."""
 
     round: int
-    port_scores: dict[str, Number] = {}
     candidates: list[CandidateResult] = []
     threshold: Number = None
     chosen: str | None = None
     equivalent: list[str] = []
     odds: dict[str, Number] = {}
     why: str = ""
-
-
-class MomentResult(Part):
-    """A disturbance that belongs to a moment and not to a state."""
-
-    port: str
-    start: float
-    stop: float
-    size: Number
 
 
 class ShiftResult(Part):
@@ -105,10 +94,6 @@ class LoopPart(Part):
     steps: list[StepResult] = []
     shifts: dict[str, ShiftResult] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualResult]]] = {}
-    port_scores: dict[str, Number] = {}
-    ports: dict[str, Signal] = {}
-    tied_ports: list[str] = []
-    moment: MomentResult | None = None
     separate: list[str] = []
     story: list[str] = []
     diff: str = ""

@@ -60,8 +60,8 @@ class RunResult(Part):
     seconds: Number = None
 
     def unit(self, signal: str) -> str:
-        """Unit of an input, output, state or port; empty where the run does not say."""
-        described = self.signals.get(signal) or (self.loop.ports.get(signal) if self.loop else None)
+        """Unit of an input, output or state; empty where the run does not say."""
+        described = self.signals.get(signal)
         return self.units.get(signal) or (described.unit if described else "")
 
     def description(self, signal: str) -> str:

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.laws.family import Candidate
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
 from aero_bayes.search.structure import Structure

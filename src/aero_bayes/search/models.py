@@ -16,7 +16,7 @@ from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.interpolation import read_otherwise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.physics.kin import Candidate, Family
+from aero_bayes.laws.family import Candidate, Family
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.laws.family import Candidate
 
 FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and its residuals by series.

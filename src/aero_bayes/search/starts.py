@@ -16,7 +16,7 @@ from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.physics.kin import Candidate
+from aero_bayes.laws.family import Candidate
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.response import Line, LinearResponse, Tried
 from aero_bayes.search.structure import Structure

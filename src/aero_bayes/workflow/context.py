@@ -22,16 +22,9 @@ def context_part(job: Job, result: Mapping[str, Any]) -> Json:
     return {
         "diagrams": [diagram.model_dump() for diagram in _diagrams(job, result.get("loop") or {})],
         "signals": {v.name: {"unit": v.unit, "description": v.description} for v in variables},
-        "words": _words(job, result) | dict(result.get("words") or {}),
+        "words": dict(result.get("words") or {}),
         "settings": job.config.model_dump(),
     }
-
-
-def _words(job: Job, result: Mapping[str, Any]) -> Json:
-    steps = (result.get("loop") or {}).get("steps", [])
-    named = [*(result.get("design") or {}).get("effects", []), *(c["id"] for step in steps for c in step["candidates"])]
-    known = job.model.declared.catalogue
-    return {id_: known[id_].summary for id_ in dict.fromkeys(named) if id_ in known}
 
 
 def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:

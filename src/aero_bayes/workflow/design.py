@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,6 @@ import click
 import numpy as np
 
 from aero_bayes.config import load_config
-from aero_bayes.declared import Declaration
 from aero_bayes.design import (
     Design,
     GainCheck,
@@ -33,10 +33,10 @@ from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
-from aero_bayes.export import EffectUse, declaration_of, export_fmu, write_extension
-from aero_bayes.physics.catalogue import effect_parameter
+from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.selection import Narrowed
 from aero_bayes.report import write_report
-from aero_bayes.simulation import Model
+from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import Series, only_measured
@@ -136,8 +136,12 @@ def _separate(
     job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
 ) -> tuple[Json, Series, HeldSignal]:
     """The experiment for two effects."""
-    first = _with_effect(job, base, rivals.first, rivals.common, progress)
-    second = _with_effect(job, base, rivals.second, rivals.common, progress)
+    section, ids = job.config.model, (*rivals.common, rivals.first, rivals.second)
+    folder, narrowed = job.options.out / "fmu", Narrowed(effects=ids)
+    family = RigFamily(job.name, section.sources, folder, section.libraries, narrowed)
+    family.prepare(base.calibration, base.optimum, open_simulator)
+    first, of_first = _with_effect(job, base, family, rivals.first, rivals.common, progress)
+    second, of_second = _with_effect(job, base, family, rivals.second, rivals.common, progress)
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     apart = separating_experiment(
         first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
@@ -152,49 +156,50 @@ def _separate(
         "effects": [rivals.first, rivals.second],
         "common": list(rivals.common),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
-        "models": [_effect_entry(rivals.first, first), _effect_entry(rivals.second, second)],
+        "models": [_effect_entry(rivals.first, first, of_first), _effect_entry(rivals.second, second, of_second)],
         "check": check.to_dict(),
     }
     plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
-    return {"design": found, "verdict": _separate_verdict(rivals, apart, check)}, plan, apart
+    words = {id_: family.summary(id_) for id_ in ids}
+    return {"design": found, "verdict": _separate_verdict(rivals, apart, check), "words": words}, plan, apart
 
 
-def _effect_entry(name: str, found: Fit) -> Json:
+def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
     """An effect as it was fitted to the recordings at hand."""
-    table, effect = found.parameters, found.calibration.model.declared.effect(name)
-    return {
-        "id": name,
-        "model": found.calibration.model.name,
-        "parameters": {p.name: table[p.name].to_dict() for p in effect.parameters if p.name in table},
-    }
+    table = found.parameters
+    parameters = {own: table[own].to_dict() for own in names if own in table}
+    return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
 
 
-def _with_effect(job: Job, base: Fit, name: str, common: Sequence[str], progress: ProgressBar) -> Fit:
-    """The base model with an effect (and those that both rivals have), written, built and fitted."""
+def _with_effect(
+    job: Job, base: Fit, family: RigFamily, name: str, common: Sequence[str], progress: ProgressBar
+) -> tuple[Fit, list[str]]:
+    """The base model with an effect (and those that both rivals have), written, built and fitted; its parameters."""
     ids = (*common, name)
-    out, sources = job.options.out, job.config.model.sources
-    written = write_extension(job.name, [EffectUse(id_) for id_ in ids], out, sources=sources)
-    model = Model.load(export_fmu(written.name, out / f"{written.name}.fmu", sources=[*sources, written.path]))
-    items = [item for id_ in ids for item in model.declared.effect(id_).parameters]
-    new = [effect_parameter(item) for item in items]
+    names = {id_: [p.name for p in family.parameters(id_)] for id_ in ids}
+    rows = product(*(family.starts(id_) or (tuple(p.start for p in family.parameters(id_)),) for id_ in ids))
+    tried = [
+        {n: v for id_, own in zip(ids, row, strict=True) for n, v in zip(names[id_], own, strict=True)} for row in rows
+    ]
+    written = family.extend(ids, tried[0], job.options.out)
+    here = {old: new for pairs in written.names.values() for old, new in pairs}
     values = [base.named.get(p.name, p.start) for p in job.parameters]
-    grids = [item.starts or (item.scale,) for item in items]
-    tried = list(product(*grids))
     found: list[Fit] = []
-    for k, starts in enumerate(tried[:: max(1, -(-len(tried) // MOST_STARTS))]):
+    for k, row in enumerate(tried[:: max(1, -(-len(tried) // MOST_STARTS))]):
         progress(f"fit with {name}", k / MOST_STARTS, "")
-        started = [replace(p, start=min(max(s, p.lower), p.upper)) for p, s in zip(new, starts, strict=True)]
+        starts = {here[n]: v for n, v in row.items()}
+        started = [replace(p, start=min(max(starts[p.name], p.lower), p.upper)) for p in written.parameters]
         found.append(
             fit(
                 job.recordings,
-                model,
+                written.model,
                 parameters=job.parameters.with_start(np.array(values)).extended(started),
                 settings=replace(fit_settings(job), method="local"),
                 seed=job.options.seed,
                 workers=job.options.workers,
             )
         )
-    return max(found, key=lambda candidate: candidate.log_posterior)
+    return max(found, key=lambda candidate: candidate.log_posterior), [here[n] for n in names[name]]
 
 
 def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
@@ -223,22 +228,30 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
         return None
     config = load_config(options.config)
     name, fmu = which_model(config, options)
-    declared = declaration_of(name, config.model.sources) if fmu is None else Model.load(fmu).declared
+    if fmu is None:
+        every = RigFamily(name, config.model.sources, options.out, config.model.libraries).every
+        known = [candidate.id for candidate in every]
+    else:
+        known = list(Model.load(fmu).declared.effects)
     if wanted.separate is not None:
         first, second = wanted.separate
-        if declared.effect(first) == declared.effect(second):
+        for id_ in wanted.separate:
+            if id_ not in known:
+                near = difflib.get_close_matches(id_, known, n=1, cutoff=0.0)
+                raise InputError(f"--separate: unknown effect {id_!r}; did you mean {', '.join(near) or 'none'}?")
+        if first == second:
             raise InputError(f"--separate {first} {second}: expected two different effects")
         return Rivals(first, second)
     assert wanted.loop is not None
-    return _rivals_of_loop(wanted.loop / "result.json", declared)
+    return _rivals_of_loop(wanted.loop / "result.json", known)
 
 
-def _rivals_of_loop(path: Path, declared: Declaration) -> Rivals:
+def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
     """The first two of the first class of effects that a finished loop could not tell apart."""
     try:
         found = json.loads(path.read_text("utf-8"))["loop"]
-        classes = [[str(id_) for id_ in group if id_ in declared.catalogue] for group in found["equivalent"]]
-        added = [str(entry["id"]) for entry in found["effects"] if entry["id"] in declared.catalogue]
+        classes = [[str(id_) for id_ in group if id_ in known] for group in found["equivalent"]]
+        added = [str(entry["id"]) for entry in found["effects"] if entry["id"] in known]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a finished close-loop run") from None
     except (KeyError, TypeError, ValueError):

@@ -18,17 +18,16 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
-from aero_bayes.export import declaration_of
 from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import in_library
 from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.laws.compose import probe
+from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.law import STANDING
-from aero_bayes.laws.use import plain_name
-from aero_bayes.physics.fmu_family import FmuFamily
-from aero_bayes.physics.rig import RigFamily
+from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.use import in_words, plain_name
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_of
 from aero_bayes.ports.sizes import MOST, port_sizes
 from aero_bayes.scratch import ScratchFolder
@@ -71,25 +70,23 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
     if fmu is not None:
         if data:
             raise InputError(f"{fmu}: --data needs the source; the ports of an FMU are its inputs and outputs")
-        section = load_config(options.config).model
-        family = FmuFamily(fmu.stem, section.sources, options.out, section.libraries, fmu=fmu)
-        family.check()
-        return port_table(family.ports)
-    declared = declaration_of(name, config.model.sources)
-    if name.partition(".")[2] in declared.systems:
-        if data:
-            raise InputError(f"{name}: --data is for ports that are found; those of {declared.package} are a list")
-        return [{"id": e.id, "port": e.port, "summary": e.summary} for e in declared.effects]
-    return model_ports(name, options, data)
+        around = FmuFamily(fmu.stem, config.model.sources, options.out, config.model.libraries, fmu=fmu)
+        around.check()
+        return port_table(around.ports)
+    family = RigFamily(name, config.model.sources, options.out, config.model.libraries)
+    if not family.declared.effects:
+        return model_ports(family, options, data)
+    if data:
+        raise InputError(f"{name}: --data is for ports that are found; those of {family.declared.package} are a list")
+    named = [c for c in family.every if c.alias]
+    return [{"id": c.id, "port": family.named(c.port), "summary": in_words(c.law, c.port)} for c in named]
 
 
-def model_ports(name: str, options: RunOptions, data: Sequence[Path]) -> list[Row]:
+def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[Row]:
     """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
-    section = load_config(options.config).model
-    family = RigFamily(name, section.sources, options.out, section.libraries)
     rows: list[Row] = port_table(family.ports)
     if data:
         job = open_job(data, options)

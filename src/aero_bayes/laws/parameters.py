@@ -1,0 +1,78 @@
+"""Laws at ports as columns of a search: their parameters with priors, and values to start from."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection
+
+from aero_bayes.declared import Effect
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.laws.family import magnitude
+from aero_bayes.laws.use import Use
+
+#: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
+#: not, which may act only beyond a threshold that a coarse grid steps over.
+SIZES, SIZES_ALONE = (1.0, 0.2, 5.0), (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0)
+#: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
+LEVELS, NARROW = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
+
+
+def parameters_of(use: Use) -> list[Parameter]:
+    """Columns of a law, the switch first."""
+    found = []
+    for p in use.parameters():
+        limits = use.limits(p)
+        bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
+        default = p.value("default", use.all_sizes)
+        about = p.description if use.port.replaceable is not None else f"{p.description} at {use.port.id}"
+        found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
+    return found
+
+
+def vanishing_of(use: Use) -> tuple[int, ...]:
+    """Columns of the shape with which a finer law becomes a coarser one as it goes to 0."""
+    return tuple(k for k, p in enumerate(use.parameters()) if p.name == use.law.vanishing)
+
+
+def starts_of(use: Use, effect: Effect | None = None, highest: float = 1.0) -> tuple[tuple[float, ...], ...]:
+    """Values worth starting from: magnitudes, of both signs where they mean something, and shapes.
+
+    Those that are declared for an ``effect`` come first; ``highest`` is the largest input.
+    """
+    if use.law.learned:
+        return ()
+    if effect is not None and (effect.starts or effect.inverse_shares):
+        return _declared(use, effect, highest)
+    choices: list[Collection[float]] = []
+    parameters = list(use.parameters())
+    for k, p in enumerate(parameters):
+        limits = use.limits(p)
+        low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
+        scale = limits["nominal"]
+        if k == 0:
+            static = len(parameters) == 1 and low >= 0.0 and not use.law.moves
+            sizes = [m * scale for m in (SIZES_ALONE if static or use.law.threshold else SIZES)]
+            values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
+        elif low > 0.0 and high < NARROW * low:
+            values = [m * scale for m in LEVELS if low < m * scale < high]
+        elif low > 0.0:
+            values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
+        else:
+            values = [scale] if low >= 0.0 else [scale, -scale]
+        choices.append(values)
+    return tuple(itertools.product(*choices))
+
+
+def _declared(use: Use, effect: Effect, highest: float) -> tuple[tuple[float, ...], ...]:
+    choices: list[tuple[float, ...]] = []
+    parameters = list(use.parameters())
+    for p in parameters:
+        limits = use.limits(p)
+        values = effect.starts.get(p.name, (limits["nominal"],))
+        if len(parameters) == 1 and limits.get("min", -math.inf) >= 0.0:
+            values = (*values, 0.2 * min(values))
+        if p.name in effect.inverse_shares:
+            values = tuple(1.0 / (share * max(highest, 1e-3)) for share in effect.inverse_shares[p.name])
+        choices.append(values)
+    return tuple(itertools.product(*choices))

@@ -1,0 +1,150 @@
+"""Laws put in the place of replaceable models: a class that extends the user's and declares these anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.laws.use import Use
+from aero_bayes.ports.replaceable import Join, Replaceable
+from aero_bayes.scratch import ScratchFolder
+
+
+def parted(uses: Iterable[Use]) -> tuple[list[Use], list[Use]]:
+    """Laws in replaceable models, and the others."""
+    every = list(uses)
+    return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
+
+
+def go_together(use: Use) -> bool:
+    """Whether a law stands in a replaceable model that takes several."""
+    return use.port.replaceable is not None and use.port.replaceable.join is not None
+
+
+def load_extended(
+    base: str, name: str, uses: Sequence[Use], sources: Sequence[Path], libraries: Sequence[Path]
+) -> FlatModel:
+    """The flat model of ``base`` with laws in its replaceable models."""
+    with ScratchFolder() as folder:
+        path = Path(folder) / f"{name}.mo"
+        path.write_text("\n".join(["within ;", *extending_class(base, name, uses), ""]), encoding="utf-8")
+        return load_flat(name, (*sources, path), libraries)
+
+
+def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
+    """The lines of a model ``name`` that extends ``base`` with laws in the place of its replaceable models.
+
+    Modifiers stand at the components (``bodyEffect(tau_c = tau_c)``) and not in the redeclaration, where rumoca drops
+    them.
+
+    Raises
+    ------
+    CannotFinishError
+        For several laws in one place of which the source does not tell how they go together.
+    """
+    here: dict[str, list[Use]] = {}
+    for use in uses:
+        here.setdefault(_place(use).name, []).append(use)
+    redeclared: list[str] = []
+    modified: dict[str, list[str]] = {}
+    classes: list[str] = []
+    for name_there, own in here.items():
+        place, alone = _place(own[0]), len(own) == 1
+        class_name = own[0].law.model if alone else f"{name_there}s"
+        redeclared.append(f"redeclare model {name_there} = {class_name}")
+        if not alone:
+            classes += _together(place, class_name, own)
+        inner = _modifiers(own[0]) if alone else [f"{u.instance}({', '.join(_modifiers(u))})" for u in own]
+        for path in place.components:
+            owner, _, component = path.rpartition(".")
+            modified.setdefault(owner, []).append(f"{component}({', '.join(inner)})")
+    arguments = redeclared + modified.pop("", [])
+    arguments += [_nested(owner.split("."), items) for owner, items in modified.items()]
+    what = " and ".join(dict.fromkeys(_in_words(use) for use in uses))
+    about = f"{base.rpartition('.')[2]} with {what if len(what) <= 100 else 'several effects'}"
+    return [
+        f'model {name} "{about}"',
+        f"  extends {base}(", ",\n".join(f"    {a}" for a in arguments) + ");",
+        *(line for use in uses for line in _parameters(use)),
+        *(f"  {line}" for line in classes),
+        f'  annotation (Documentation(info = "<html><p>{base.rpartition(".")[2]} with {what}.</p></html>"));',
+        f"end {name};",
+    ]  # fmt: skip
+
+
+def component_of(use: Use, uses: Sequence[Use]) -> str:
+    """Path of a law's component in the class that extends with ``uses``; the first where there are several."""
+    place = _place(use)
+    alone = sum(_place(other).name == place.name for other in uses) == 1
+    return place.components[0] if alone else f"{place.components[0]}.{use.instance}"
+
+
+def _place(use: Use) -> Replaceable:
+    assert use.port.replaceable is not None
+    return use.port.replaceable
+
+
+def _in_words(use: Use) -> str:
+    about = use.law.description
+    return about[:1].lower() + about[1:]
+
+
+def _modifiers(use: Use) -> list[str]:
+    given = [f"{p.name} = {use.names[p.name]}" for p in use.parameters()]
+    return given + [f"{size} = {_real(value)}" for size, value in use.all_sizes.items()]
+
+
+def _nested(path: Sequence[str], items: Iterable[str]) -> str:
+    inner = f"{path[-1]}({', '.join(items)})"
+    for owner in reversed(path[:-1]):
+        inner = f"{owner}({inner})"
+    return inner
+
+
+def _parameters(use: Use) -> list[str]:
+    lines = []
+    for p in use.parameters():
+        limits = {k: _real(v) for k, v in use.limits(p).items()}
+        unit = {"unit": f'"{use.unit(p)}"'} if use.unit(p) else {}
+        attributes = ", ".join(f"{k} = {v}" for k, v in (unit | limits).items())
+        lines.append(f'  parameter Real {use.names[p.name]}({attributes}) = {_real(use.value(p))} "{p.description}";')
+    return lines
+
+
+def _together(place: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
+    """A local model with several laws: in series where something passes through, else parallel."""
+    join = place.join
+    if join is None:
+        raise CannotFinishError(
+            f"{place.place}: {place.default} does not tell how several laws go in the place of {place.name}"
+        )
+    components, previous = [], join.signal[0] if join.signal else ""
+    for u in uses:
+        passed = [f"{join.signal[0]} = {previous}"] if join.signal else []
+        handed = [f"{n} = {n}" for n in join.handed]
+        components.append(f"  {u.law.model} {u.instance}({', '.join([*passed, *handed])});")
+        previous = f"{u.instance}.{join.signal[1]}" if join.signal else ""
+    return [
+        f'model {name} "Several laws in one place"',
+        f"  extends {place.constraint};",
+        *components,
+        "equation",
+        *(f"  {line}" for line in _joined(join, [u.instance for u in uses], previous)),
+        f"end {name};",
+    ]
+
+
+def _joined(join: Join, names: Sequence[str], last: str) -> list[str]:
+    lines = [f"{join.signal[1]} = {last};"] if join.signal else []
+    if join.series:
+        first, end = join.series
+        ends = [first, *(f"{n}.{side}" for n in names for side in (first, end)), end]
+        lines += [f"connect({a}, {b});" for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    return lines + [f"connect({c}, {n}.{c});" for c in join.shared for n in names]
+
+
+def _real(value: float) -> str:
+    return repr(float(value))

@@ -1,0 +1,78 @@
+"""Laws for the replaceable models of a system: classes of its sources that can be put there, off at their defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.classes import ClassText, Component, snake_case
+from aero_bayes.language.parse import parse_expression
+from aero_bayes.language.sources import Sources
+from aero_bayes.language.values import evaluate
+from aero_bayes.laws.law import Law, LawParameter, Shape, is_fitted, noted, parameter_of
+
+#: A law at a replaceable model connects to it by itself; one that learns a curve has it as ``y`` over ``x``, whose
+#: largest value in a fit is its parameter ``x_n``.
+SHAPE = Shape("replaceable", "y", ("x",), {"x_n": "x"})
+
+
+def laws_within(known: Sources, constraint: str) -> tuple[Law, ...]:
+    """The laws for replaceable models that a class constrains, in the order of files and classes.
+
+    They are the classes that extend it and whose first own parameter with a nominal value is zero by default.
+    """
+    found: list[Law] = []
+    if constraint not in known.by_name:
+        return ()
+    shared = {c.full_name for _, c in known.lineage(*known.find(constraint))}
+    for file in (file for file in known.files.values() if not Path(file.file).is_absolute()):
+        for cls in (c for top in file.classes for c in top.walk()):
+            if cls.partial or cls.kind not in ("model", "block") or cls.full_name in shared:
+                continue
+            chain = known.lineage(file, cls)
+            if not any(c.full_name == constraint for _, c in chain):
+                continue
+            own = [c for _, of in chain if of.full_name not in shared for c in of.components()]
+            try:
+                law = _law(cls, constraint, own)
+            except InputError as error:
+                raise InputError(f"{file.file}: {cls.full_name}: {error}") from None
+            if law is not None:
+                found.append(law)
+    return tuple(found)
+
+
+def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | None:
+    switches = [c for c in own if is_fitted(c)]
+    if not switches or _number(switches[0]) != 0.0:
+        return None
+    fitted = tuple(parameter_of(c) for c in switches)
+    set_from_outside = [c for c in own if "parameter" in c.prefixes and not c.prefixes & {"final", "protected"}]
+    others = {c.name: value for c in set_from_outside if not is_fitted(c) and (value := _number(c)) is not None}
+    sizes = {name: value for name, value in others.items() if name in SHAPE.sizes}
+    widths = {name: value for name, value in others.items() if name not in sizes}
+    _check(fitted, sizes)
+    notes = [noted(cls.annotation, word) for word in ("refines", "learned", "threshold", "vanishing")]
+    if notes[1] not in ("", "x"):
+        raise InputError(f'learned = {notes[1]!r}; expected "x", the variable over which y is learned')
+    refines, learned, threshold, vanishing = notes
+    return Law(
+        snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, sizes, frozenset(), {}, "",
+        refines, learned, threshold, vanishing, SHAPE, "", cls, widths, constraint,
+    )  # fmt: skip
+
+
+def _number(c: Component) -> float | None:
+    try:
+        return evaluate(parse_expression(c.binding), {}) if c.binding else None
+    except InputError:
+        return None
+
+
+def _check(fitted: Sequence[LawParameter], sizes: Mapping[str, float]) -> None:
+    """Raise InputError for an attribute that is no number."""
+    for p in fitted:
+        for term in (p.default, p.minimum, p.maximum, p.nominal):
+            if term is not None:
+                evaluate(term, sizes)

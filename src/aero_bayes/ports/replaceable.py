@@ -1,0 +1,141 @@
+"""Replaceable models of a Modelica system: places where its own source lets another class be put in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from aero_bayes.errors import InputError
+from aero_bayes.language.classes import ClassText, Component, Statement, dotted_name
+from aero_bayes.language.sources import SourceFile, Sources
+from aero_bayes.language.tokens import Place, find_outside, split_outside
+
+
+@dataclass(frozen=True)
+class Join:
+    """How several laws are put in one place.
+
+    Of what the partial model has, all are ``handed`` its inputs and parameters, and are connected at the connectors
+    that are ``shared``; two connectors are in ``series``, or an input is passed on to an output as a ``signal``.
+    """
+
+    handed: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
+    series: tuple[str, str] | None = None
+    signal: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True)
+class Replaceable:
+    """A replaceable model of a system.
+
+    Parameters
+    ----------
+    name, description : str
+    constraint : str
+        Full name of the class that all which fit extend.
+    default : str
+        Full name of the class that stands there.
+    components : tuple of str
+        Paths of the components of that class, such as ``thruster_1.rotorEffect``.
+    place : Place
+    join : Join, optional
+        None where the source does not tell how several laws are put there.
+    """
+
+    name: str
+    description: str
+    constraint: str
+    default: str
+    components: tuple[str, ...]
+    place: Place
+    join: Join | None
+
+
+def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
+    """The replaceable models that a model, or a class that it extends, declares and has components of."""
+    try:
+        chain = known.lineage(*known.find(model))
+    except InputError:
+        return ()
+    found: dict[str, Replaceable] = {}
+    for file, cls in chain:
+        for statement in cls.statements:
+            read = _declared(known, file, cls, statement)
+            if read is not None and read.name not in found:
+                found[read.name] = replace(read, components=tuple(_components(known, chain, read.name)))
+    return tuple(one for one in found.values() if one.components)
+
+
+def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) -> Replaceable | None:
+    """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
+    words = [t.word for t in s.tokens]
+    kind = next((k for k in ("model", "block") if k in words[:4]), "")
+    if s.section != "class" or "replaceable" not in words[:3] or not kind:
+        return None
+    at = words.index(kind) + 1
+    if words[at + 1 : at + 2] != ["="]:
+        return None
+    default = known.resolve(cls, dotted_name(s.tokens[at + 2 :])[0])
+    limit = find_outside(s.tokens, frozenset({"constrainedby"}))
+    constraint = known.resolve(cls, dotted_name(s.tokens[limit + 1 :])[0]) if limit < len(words) else default
+    end = find_outside(s.tokens, frozenset({"annotation"}))
+    description = "".join(t.word[1:-1] for t in s.tokens[:end] if t.kind == "text")
+    before = file.text[: s.start]
+    start, stop = len(before.encode()), len(file.text[: s.end].encode())
+    place = Place(file.file, start, stop, before.count("\n") + 1)
+    return Replaceable(words[at], description, constraint, default, (), place, _join(known, constraint, default))
+
+
+def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], name: str) -> Iterator[str]:
+    """Paths of the components of a replaceable model, also where it is passed on to a component that has one."""
+    for _, cls in reversed(chain):
+        for c in cls.components():
+            if c.type == name:
+                yield c.name
+            for inner in _passed(c, name):
+                try:
+                    deeper = known.lineage(*known.find(known.resolve(cls, c.type)))
+                except InputError:
+                    continue
+                yield from (f"{c.name}.{path}" for path in _components(known, deeper, inner))
+
+
+def _passed(c: Component, name: str) -> list[str]:
+    """Replaceable models of a component's class in whose place a name is put."""
+    parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
+    return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
+
+
+# how several laws go into one place
+
+
+def _join(known: Sources, constraint: str, default: str) -> Join | None:
+    """From the connectors and signals of the partial model, and what the class that stands there does with them."""
+    try:
+        chain, there = (known.lineage(*known.find(name)) for name in (constraint, default))
+    except InputError:
+        return None
+    neutral = {" ".join(t.word for t in s.core) for _, cls in there for s in cls.equations}
+    own = [(cls, c) for _, cls in chain for c in cls.components()]
+    inputs = [c.name for _, c in own if c.prefixes & {"input", "parameter"} and "final" not in c.prefixes]
+    outputs = [c.name for _, c in own if "output" in c.prefixes]
+    ends = [(c.name, flow) for cls, c in own if (flow := _flow(known, cls, c))]
+    shared = [name for name, flow in ends if f"{name} . {flow} = 0" in neutral]
+    rest = [name for name, _ in ends if name not in shared]
+    signal = next(((u, y) for u in inputs for y in outputs if f"{y} = {u}" in neutral), None)
+    if len(rest) not in (0, 2) or len(outputs) > (signal is not None):
+        return None
+    handed = [name for name in inputs if signal is None or name != signal[0]]
+    return Join(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
+
+
+def _flow(known: Sources, cls: ClassText, c: Component) -> str:
+    """Name of the flow variable where a component is a connector; empty where it is none."""
+    try:
+        chain = known.lineage(*known.find(known.resolve(cls, c.type)))
+    except InputError:
+        return ""
+    return next(
+        (v.name for _, of in chain if of.kind == "connector" for v in of.components() if "flow" in v.prefixes), ""
+    )

@@ -1,0 +1,61 @@
+"""Unseen readings may refuse a name: on predictions that are made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aero_bayes.check.structure import ResidualReport
+from aero_bayes.data import Recording
+from aero_bayes.judge.prediction import Prediction, rms_error
+from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge.validation import VISIBLY, refusal
+
+TIME = np.arange(2000) * 0.05
+NOISE = np.random.default_rng(1).normal(0.0, 0.1, (2, TIME.size))
+UNSEEN = Recording("run", TIME, {"u": np.sin(TIME)}, {"y": NOISE[0], "z": NOISE[1]}, {"time": "s"}, "")
+RECORDINGS = Recordings((), (UNSEEN,), (), {}, ("y", "z"))
+SETTLED = ResidualReport("run", "y", 0.1, 0.1, 0.1, (), TIME[:1], TIME[:1], {}, (0.0, 1.0), 0.0, "adequate")
+STRUCTURED = replace(SETTLED, rms=0.3, verdict="structured")
+
+
+def predicted(**missed: float) -> Prediction:
+    """What misses the readings by their noise and by a sine of some size, by output."""
+    fitted = {("run", o): missed.get(o, 0.0) * np.sin(0.8 * TIME) for o in ("y", "z")}
+    errors = {key: rms_error(UNSEEN.outputs[key[1]] - values, 0.05) for key, values in fitted.items()}
+    return Prediction({}, errors, fitted)
+
+
+def test_what_is_predicted_better_is_not_refused():
+    assert refusal(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [SETTLED]) == ""
+    assert refusal(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [STRUCTURED]) == ""
+
+
+def test_an_output_that_is_surely_predicted_worse_refuses_though_another_gains():
+    said = refusal(predicted(y=0.5), predicted(z=0.2), RECORDINGS, [SETTLED])
+    assert "worse" in said
+    assert "(z)" in said
+
+
+def test_what_chance_takes_does_not_refuse():
+    change = 1e-3 * np.random.default_rng(2).normal(size=TIME.size)
+    before = predicted(y=0.5)
+    fitted = {key: values + change for key, values in before.fitted.items()}
+    assert refusal(before, replace(before, fitted=fitted), RECORDINGS, [SETTLED]) == ""
+
+
+@pytest.mark.parametrize(("share", "refused"), [(1.0, True), (VISIBLY + 0.05, True), (VISIBLY - 0.05, False)])
+def test_structure_that_is_left_asks_for_an_error_that_falls_visibly(share, refused):
+    before = predicted(y=1.0)
+    after = predicted(y=1.0)
+    for key, error in before.test.items():
+        after.test[key] = replace(error, rms=share * error.rms)
+    assert bool(refusal(before, after, RECORDINGS, [STRUCTURED])) is refused
+    assert refusal(before, after, RECORDINGS, [SETTLED]) == ""
+
+
+def test_without_unseen_readings_nothing_is_refused():
+    after = replace(predicted(y=1.0), test={})
+    assert refusal(predicted(), after, RECORDINGS, [STRUCTURED]) == ""

@@ -1,0 +1,294 @@
+"""The laws of the library against closed forms, and what every law must be: off by default, smooth, felt when on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_form import damped_stops
+from numpy.random import Generator
+from small_rigs import Numbers, explicit, rig
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import add_input
+from aero_bayes.export.expression import evaluate
+from aero_bayes.export.flat import FlatEquation
+from aero_bayes.language.syntax import Call, Name
+from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.compose import Models, compose_law, law_models
+from aero_bayes.laws.law import SHAPES, Law, laws_of, snake_case
+from aero_bayes.laws.use import use_of
+
+LISTED = {
+    "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
+    "hysteresis curve",
+    "output": "gain offset saturation saturation_by_side unsigned lag delay curve",
+    "reading": "lag delay",
+    "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
+    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring end_stop "
+    "end_stop_by_side backlash curve position_curve fine_position_curve",
+    "storage": "linear_loss root_loss square_loss offset radiation curve",
+    "overflow": "overflow",
+    "exchange": "exchange",
+    "electrical": "series_resistance contact_drop heating curve",
+}
+SIZES = {
+    "f_n": 3.0,
+    "v_n": 0.5,
+    "x_n": 0.2,
+    "x_w": 0.1,
+    "x_0": 0.02,
+    "u_n": 4.0,
+    "q_n": 7.0,
+    "h_n": 10.0,
+    "d_n": 10.0,
+    "i_n": 2.0,
+    "t_n": 0.5,
+}
+
+
+def clip(x: float, limit: float) -> float:
+    return max(-limit, min(limit, x))
+
+
+def bumps(z: float, heights: dict[str, float]) -> float:
+    """A curve by its definition: normal bumps at even steps from -1 to 1, as wide as they are apart."""
+    places = np.linspace(-1.0, 1.0, len(heights))
+    width = places[1] - places[0]
+    return float(
+        np.array([heights[f"c_{k + 1}"] for k in range(places.size)]) @ np.exp(-(((z - places) / width) ** 2) / 2)
+    )
+
+
+#: What each law says where nothing is rounded, with its own parameters by name.
+CLOSED: dict[tuple[str, str], Callable[..., float]] = {
+    ("input", "gain"): lambda u, g: (1 + g) * u,
+    ("input", "offset"): lambda u, b: u + b,
+    ("input", "dead_zone"): lambda u, u_d: u - clip(u, u_d),
+    ("input", "saturation"): lambda u, s: clip(u, 1 / s),
+    ("input", "dead_zone_by_side"): lambda u, u_d, a: u - max((a - 1) * u_d, min((a + 1) * u_d, u)),
+    ("input", "saturation_by_side"): lambda u, s, a: max(-1 / (s * (1 - a)), min(1 / (s * (1 + a)), u)),
+    ("input", "square_law"): lambda u, a: (1 - a) * u + a * u * abs(u) / SIZES["u_n"],
+    ("output", "gain"): lambda u, g: (1 + g) * u,
+    ("output", "offset"): lambda u, b: u + b,
+    ("output", "saturation"): lambda u, s: clip(u, 1 / s),
+    ("output", "saturation_by_side"): lambda u, s, a: max(-1 / (s * (1 - a)), min(1 / (s * (1 + a)), u)),
+    ("output", "unsigned"): lambda u, r: u + r * (abs(u) - u),
+    ("motion", "coulomb_friction"): lambda v, F_c: F_c * np.sign(v),
+    ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
+    ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
+    ("motion", "rounded_friction"): lambda v, F_c, v_c: F_c * np.tanh(v / v_c),
+    ("motion", "viscous_friction"): lambda v, d: d * v,
+    ("motion", "quadratic_drag"): lambda v, c: c * v * abs(v),
+    ("motion", "offset"): lambda F_0: F_0,
+    ("motion", "linear_stiffness"): lambda x, k: k * x,
+    ("motion", "cubic_stiffness"): lambda x, k_3: k_3 * x**3,
+    ("motion", "unbalance"): lambda x, M_g, phi_g: M_g * np.sin(x + phi_g),
+    ("motion", "end_stop"): lambda x, k_s, x_s: k_s * (x - clip(x, x_s)),
+    ("motion", "end_stop_by_side"): lambda x, v, k_s, x_s, b, t_s: damped_stops(x - b - 0.02, v, k_s, x_s, t_s),
+    ("motion", "backlash"): lambda x, v, k_b, x_b, t_b: damped_stops(x, v, k_b, x_b, t_b) - k_b * (x + t_b * v),
+    ("storage", "linear_loss"): lambda h, h_s, k: k * (h - h_s),
+    ("storage", "root_loss"): lambda h, h_s, k: k * np.sqrt(abs(h - h_s)) * np.sign(h - h_s),
+    ("storage", "square_loss"): lambda h, h_s, c: c * (h - h_s) * abs(h - h_s),
+    ("storage", "offset"): lambda q_0: q_0,
+    ("storage", "radiation"): lambda h, h_s, c: c * (h**4 - h_s**4),
+    ("overflow", "overflow"): lambda h, k_o, h_o, share: k_o * max(h - h_o, 0.0),
+    ("exchange", "exchange"): lambda h_1, h_2, k: k * (h_1 - h_2),
+    ("electrical", "series_resistance"): lambda i, R_s: R_s * i,
+    ("electrical", "contact_drop"): lambda i, V_c: V_c * np.sign(i),
+    ("input", "curve"): lambda u, **c: u + SIZES["u_n"] * bumps(u / SIZES["u_n"], c),
+    ("output", "curve"): lambda u, **c: u + SIZES["u_n"] * bumps(u / SIZES["u_n"], c),
+    ("motion", "curve"): lambda v, **c: bumps(v / SIZES["v_n"], c),
+    ("motion", "position_curve"): lambda x, **c: bumps(x / SIZES["x_n"], c),
+    ("motion", "fine_position_curve"): lambda x, **c: bumps(x / SIZES["x_n"], c),
+    ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
+    ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
+}
+#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, a play that rests in its middle, a sign that
+#: is read right.
+UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "unsigned", "fine_position_curve", "hysteresis"}
+
+
+def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:
+    found: dict[str, list[str]] = {}
+    for law in laws:
+        found.setdefault(law.kind, []).append(law.id)
+        assert "Source: " in law.text
+    assert {k: sorted(v) for k, v in found.items()} == {k: sorted(v.split()) for k, v in LISTED.items()}
+
+
+@pytest.mark.parametrize(
+    ("flow", "level", "unit"),
+    [("kg/(s.m3)", "g/l", "1/s"), ("l/min", "m", "l/(min.m)"), ("W", "K", "W/K"), ("m3/s", "m", "m2/s")],
+)
+def test_a_parameters_unit_is_as_plain_as_the_ports(flow: str, level: str, unit: str, laws: tuple[Law, ...]) -> None:
+    law = next(law for law in laws if (law.kind, law.id) == ("storage", "linear_loss"))
+    assert law.switch.unit({"q_n": flow, "h_n": level, "t_n": "s"}) == unit
+
+
+def test_ids_are_snake_case() -> None:
+    assert [snake_case(n) for n in ("CoulombFriction", "Lag", "ACDrop", "RateLimit2")] == [
+        "coulomb_friction", "lag", "ac_drop", "rate_limit2",
+    ]  # fmt: skip
+
+
+def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -> None:
+    for law in laws:
+        sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+        for p in law.parameters:
+            low, high = p.value("minimum", sizes), p.value("maximum", sizes)
+            assert low <= p.value("default", sizes) <= high
+            assert low < p.value("nominal", sizes) < high
+        assert law.switch.value("default", sizes) == 0.0
+    friction = next(law for law in laws if law.id == "viscous_friction")
+    assert friction.switch.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
+    assert friction.switch.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("key", sorted(CLOSED))
+def test_a_law_is_its_closed_form(key: tuple[str, str], laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+    law = next(law for law in laws if (law.kind, law.id) == key)
+    model = explicit(models[key])
+    b = model.system.builder
+    sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+    fitted = {p.name: p.value("nominal", sizes) for p in law.parameters}
+    own, acts = Numbers(model).at, model.solved[law.shape.acts]
+    typical = {
+        g: next(SIZES[n] for n, of in law.shape.sizes.items() if of[0] == g[0] and n in SIZES) for g in sorted(law.uses)
+    }
+    typical |= {"h_s": -0.5 * SIZES["h_n"]} if "h_s" in typical else {}
+    largest = max(abs(CLOSED[key](**typical, **fitted)), 1e-9)
+    for _ in range(200):
+        given = {g: float(rng.uniform(-1.5, 1.5)) * size for g, size in typical.items()}
+        at = {**own, **{b.symbol(n): v for n, v in {**sizes, **fitted, **given}.items()}}
+        # rounding reaches as far as its width: a few thousandths of the size at a corner
+        above = {**given, "h": given["h"] - given["h_s"]} if "h_s" in given else given
+        assert evaluate([acts], at)[0] == pytest.approx(
+            CLOSED[key](**given, **fitted), abs=4e-3 * largest, rel=2e-3
+        ) or (min(abs(v / size) for v, size in zip(above.values(), typical.values(), strict=True)) < 5e-3)
+
+
+def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
+    laws: tuple[Law, ...], models: Models, rng: Generator
+) -> None:
+    """At the default the model is the base; the slope beside it is right, and of the size of the law itself."""
+    cart, tanks, circuit = (rig(m) for m in ("Cart", "TankPair", "Rlc"))
+    special = {"radiation": rig("Bodies.Pair"), "unbalance": rig("Pendulum")}
+    carrier = {"input": cart, "output": cart, "reading": cart, "motion": cart, "electrical": circuit}
+    for law in laws:
+        flat = special.get(law.id, carrier.get(law.kind, tanks))
+        ports = ports_of(flat, laws)
+        if law.kind == "reading":
+            ports = tuple(replace(p, kind="reading", laws=(law.id,)) for p in ports if p.kind == "output")
+        port = next(p for p in ports if law.id in p.laws and p.kind in (law.kind, "storage"))
+        neighbour = next((p for p in ports if p.id in port.neighbours[:1]), None)
+        use = use_of(law, port, [v.name for v in flat.variables], neighbour=neighbour)
+        model = explicit(compose_law(flat, use, models))
+        b = model.system.builder
+        base, wide = Numbers(explicit(flat)), Numbers(model)
+        # the last bump of a curve is where the points are
+        felt = law.parameters[-1] if law.learned else law.switch
+        switch = b.symbol(use.names[felt.name])
+        point = {n: float(v) for n, v in zip(wide.names(), rng.uniform(1.1, 1.9, len(wide.names())), strict=True)}
+        # states of the law are where they are on their own: equal
+        point |= dict.fromkeys((n for n in point if n.startswith(use.instance + ".")), 0.4)
+        expected = base({n: v for n, v in point.items() if n in base.names()})
+        found = wide(point)
+        assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-13), law.id
+        every = [*model.rates, *(model.solved.get(n, b.symbol(n)) for n in wide.outputs)]
+        # at the default itself a law with states may sleep
+        nominal = felt.value("nominal", use.all_sizes)
+        beside, step = 1e-6 * nominal, 5e-7 * nominal
+        at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}, switch: beside}
+        slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))
+        up, down = (np.array(evaluate(every, {**at, switch: beside + s})) for s in (step, -step))
+        assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
+        if law.id not in UNFELT_AT_ZERO:
+            assert np.abs(slope).max() > 1e-3, law.id
+        if law.id in ("lag", "delay", "rate_limit", "hysteresis"):
+            # fast states of a law that is off would set the pace of every simulation
+            own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(use.instance + ".")]
+            off, on = (np.abs(evaluate(own, {**at, switch: s})).max() for s in (0.0, beside))
+            assert off < 1e-4 * on, law.id
+
+
+@pytest.mark.parametrize("kind", ["input", "output", "reading"])
+@pytest.mark.parametrize("law_id", ["lag", "delay"])
+def test_lag_and_delay_have_their_frequency_response(
+    kind: str, law_id: str, laws: tuple[Law, ...], models: Models
+) -> None:
+    """By the linear state space of the law alone, for an output with its rate as input: 1 / (1 + T s), exp(-T s)."""
+    law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
+    T, w = 0.1, 4.0 if law_id == "lag" else 15.0
+    s = 1j * w
+    flat = models[kind, law_id]
+    if kind == "output":
+        inner = tuple(replace(v, causality="local") if v.name == "u" else v for v in flat.variables)
+        rate = FlatEquation(Call("der", (Name("u"),)), Name("w"), "added")
+        flat = add_input(replace(flat, variables=inner, equations=(*flat.equations, rate)), "w")
+    model = explicit(flat)
+    b = model.system.builder
+    at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.switch.name): T}
+    x = [b.symbol(n) for n in model.states]
+    u = b.symbol("w" if kind == "output" else "u")
+    a = np.array([evaluate([b.derivative(r, j) for j in x], at) for r in model.rates])
+    into = np.array(evaluate([b.derivative(r, u) for r in model.rates], at))
+    out = np.array(evaluate([b.derivative(model.solved["y"], j) for j in x], at))
+    direct = evaluate([b.derivative(model.solved["y"], u)], at)[0]
+    response = direct + out @ np.linalg.solve(s * np.eye(len(x)) - a, into)
+    response *= s if kind == "output" else 1.0
+    exact = 1 / (1 + T * s) if law_id == "lag" else np.exp(-T * s)
+    assert response == pytest.approx(exact, abs=2e-3)
+
+
+def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
+    own = tmp_path / "Mine.mo"
+    own.write_text(
+        """package Mine "Laws of my rig"
+  partial model Friction "A base of its own"
+    extends Laws.Interfaces.MotionLaw;
+  end Friction;
+  model RopeDrag "Rope that is dragged along"
+    extends Laws.Interfaces.MotionLaw(v(unit = "m/s"));
+    parameter Real r(min = 0, max = 5 * f_n, nominal = 0.2 * f_n / v_n ^ 3) = 0 "Drag of the rope";
+  equation
+    f = r // a comment within
+      * cube(v);
+    annotation (__aero_bayes(refines = "quadratic_drag"));
+  end RopeDrag;
+  function cube
+    input Real x;
+    output Real y = x ^ 3;
+  algorithm
+  end cube;
+  model NoLaw
+    Real y = 1;
+  end NoLaw;
+end Mine;
+""",
+        encoding="utf-8",
+    )
+    (law,) = laws_of([own])
+    assert (law.id, law.kind, law.model, law.refines) == ("rope_drag", "motion", "Mine.RopeDrag", "quadratic_drag")
+    assert law.needs_unit == {"v": "m/s"}
+    assert law.uses == {"v"}
+    assert law.switch.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
+    model = explicit(law_models([law], [own])["motion", "rope_drag"])
+    at = {model.system.builder.symbol(n): v for n, v in {"r": 2.0, "v": 3.0}.items()}
+    assert evaluate([model.solved["f"]], at) == [54.0]
+    own.write_text(
+        "model Bare\n  extends Laws.Interfaces.StorageLaw;\n  parameter Real k = 1;\nequation\n  q = k;\nend Bare;\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError, match=r"Mine\.mo: Bare: a law needs a parameter with the attribute nominal"):
+        laws_of([own])
+
+
+def test_every_partial_model_has_a_shape() -> None:
+    from aero_bayes.export.library import modelica_root
+
+    folder = modelica_root() / "Laws" / "Interfaces"
+    assert {p.stem for p in folder.glob("*Law.mo")} == set(SHAPES)

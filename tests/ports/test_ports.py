@@ -1,0 +1,272 @@
+"""Ports that are found in rigs of every kind, and what a term there does to the equations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from numpy.random import Generator
+from small_rigs import Numbers, explicit, rig, somewhere
+
+from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.language.dimensions import dimension_of_unit, unit_text
+from aero_bayes.laws.candidates import candidates, ports_of
+from aero_bayes.laws.compose import Models, compose_law, probe, screening
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.use import use_of
+from aero_bayes.laws.write import write_law
+from aero_bayes.ports.port import MINUS, port_table
+
+FOUND = {
+    "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
+    "Pendulum": {"u": "input input N.m", "angle": "output output rad", "w": "motion equation N.m"},
+    "TankPair": {
+        "u": "input input V", "y": "output output V", "h1": "storage equation V/s", "h2": "storage equation V/s",
+    },
+    "Rlc": {
+        "u": "input input V", "u_C": "output output V", "i": "electrical equation V", "v_C": "storage equation A",
+    },
+    "Motor": {
+        "V": "input input V", "speed": "output output rad/s", "current": "output output A",
+        "i": "electrical equation V", "w": "motion equation N.m",
+    },
+    "Shaft.Motor": {
+        "V": "input input V", "speed": "output output rad/s", "current": "output output A",
+        "inductor.p": "electrical series V", "rotor.a": "motion node N.m", "load.a": "motion node N.m",
+        "rotor.a-load.a": "motion node N.m",
+    },
+    "Bodies.Pair": {
+        "P": "input input W", "T_1": "output output K", "T_2": "output output K", "one.port": "storage node W",
+        "two.port": "storage node W",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("model", FOUND)
+def test_ports_are_found(model: str, laws: tuple[Law, ...]) -> None:
+    ports = ports_of(rig(model), laws)
+    assert {p.id: f"{p.kind} {p.via} {p.unit}" for p in ports} == FOUND[model]
+    for p in ports:
+        assert p.laws
+        assert p.place is not None
+        assert p.place.file == f"{model.partition('.')[0]}.mo"
+
+
+def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
+    cart = {p.id: p for p in ports_of(rig("Cart"), laws)}
+    assert {"coulomb_friction", "cubic_stiffness", "end_stop"} <= set(cart["v"].laws)
+    motor = {p.id: p for p in ports_of(rig("Motor"), laws)}
+    assert "cubic_stiffness" not in motor["w"].laws  # no angle there
+    assert set(motor["i"].laws) == {"series_resistance", "contact_drop", "heating", "curve"}
+    assert "position_curve" in cart["v"].laws
+    assert "position_curve" not in motor["w"].laws
+    tanks = {p.id: p for p in ports_of(rig("TankPair"), laws)}
+    assert "radiation" not in tanks["h1"].laws
+    assert {"overflow", "exchange", "root_loss"} <= set(tanks["h1"].laws)
+    assert tanks["h1"].neighbours == ("h2",)
+    bodies = {p.id: p for p in ports_of(rig("Bodies.Pair"), laws)}
+    assert "radiation" in bodies["one.port"].laws
+    assert not {"overflow", "root_loss"} & set(bodies["one.port"].laws)  # a temperature does not spill
+
+
+def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+    flat = rig("Bodies.Pair")
+    port = next(p for p in ports_of(flat, laws) if p.id == "one.port")
+    taken = [v.name for v in flat.variables]
+    for id_, c, flow in (("radiation", 2e-9, 2e-9 * (310.0**4 - 295.0**4)), ("square_loss", 0.3, 0.3 * 15.0**2)):
+        law = next(law for law in laws if law.id == id_)
+        use = use_of(law, port, taken, sizes={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c})
+        base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+        point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
+        change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
+        assert change == pytest.approx(-flow / 20, rel=1e-9)
+
+
+def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:
+    found = [c.id for c in candidates(ports_of(rig("TankPair"), laws), laws)]
+    assert len(found) == len(set(found))
+    assert [i for i in found if i.startswith("exchange")] == ["exchange@h1"]
+
+
+def test_the_table_names_file_and_line(laws: tuple[Law, ...]) -> None:
+    rows = {r["id"]: r for r in port_table(ports_of(rig("Cart"), laws))}
+    assert (rows["v"]["file"], rows["v"]["line"], rows["v"]["unit"]) == ("Cart.mo", 12, "N")
+    assert rows["v"]["states"] == ["v", "x"]
+
+
+FORMS = [
+    ("", "M * der(v) = F - d * v;", "1 / M"),
+    ("", "M * der(v) + d * v = F;", "1 / M"),
+    ("", "0 = F - d * v - M * der(v);", "1 / M"),
+    ("", "der(v) = (F - d * v) / M;", "1 / M"),
+    ("", "der(v) = 1 / M * (F - d * v);", "1 / M"),
+    ("", "der(v) = -(d * v - F) / M;", "1 / M"),
+    ("", "F = d * v + M * der(v);", "1 / M"),
+    ("", "-M * der(v) = d * v - F;", "1 / M"),
+    ("Real a;", "a = der(v);\n  M * a = F - d * v;", "1 / M"),
+    ("Real a;", "der(v) = a;\n  a = (F - d * v) / M;", "1 / M"),
+    ("Real a = (F - d * v) / M;", "der(v) = a;", "1 / M"),
+    ("Real f;", "f = F - d * v;\n  M * der(v) = f;", "1 / M"),
+    ("", "der(v) = F / M - d / M * v;", "1"),
+    ("", "n * der(v) = n / M * F - n * d / M * v;", "-1 / n"),
+]
+
+
+@pytest.mark.parametrize(("declared", "balance", "gain"), FORMS)
+def test_friction_brakes_however_the_balance_is_written(
+    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+) -> None:
+    """The acceleration changes by minus the force over the mass, or by minus an acceleration; never by plus."""
+    path = tmp_path / "Form.mo"
+    path.write_text(
+        f"""model Form
+  parameter Real M(unit = "kg") = 2.5;
+  parameter Real d(unit = "N.s/m") = 0.7;
+  parameter Real n = -3;
+  input Real F(unit = "N");
+  output Real q(unit = "m", start = 0.2, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+  {declared}
+equation
+  der(q) = v;
+  {balance}
+end Form;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Form", str(path))
+    (port,) = (p for p in ports_of(flat, laws) if p.kind == "motion")
+    assert port.id == "v"
+    assert port.signals == {"v": "v", "x": "q"}
+    law = next(law for law in laws if law.id == "viscous_friction")
+    taken = [v.name for v in flat.variables]
+    use = use_of(law, port, taken, values={"d": 0.9})
+    assert use.names == {"d": "d_v"}
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+    point = somewhere(base.names(), rng)
+    change = wide(point)["der(v)"] - base(point)["der(v)"]
+    factor = {"1 / M": 1 / 2.5, "1": 1.0, "-1 / n": 1 / 3.0}[gain]
+    assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
+
+
+def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    """A pendulum on a cart: both equations contain both accelerations. A screw turns an angle into a displacement."""
+    path = tmp_path / "Crane.mo"
+    path.write_text(
+        """model Crane
+  parameter Real M = 2;
+  parameter Real m = 0.3;
+  parameter Real l = 0.4;
+  input Real F(unit = "N");
+  output Real y(unit = "m") = x;
+  output Real a(unit = "rad") = phi;
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+  Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real z(unit = "m", start = 0, fixed = true) "Nut of a screw";
+equation
+  der(x) = v;
+  der(phi) = w;
+  m * l * cos(phi) * der(v) + m * l ^ 2 * der(w) = -m * 9.81 * l * sin(phi);
+  (M + m) * der(v) + m * l * cos(phi) * der(w) = F + m * l * w ^ 2 * sin(phi);
+  der(z) = 0.01 * w;
+end Crane;
+""",
+        encoding="utf-8",
+    )
+    ports = {p.id: p for p in ports_of(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
+    lines = {i: p.place.line if p.place else 0 for i, p in ports.items()}
+    assert lines == {"v": 17, "w": 16}
+    assert all(p.kind == "motion" for p in ports.values())
+    assert ports["w"].signals == {"v": "w", "x": "phi"}
+
+
+def test_states_in_an_array_are_states(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
+    path = tmp_path / "Chain.mo"
+    path.write_text(
+        """model Chain
+  parameter Real k[2] = {3, 5};
+  input Real u;
+  output Real y = x[1];
+  Real x[2](each start = 0, each fixed = true);
+equation
+  der(x[1]) = x[2];
+  der(x[2]) = (u - k[1] * x[1] - 0.1 * x[2]) / k[2];
+end Chain;
+""",
+        encoding="utf-8",
+    )
+    flat = rig("Chain", str(path))
+    (port,) = (p for p in ports_of(flat, laws) if p.kind not in ("input", "output"))
+    assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})
+    law = next(law for law in laws if law.id == "viscous_friction")
+    use = use_of(law, port, [v.name for v in flat.variables], values={"d": 0.9})
+    wide_flat = compose_law(flat, use, models)
+    written = write_law([path], "Chain", flat, [use], tmp_path / "out")
+    again = Numbers(explicit(load_flat(written.name, [path, written.path])))
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
+    point = somewhere(base.names(), rng)
+    change = wide(point)["der(x[2])"] - base(point)["der(x[2])"]
+    assert change == pytest.approx(-0.9 * point["x[2]"] / 5)
+    assert again(point) == pytest.approx(wide(point))
+
+
+@pytest.mark.parametrize("model", FOUND)
+def test_screening_carries_every_law_switched_off(
+    model: str, laws: tuple[Law, ...], models: Models, rng: Generator
+) -> None:
+    flat = rig(model)
+    ports = ports_of(flat, laws)
+    wide_flat, uses = screening(flat, candidates(ports, laws), {}, models)
+    names = [n for u in uses for n in u.names.values()]
+    assert len(names) == len(set(names))
+    assert {u.id for u in uses} == {f"{law}@{p.id}" for p in ports for law in p.laws} - {
+        "exchange@h2", "exchange@two.port",
+    }  # fmt: skip
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
+    point = somewhere(base.names(), rng)
+    expected = base(point)
+    found = wide({**dict.fromkeys(wide.names(), 0.3), **point})
+    assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("model", FOUND)
+def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Generator) -> None:
+    flat = rig(model)
+    ports = ports_of(flat, laws)
+    wide_flat, names = probe(flat, ports)
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
+    point = somewhere(base.names(), rng)
+    expected = base(point)
+    quiet = {**point, **dict.fromkeys(names.values(), 0.0)}
+    assert wide(quiet) == pytest.approx(expected, rel=1e-12)
+    for port in ports:
+        felt = wide({**quiet, names[port.id]: 0.1})
+        changed = {k for k in expected if abs(felt[k] - expected[k]) > 1e-9}
+        assert changed, port.id
+        if port.via == "output":
+            assert changed == {port.id}
+            assert felt[port.id] - expected[port.id] == pytest.approx(0.1)
+        elif port.kind in ("motion", "storage"):
+            first, *other = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s).split(MINUS)
+            faster = {k: felt[f"der({k})"] - expected[f"der({k})"] for k in (first, *other)}
+            assert faster[first] > 0, port.id
+            assert all(faster[k] < 0 for k in other), port.id
+
+
+def test_the_unit_of_a_term_where_numbers_and_factors_have_none(tmp_path: Path) -> None:
+    """9.81 hides an acceleration, and what is added to 1 is a number."""
+    path = tmp_path / "Slope.mo"
+    path.write_text("""model Slope
+  parameter Real m(unit = "kg") = 2;
+  parameter Real kappa = 0.4;
+  input Real angle(unit = "rad");
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  (1 + kappa) * m * der(v) = -m * 9.81 * sin(angle);
+end Slope;
+""")
+    (port,) = (p for p in ports_of(load_flat("Slope", [path])) if p.kind == "motion")
+    assert port.unit == "N"
+    assert unit_text(dimension_of_unit("J/s")) == "W"
