@@ -23,7 +23,7 @@ from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.physics.rig import RigFamily
 from aero_bayes.search import Parts, Structure
 from aero_bayes.search.beam import Explored, Library, StructureSearch
-from aero_bayes.search.models import ModelCache, ModelSource
+from aero_bayes.search.models import ModelCache, ModelSource, Noise
 from aero_bayes.simulation import WorkerPool
 
 CART = ROOT / "examples" / "cart"
@@ -52,7 +52,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
         fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
-        root = model.fit(Structure(), model.at(base.values, ()), base.fit.noise, fit)
+        root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), fit)
         yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
         cache.close()
 
