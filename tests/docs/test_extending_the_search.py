@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aero_bayes.physics.rig import RigFamily
 from test_documentation import ROOT, blocks
 
 from aero_bayes.checkpoint import Answers
@@ -20,7 +21,6 @@ from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop import LoopSettings
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
-from aero_bayes.physics.rig import RigFamily
 from aero_bayes.search import Parts, Structure
 from aero_bayes.search.beam import Explored, Library, StructureSearch
 from aero_bayes.search.models import ModelCache, ModelSource, Noise

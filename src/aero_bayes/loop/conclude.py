@@ -10,7 +10,7 @@ from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_struct
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, choose, disturbed
+from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
@@ -69,11 +69,10 @@ class Conclusion:
     reports: tuple[ResidualReport, ...]
 
 
-def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
-    """Name the best structure that passes the checks, unless unseen readings refuse it."""
-    settings = bench.settings
-    choice = choose(explored, checks_of(settings), settings.structures.require)
-    chosen, within = choice.fitted, settings.structures.equivalence
+def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
+    """Name the structure that was chosen, unless unseen readings refuse it."""
+    settings, explored, chosen = bench.settings, choice.explored, choice.fitted
+    within = settings.structures.equivalence
     base = fit_again(bench, base, _first_of(explored, chosen))
     before = bench.unseen.predict(base.plain, base.fit)
     bench.tally.lap("judgement")

@@ -187,6 +187,24 @@ class StructureSearch:
                 self._search()
         return self._explored()
 
+    def complete(self, fitted: FittedModel) -> Explored:
+        """All that was found, and a structure without each of its terms where that was not fitted yet."""
+        for id_ in fitted.terms:
+            rest = fitted.structure.minus(id_)
+            if rest not in self._fits:
+                with suppress(CannotFinishError):
+                    model = self.cache.of(rest)
+                    self._keep(model.fit(rest, model.at(fitted.values, rest.terms), self._noise.noise, self.fit))
+        return self._explored()
+
+    def complete_path(self, order: Sequence[str], fitted: FittedModel) -> Explored:
+        """The same for a structure whose terms come in one after the other."""
+        explored = self.complete(fitted)
+        for id_ in reversed(order):
+            fitted = explored.fits.get(fitted.structure.minus(id_), fitted)
+            explored = self.complete(fitted)
+        return explored
+
     def _search(self) -> None:
         """Expand until nothing that is worth it is left."""
         while not self._late("the search") and (frontier := self._frontier()):
