@@ -370,8 +370,16 @@ class StructureSearch:
         return base.log_evidence + (starts[0].promise / base.temperature if starts else -math.inf)
 
     def _least(self, tried: Sequence[Structure]) -> float:
-        """Log-evidence below which a structure of this level cannot matter."""
-        return max((self._fits[s].log_evidence for s in tried), default=-math.inf) - self.settings.within
+        """Log-evidence below which a structure of this level cannot matter.
+
+        The margin is that under the noise which the best of the level leaves, smaller than the present one.
+        """
+        if not tried:
+            return -math.inf
+        best = max((self._fits[s] for s in tried), key=lambda f: f.log_evidence)
+        white = best.optimum.whitened
+        left = min(float(white.residual @ white.residual) / white.readings, 1.0)
+        return best.log_evidence - self.settings.within * left
 
     def _aiming(self, base: FittedModel, least: float) -> ClimbSettings:
         return self.fit.aiming(aim_at(base, least))

@@ -35,7 +35,7 @@ class StructureSettings:
     equivalence: float = 4.6
     beam: int = 5
     within: float = 25.0
-    starts: int = 3
+    starts: int = 2
     promise: float = 2.0
     promise_share: float = 0.005
     max_effects: int = 3

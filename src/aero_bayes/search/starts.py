@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Protocol
 
@@ -29,8 +29,9 @@ GRID, HALVINGS, LINES = 6, 3, 3
 SMALL = 0.3
 #: Gain in log-likelihood below which a line is not followed.
 LEAST_GAIN = 0.25
-#: Share of a promise that a simulation must confirm, and the promise from which the other parameters are refitted.
-CONFIRMED, WORTH_REFIT = 0.3, 6.0
+#: Share of a promise that a simulation must confirm; else the other parameters are refitted, if the promise is so much
+#: in tempered log-likelihood, or such a share of all that is left.
+CONFIRMED, WORTH_REFIT, GREAT_SHARE = 0.3, 6.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +95,9 @@ class NominalSizes:
             lines += [response.line(*tried) for tried in _smaller(response, candidate, lines)]
         starts = _ends(response, candidate, lines)
         promise = max((s.promise for s in starts), default=0.0)
-        if (
-            response.possible(promise) > WORTH_REFIT
-            and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise
-        ):
+        much = 0.5 * float(response.left @ response.left) * GREAT_SHARE
+        worth = promise > min(WORTH_REFIT * fitted.temperature, much)
+        if worth and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise:
             starts += _with_term_held(response, lines)
         return starts
 
@@ -239,31 +239,6 @@ def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[Candidate]) ->
 
 
 @dataclass(frozen=True)
-class FirstValues:
-    """As :class:`NominalSizes`, from the starting values of the configuration.
-
-    A fit that lacks a term may have led the parameters to where the term shows nothing.
-    """
-
-    def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
-        model, base = fitted.model, fitted.optimum
-        at = model.at({}, ())
-        if fitted.terms or np.array_equal(at, base.coordinates):
-            return []
-        evaluation = model.objective.evaluate(at, base.free)
-        if evaluation is None:
-            return []
-        white = model.objective.whiten(evaluation.residual, evaluation.slopes, base.noise)
-        there = replace(
-            base, coordinates=at, evaluation=evaluation, whitened=white, log_likelihood=white.log_likelihood
-        )
-        behind = base.log_likelihood - white.log_likelihood
-        found = NominalSizes().starts(replace(fitted, optimum=there), structure)
-        best = max(found, key=lambda s: s.promise, default=None)
-        return [] if best is None else [Start(best.point, best.expected_gain - behind, best.simulated - behind)]
-
-
-@dataclass(frozen=True)
 class KnownTerms:
     """The new terms as they were in other fits.
 
@@ -286,4 +261,4 @@ class KnownTerms:
 
 
 #: The start rules of a search, in the order in which they are asked.
-START_RULES: tuple[StartRule, ...] = (NominalSizes(), Tangent(), FirstValues())
+START_RULES: tuple[StartRule, ...] = (NominalSizes(), Tangent())
