@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -127,19 +127,33 @@ def reports_of(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport,
 class Choice:
     """The structure that is named, and those that were better but failed a check, with the reasons.
 
-    ``before`` and ``after`` are what the first model and the chosen one leave.
+    ``before`` and ``after`` are what the first model and the chosen one leave; ``explored`` are all structures, those
+    among them that the checks asked for.
     """
 
     fitted: FittedModel
     before: tuple[ResidualReport, ...]
     after: tuple[ResidualReport, ...]
     refused: tuple[tuple[FittedModel, Verdict], ...]
+    explored: Explored
 
 
-def choose(explored: Explored, checks: Sequence[Check], required: Sequence[str] = ()) -> Choice:
+def choose(
+    explored: Explored,
+    checks: Sequence[Check],
+    required: Sequence[str] = (),
+    complete: Callable[[FittedModel], Explored] | None = None,
+) -> Choice:
     """The best structure that passes all checks; the first model where none does.
 
-    What is ``required`` need not pass.
+    Parameters
+    ----------
+    explored : Explored
+    checks : sequence of Check
+    required : sequence of str
+        Terms that need not pass.
+    complete : callable, optional
+        Fits a structure without each of its terms where that was not fitted, and gives all that was found.
     """
     root = explored.first_model
     before = reports_of(root, explored)
@@ -148,13 +162,14 @@ def choose(explored: Explored, checks: Sequence[Check], required: Sequence[str] 
         if not set(required) <= set(fitted.terms):
             continue
         if set(fitted.terms) == set(required):
-            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused))
+            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused), explored)
+        explored = complete(fitted) if complete is not None else explored
         case = Case(fitted, explored, before, reports_of(fitted, explored))
         failed = next((v for check in checks if not (v := check.judge(case)).passed), None)
         if failed is None:
-            return Choice(fitted, before, tuple(case.after), tuple(refused))
+            return Choice(fitted, before, tuple(case.after), tuple(refused), explored)
         refused.append((fitted, failed))
-    return Choice(root, before, before, tuple(refused))
+    return Choice(root, before, before, tuple(refused), explored)
 
 
 def disturbed(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:

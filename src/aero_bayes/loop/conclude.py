@@ -10,13 +10,14 @@ from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_struct
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, choose, disturbed
+from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, fit_again
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
+from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.beam import Explored
@@ -68,13 +69,10 @@ class Conclusion:
     reports: tuple[ResidualReport, ...]
 
 
-def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
-    """Name the best structure that passes the checks, unless unseen readings refuse it."""
-    settings = bench.settings
-    checks: list[Check] = [EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over)]
-    checks = [c for c in checks if type(c).__name__ not in settings.leave_out]
-    choice = choose(explored, checks, settings.structures.require)
-    chosen, within = choice.fitted, settings.structures.equivalence
+def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
+    """Name the structure that was chosen, unless unseen readings refuse it."""
+    settings, explored, chosen = bench.settings, choice.explored, choice.fitted
+    within = settings.structures.equivalence
     base = fit_again(bench, base, _first_of(explored, chosen))
     before = bench.unseen.predict(base.plain, base.fit)
     bench.tally.lap("judgement")
@@ -96,6 +94,12 @@ def conclude(bench: Workbench, base: BaseFit, explored: Explored) -> Conclusion:
         base, explored, chosen, steps, "extended", sentence, before, extended.after, extended.written,
         extended.effects, extended.calibration, extended.fit, extended.reports,
     )  # fmt: skip
+
+
+def checks_of(settings: LoopSettings) -> list[Check]:
+    """What a structure has to pass."""
+    standard: tuple[Check, ...] = (EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over))
+    return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
 def _first_of(explored: Explored, chosen: FittedModel) -> FittedModel:

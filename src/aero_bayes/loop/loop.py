@@ -12,16 +12,18 @@ from aero_bayes.checkpoint import Answers, Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
+from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.family import Family
 from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
-from aero_bayes.loop.conclude import conclude
+from aero_bayes.loop.conclude import checks_of, conclude
 from aero_bayes.loop.held_values import doubts
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.scratch import ScratchFolder
@@ -92,18 +94,18 @@ def close_loop(
         answers = Checkpoint.at(checkpoint) or Answers()
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), answers)
         base = fit_as_it_stands(bench)
-        cache, explored = search(bench, base)
-        conclusion = conclude(bench, base, explored)
+        cache, choice = search(bench, base)
+        conclusion = conclude(bench, base, choice)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        doubted = doubts(cache, explored, conclusion.chosen, settings) if conclusion.effects else ()
+        doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
         cache.close(bench.tally.count)
         result = result_of(bench, conclusion, doubted)
         progress("done", 1.0)
         return result
 
 
-def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
-    """Search over structures, from the first model at its best."""
+def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
+    """Search over structures from the first model at its best, and choose."""
     settings, family = bench.settings, bench.family
     plain = for_search(bench, base.plain)
     family.prepare(plain, base.fit, bench.open)
@@ -119,10 +121,25 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Explored]:
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
-    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
-    explored = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work).run(root)
+    parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)
+
+    def chosen(explored: Explored) -> Choice:
+        return choose(explored, checks_of(settings), settings.structures.require, searching.complete)
+
+    searching = StructureSearch(
+        cache,
+        library,
+        settings.structures,
+        fit,
+        base.floors,
+        parts,
+        work,
+        lambda found: bool(chosen(found).fitted.terms),
+    )
+    choice = chosen(searching.run(root))
+    choice = replace(choice, explored=searching.complete_path(in_order(choice.explored, choice.fitted), choice.fitted))
     bench.tally.lap("search")
-    return cache, explored
+    return cache, choice
 
 
 def _family(model: str, folder: Path, settings: LoopSettings) -> Family:

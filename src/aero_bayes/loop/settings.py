@@ -10,6 +10,8 @@ from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.judge.checks import Check
+from aero_bayes.search.parts import Parts
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import SolverSettings
@@ -60,6 +62,10 @@ class LoopSettings(Settings):
         How many times what the fit leaves the error on unseen data may be; beyond it terms are not named.
     leave_out : tuple of str
         Parts of the search that are left out, by the names in ``aero_bayes.search.PARTS``; to see what each is worth.
+    parts : Parts, optional
+        Edits, start rules and restarts of the search in place of the standard ones.
+    checks : tuple of Check, optional
+        What a structure has to pass, in place of the standard checks.
 
     Examples
     --------
@@ -95,6 +101,8 @@ class LoopSettings(Settings):
     left_over: float = 0.3
     times_fitted: float = 3.0
     leave_out: tuple[str, ...] = ()
+    parts: Parts | None = None
+    checks: tuple[Check, ...] | None = None
 
     def allows(self, port: str) -> bool:
         """Whether the engineer lets anything be found at a port."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from aero_bayes.estimate.search import Stop
 from aero_bayes.search.beam import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import UNLISTED, odds
@@ -89,7 +90,7 @@ def _step(explored: Explored, base: Structure, id_: str | None, number: int, wit
     if here is None:
         return None
     gains = {
-        s.new_terms(base)[0]: f.log_evidence - here.log_evidence
+        s.new_terms(base)[0]: -math.inf if f.optimum.reason is Stop.BEATEN else f.log_evidence - here.log_evidence
         for s, f in explored.fits.items()
         if s.contains(base) and len(s.new_terms(base)) == 1
     }
@@ -100,7 +101,9 @@ def _step(explored: Explored, base: Structure, id_: str | None, number: int, wit
     }
     ranked = sorted(gains, key=lambda t: (-gains[t], t))
     every = [*ranked, *(t for t in sorted(unfitted) if t not in gains)]
-    shares, nothing = odds([gains.get(t, 0.0) for t in every])
+    # A refinement and a curve have the smaller prior, as in the search.
+    priors = {t: explored.price.of_one - explored.price.of_term(t) for t in every}
+    shares, nothing = odds([gains.get(t, 0.0) + priors[t] for t in every])
     rivals = tuple(
         Rival(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
         for t, share in zip(every, shares, strict=True)

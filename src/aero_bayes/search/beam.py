@@ -137,6 +137,8 @@ class StructureSearch:
     parts : Parts
         Edits, start rules and restarts.
     work : Work
+    explained : callable
+        Whether the listed laws that were found explain what was missing; else curves are learned.
     """
 
     cache: ModelCache
@@ -146,6 +148,7 @@ class StructureSearch:
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     work: Work = field(default_factory=Work)
+    explained: Callable[[Explored], bool] = lambda explored: bool(explored.best.terms)
 
     def __post_init__(self) -> None:
         self.fit = replace(self.fit, hold_noise=True)
@@ -155,7 +158,7 @@ class StructureSearch:
         self._levels: list[Level] = []
         self._promised: dict[Structure, float] = {}
         self._skipped: dict[str, None] = {}
-        self._ended = ""
+        self._ended, self._unlisted = "", False
         special = frozenset((*self.library.refines, *self.library.curves))
         listed = sum(1 for t in self.library.terms if t not in special)
         undecided = len(self.cache.undecided)
@@ -176,13 +179,48 @@ class StructureSearch:
             self._require(root.structure)
         self._renew()
         self._restart([], "the first model")
+        self._search()
+        if self.library.curves and not self._noise.adequate and not self._late("learned curves"):
+            self._unlisted = not self.explained(self._explored())
+            if self._unlisted:
+                self._level([self._fits[self._root]], "learned curves")
+                self._search()
+        return self._explored()
+
+    def complete(self, fitted: FittedModel) -> Explored:
+        """All that was found, and a structure without each of its terms where that was not fitted yet."""
+        for id_ in fitted.terms:
+            rest = fitted.structure.minus(id_)
+            if rest not in self._fits:
+                with suppress(CannotFinishError):
+                    model = self.cache.of(rest)
+                    self._keep(model.fit(rest, model.at(fitted.values, rest.terms), self._noise.noise, self.fit))
+        return self._explored()
+
+    def complete_path(self, order: Sequence[str], fitted: FittedModel) -> Explored:
+        """The same for a structure whose terms come in one after the other."""
+        explored = self.complete(fitted)
+        for id_ in reversed(order):
+            fitted = explored.fits.get(fitted.structure.minus(id_), fitted)
+            explored = self.complete(fitted)
+        return explored
+
+    def _search(self) -> None:
+        """Expand until nothing that is worth it is left."""
         while not self._late("the search") and (frontier := self._frontier()):
-            before = self._best().structure
-            what = f"level {len(self._levels) + 1}" + (f" beside {', '.join(before.terms)}" if before.terms else "")
-            tried = self._expand(frontier, what)
-            self._renew()
-            self._restart(tried, what)
-            self._levels.append(Level(len(self._levels) + 1, before, tuple(tried), self._best().structure))
+            beside = self._best().terms
+            what = f"level {len(self._levels) + 1}" + (f" beside {', '.join(beside)}" if beside else "")
+            self._level(frontier, what)
+
+    def _level(self, frontier: Sequence[FittedModel], what: str) -> None:
+        """Expand structures, take the noise from the best, and fit the best anew from elsewhere."""
+        before = self._best().structure
+        tried = self._expand(frontier, what)
+        self._renew()
+        self._restart(tried, what)
+        self._levels.append(Level(len(self._levels) + 1, before, tuple(tried), self._best().structure))
+
+    def _explored(self) -> Explored:
         return Explored(
             dict(self._fits), self._noise, self._price, tuple(self._levels), self.floors,
             {s: p for s, p in self._promised.items() if s not in self._fits}, self.cache.ports,
@@ -227,7 +265,7 @@ class StructureSearch:
             here = Surroundings(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
                 self._rivals(), self.cache.undecided, tuple(self._directions(fitted)), self.cache.reading_is_open,
-                fitted is best,
+                fitted is best, self._unlisted,
             )  # fmt: skip
             for edit in self.parts.edits:
                 self._fit_smaller(fitted, edit.neighbours(here), targets)
@@ -363,16 +401,14 @@ class StructureSearch:
             self._rescore()
 
     def _own_noise(self) -> CommonNoise:
-        """Noise of the structure that is best under its own noise, the likeliest tried first."""
-        sizes = by_size(s for s in self._fits if s.contains_terms(self._root))
-        tops = [max((self._fits[s] for s in own), key=lambda f: (f.log_evidence, f.terms)) for own in sizes.values()]
-        for top in sorted(tops, key=lambda f: -f.log_evidence):
-            noise = common_noise(top, self.floors)
-            scores = {s: self._price.score(f.under(noise.noise)) for s, f in self._fits.items()}
-            rivals = [score for s, score in scores.items() if s.contains_terms(self._root) and s != top.structure]
-            if scores[top.structure] >= max(rivals, default=-math.inf) - self.settings.equivalence:
-                return noise
-        return common_noise(self._best(), self.floors)
+        """Noise of a structure that is the best under its own noise: a fixed point, sought from the likeliest on."""
+        allowed = {s: f for s, f in self._fits.items() if s.contains_terms(self._root)}
+        best = max(allowed, key=lambda s: (allowed[s].log_evidence, s.terms))
+        seen: dict[Structure, CommonNoise] = {}
+        while best not in seen:
+            noise = seen[best] = common_noise(allowed[best], self.floors)
+            best = max(allowed, key=lambda s: (self._price.score(allowed[s].under(noise.noise)), s.terms))
+        return seen[best]
 
     def _rescore(self) -> None:
         """Score all structures under the present noise; fit the best of each size anew."""

@@ -50,6 +50,8 @@ class Surroundings:
         Whether the inputs may be read the other way.
     best : bool
         Whether it is the best structure so far.
+    unlisted : bool
+        Whether the listed laws were tried and do not explain what is left.
     """
 
     fitted: FittedModel
@@ -62,6 +64,7 @@ class Surroundings:
     directions: tuple[Direction, ...]
     reading_is_open: bool
     best: bool
+    unlisted: bool
 
     @property
     def structure(self) -> Structure:
@@ -79,17 +82,26 @@ class Edit(Protocol):
 class AddTerm:
     """Each law of the library at each port that it fits.
 
-    Refinements and learned curves are offered only where structure is left. A term whose slope the free parameters
-    imitate is not offered.
+    Refinements are offered only where structure is left. A term whose slope the free parameters imitate is not
+    offered.
     """
 
     def neighbours(self, here: Surroundings) -> Iterable[Structure]:
         imitated = {d.id for d in here.directions if d.imitated}
         for id_ in here.offered:
-            special = id_ in here.curves or id_ in here.refines
-            if id_ in here.structure.terms or id_ in imitated or (special and here.adequate):
+            fine = id_ in here.refines and here.adequate
+            if id_ in here.structure.terms or id_ in imitated or id_ in here.curves or fine:
                 continue
             yield with_term(here, here.structure, id_)
+
+
+class AddCurve:
+    """A curve learned at each port, where no listed law explains what is left: a curve bends to anything."""
+
+    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+        if here.unlisted and not here.adequate:
+            for id_ in here.curves:
+                yield here.structure.plus(id_)
 
 
 class AddPair:
@@ -160,7 +172,7 @@ class InputInterpolation:
 
 #: The edits of a search, in the order in which they are asked.
 EDITS: tuple[Edit, ...] = (
-    DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddPair(), RefineTerm(), ReplaceTerm(),
+    DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddCurve(), AddPair(), RefineTerm(), ReplaceTerm(),
 )  # fmt: skip
 
 

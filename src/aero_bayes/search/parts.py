@@ -52,6 +52,10 @@ class Parts:
             "KnownTerms" not in leave_out,
         )
 
+    def with_restart(self, restart: Restart, top: int = 1) -> Parts:
+        """With a further restart, of so many of the best structures of a level."""
+        return replace(self, restarts=(*self.restarts, (restart, top)))
+
     def with_edit(self, edit: Edit) -> Parts:
         """With a further edit."""
         return replace(self, edits=(*self.edits, edit))

@@ -1,0 +1,92 @@
+"""The parts of a search that the page on extending it shows: they run on the cart, whose friction is still found."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aero_bayes.physics.rig import RigFamily
+from test_documentation import ROOT, blocks
+
+from aero_bayes.checkpoint import Answers
+from aero_bayes.data import Layout, read_recording
+from aero_bayes.judge.checks import Choice, choose
+from aero_bayes.judge.recordings import Recordings
+from aero_bayes.laws.selection import Narrowed
+from aero_bayes.loop import LoopSettings
+from aero_bayes.loop.base_fit import fit_as_it_stands
+from aero_bayes.loop.workbench import Tally, Workbench
+from aero_bayes.search import Parts, Structure
+from aero_bayes.search.beam import Explored, Library, StructureSearch
+from aero_bayes.search.models import ModelCache, ModelSource, Noise
+from aero_bayes.simulation import WorkerPool
+
+CART = ROOT / "examples" / "cart"
+
+
+@pytest.fixture(scope="module")
+def page() -> dict[str, Any]:
+    """What the blocks of the page define, run one after the other."""
+    names: dict[str, Any] = {}
+    exec("\n".join(blocks("docs/howto/extend_the_search.md", "python")), names)
+    return names
+
+
+@contextmanager
+def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Explored]:
+    """A search on the cart with these parts, as the loop runs its own."""
+    recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
+    family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))
+    recordings = Recordings.of([recording], [], settings.held_out, ["position"])
+    with WorkerPool(0) as pool:
+        bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), Answers())
+        base = fit_as_it_stands(bench)
+        family.prepare(base.plain, base.fit, bench.open)
+        library = Library(family.groups(), family.finer(), tuple(family.learned()))
+        source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
+        cache = ModelCache(source)
+        model = cache.of(Structure(), library.groups[0])
+        fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
+        root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), fit)
+        yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
+        cache.close()
+
+
+def counting(kind: type, method: str, calls: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Count what a method gives, by the name of its class."""
+    plain = getattr(kind, method)
+
+    def counted(self: object, *given: object) -> object:
+        found = plain(self, *given)
+        found = list(found) if isinstance(found, Iterator) else found
+        calls[kind.__name__] += len(found) if isinstance(found, list) else 1
+        return found
+
+    monkeypatch.setattr(kind, method, counted)
+
+
+def test_parts_of_ones_own_run_beside_the_standard_ones(
+    page: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    calls: Counter[str] = Counter()
+    for name, method in (
+        ("SwapAtPort", "neighbours"), ("RandomSizes", "starts"), ("Jump", "again"), ("WithinBounds", "judge"),
+    ):  # fmt: skip
+        counting(page[name], method, calls, monkeypatch)
+    with searched(page["settings"], page["parts"], tmp_path) as explored:
+        choice: Choice = choose(explored, page["checks"])
+    assert choice.fitted.terms == ("coulomb_friction@v",)
+    assert set(+calls) == {"SwapAtPort", "RandomSizes", "Jump", "WithinBounds"}
+
+
+def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
+    settings = page["settings"]
+    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
+    assert {"DropTerm", "AddTerm", "Swarm"} <= names
+    assert not names & {"AddPair", "GrowingHorizon"}
