@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from aero_bayes.physics.rig import RigFamily
 from test_documentation import ROOT, blocks
 
 from aero_bayes.checkpoint import Answers
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop import LoopSettings
 from aero_bayes.loop.base_fit import fit_as_it_stands

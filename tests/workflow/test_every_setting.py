@@ -104,6 +104,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "loop.require": (["gain@u"], ["offset@u"]),
     "loop.ports": (["u"], ["a"]),
     "loop.laws": (["offset"], ["gain"]),
+    "loop.leave_out": (["AddPair"], ["Validation"]),
     "solver.engine": ("native", "fmpy"),
     "solver.relative_tolerance": (1e-6, 1e-7),
     "solver.absolute_tolerance": (1e-6, 1e-7),

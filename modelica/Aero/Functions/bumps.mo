@@ -10,8 +10,10 @@ algorithm
   for k in 1:n loop
     y := y + c[k] * exp(-0.5 * (0.5 * (n - 1) * (x + 1) - (k - 1)) ^ 2);
   end for;
-  annotation (Documentation(info = "<html>
+  annotation (
+    Documentation(info = "<html>
 <p>Gaussian bumps as wide as the distance between two of them: linear in their heights, and smooth.</p>
 <p>Source: M. J. D. Powell, Radial basis functions for multivariable interpolation, in: Algorithms for Approximation (Oxford, 1987), 143-167.</p>
-</html>"));
+</html>"),
+    Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {Line(points = {{-80, -60}, {-40, 50}, {0, -30}, {40, 60}, {80, -60}}, color = {40, 80, 140}, smooth = Smooth.Bezier)}));
 end bumps;
