@@ -22,7 +22,8 @@ from aero_bayes.loop import LoopSettings
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.search import Parts, Structure
-from aero_bayes.search.beam import Explored, Library, StructureSearch
+from aero_bayes.search.beam import StructureSearch
+from aero_bayes.search.explored import Explored, Library
 from aero_bayes.search.models import ModelCache, ModelSource, Noise
 from aero_bayes.simulation import WorkerPool
 

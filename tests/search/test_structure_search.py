@@ -18,8 +18,9 @@ from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings, Stop
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Parts, Structure, StructureSettings
-from aero_bayes.search.beam import Library, StructureSearch, Work
+from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions
+from aero_bayes.search.explored import Library, Work
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
 from aero_bayes.search.starts import START_RULES, starting_points

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
 from aero_bayes.judge.holdout import held_out_gain
-from aero_bayes.search.beam import Explored
+from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.show import listed

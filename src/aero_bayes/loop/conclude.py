@@ -20,7 +20,7 @@ from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.search.beam import Explored
+from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.show import listed
 

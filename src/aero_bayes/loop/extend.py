@@ -20,7 +20,7 @@ from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.result import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import Step, equivalents, in_order, loss_without
 from aero_bayes.loop.workbench import Workbench
-from aero_bayes.search.beam import Explored
+from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 
 

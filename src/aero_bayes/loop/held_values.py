@@ -11,7 +11,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.search.beam import Explored
+from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.simulation.model import Model
 

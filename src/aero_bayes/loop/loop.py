@@ -27,7 +27,8 @@ from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
 from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.search.beam import Explored, Library, StructureSearch, Work
+from aero_bayes.search.beam import StructureSearch
+from aero_bayes.search.explored import Explored, Library, Work
 from aero_bayes.search.models import ModelCache, ModelSource, Noise
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from aero_bayes.estimate.search import Stop
-from aero_bayes.search.beam import Explored
+from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import UNLISTED, odds
 from aero_bayes.search.structure import Structure
