@@ -1,7 +1,7 @@
 """Prediction of a block of readings from the rest, in closed form from the slopes that a fit has anyway.
 
-One Newton step of the parameters that leaves a block out gives the residual there; no simulation is needed. For a model
-that is linear in its parameters this is exact (leave-group-out cross-validation of least squares).
+No simulation is needed. For a model that is linear in its parameters, with normal priors, it is exact: the density of a
+block given all other readings is a ratio of evidences.
 """
 
 from __future__ import annotations
@@ -53,16 +53,18 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
 
     Notes
     -----
-    With whitened residuals ``a`` of the rival and ``b`` of the model where each reading was left out, the gain is
-    ``(a'a - b'b) / 2`` and its variance under the noise ``|a - b|^2``, both over the temperature. A term that acts in
-    few blocks is told by these; its parameters must be told by the other blocks.
+    With whitened residual ``r`` and slopes ``S`` of a block at the fit, the curvature ``H`` of the log-posterior, and
+    ``H_b`` that without the block, the log-density of the block given the rest is
+    ``-(r'r + r'S' H_b^-1 S r + log(det H / det H_b)) / 2``. A parameter that only the block tells costs no more than
+    its uncertainty. The variance of the gain under the noise is the squared change of the residual. Log-densities are
+    over the temperature.
     """
     recordings = {s.experiment for s in model.model.objective.series}
     whole = len(recordings) > 1
-    one, other = _left_out(rival, whole), _left_out(model, whole)
-    gain = 0.5 * float(one @ one - other @ other) / model.temperature
-    spread = float(np.linalg.norm(one - other)) / math.sqrt(model.temperature)
+    gain = _log_density(model, whole) - _log_density(rival, whole)
+    change = model.optimum.whitened.residual - rival.optimum.whitened.residual
     count = len(recordings) if whole else len(_blocks(model)[0][1])
+    spread = float(np.linalg.norm(change)) / math.sqrt(model.temperature)
     return HeldOutGain(gain, spread, count, "recordings" if whole else "blocks")
 
 
@@ -82,39 +84,18 @@ def _blocks(fitted: FittedModel) -> list[tuple[int, list[NDArray[np.int_]]]]:
     return found
 
 
-def _left_out(fitted: FittedModel, whole: bool) -> FloatArray:
-    """Whitened residual (N,) of each reading when its block, or its whole recording, is left out."""
-    white, optimum = fitted.optimum.whitened, fitted.optimum
-    parameters = fitted.model.objective.parameters
-    second = parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
-    prior = np.diag(np.maximum(-second, 1e-9))
-    low, high = (bound[list(optimum.free)] - optimum.coordinates[list(optimum.free)] for bound in parameters.box)
-    found = np.empty(white.residual.size)
-    for experiment, blocks in _blocks(fitted):
-        own = np.array([parameters.items[j].recording == experiment for j in optimum.free], dtype=bool)
+def _log_density(fitted: FittedModel, whole: bool) -> float:
+    """Log-density of each block, or of each whole recording, given all other readings, summed."""
+    optimum, cold = fitted.optimum, math.sqrt(fitted.temperature)
+    slopes, residual = optimum.whitened.slopes / cold, optimum.whitened.residual / cold
+    second = fitted.model.objective.parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
+    curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
+    _, volume = np.linalg.slogdet(curvature)
+    total = 0.0
+    for _, blocks in _blocks(fitted):
         for block in [np.concatenate(blocks)] if whole else blocks:
-            found[block] = _without(white.slopes, white.residual, block, prior, low, high, own)
-    return found
-
-
-def _without(
-    slopes: FloatArray, residual: FloatArray, block: NDArray[np.int_], prior: FloatArray, low: FloatArray,
-    high: FloatArray, own: NDArray[np.bool_],
-) -> FloatArray:  # fmt: skip
-    """Residual (b,) of a block that is left out.
-
-    ``own`` parameters, such as the initial values of its recording, are no prediction: they follow all readings.
-    """
-    here, r, shared = slopes[:, block], residual[block], ~own
-    whole: FloatArray = slopes @ slopes.T + prior
-    rest: FloatArray = whole - here @ here.T
-    follow: FloatArray = np.zeros((0, int(shared.sum())))
-    if own.any():
-        inside, cross = whole[np.ix_(own, own)], rest[np.ix_(own, shared)]
-        follow = np.asarray(np.linalg.solve(inside, whole[np.ix_(own, shared)]))
-        rest[np.ix_(shared, shared)] -= np.asarray(cross.T @ np.linalg.solve(inside, cross))
-    # Readings of the block no longer hold the shared parameters: the Newton step to the optimum of the others.
-    step = np.zeros(len(own))
-    step[shared] = np.clip(-np.linalg.solve(rest[np.ix_(shared, shared)], here[shared] @ r), low[shared], high[shared])
-    step[own] = np.clip(-(follow @ step[shared]), low[own], high[own])
-    return r - step @ here
+            here, r = slopes[:, block], residual[block]
+            rest, pull = curvature - here @ here.T, here @ r
+            _, without = np.linalg.slogdet(rest)
+            total -= 0.5 * float(r @ r + pull @ np.linalg.solve(rest, pull) + volume - without)
+    return total

@@ -320,9 +320,9 @@ class StructureSearch:
             self._rescore()
 
     def _own_noise(self) -> CommonNoise:
-        """Noise of a structure that is the best under its own noise: a fixed point, sought from the likeliest on."""
+        """Noise of a structure that is the best under its own noise: a fixed point, from the least residual."""
         allowed = {s: f for s, f in self._fits.items() if s.contains_terms(self._root)}
-        best = max(allowed, key=lambda s: (allowed[s].log_evidence, s.terms))
+        best = min(allowed, key=lambda s: (sum(math.log(max(r, 1e-300)) for r in allowed[s].rms().values()), s.terms))
         seen: dict[Structure, CommonNoise] = {}
         while best not in seen:
             noise = seen[best] = common_noise(allowed[best], self.floors)
