@@ -1,5 +1,5 @@
 """What to make of a structure: what it leaves, what it predicts, and whether its terms may be named."""
 
-from aero_bayes.judge.checks import Case, Check, EnoughReadings, LeaveBlockOut, LeftOver, Verdict
+from aero_bayes.judge.checks import Case, Check, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, Verdict
 
-__all__ = ["Case", "Check", "EnoughReadings", "LeaveBlockOut", "LeftOver", "Verdict"]
+__all__ = ["Case", "Check", "EnoughReadings", "LeaveBlockOut", "LeftOver", "PaysItsPrice", "Verdict"]

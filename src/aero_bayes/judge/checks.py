@@ -12,6 +12,7 @@ from aero_bayes.judge.holdout import held_out_gain
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
+from aero_bayes.search.structure import Structure
 from aero_bayes.show import listed
 
 #: Readings that there have to be for each free parameter.
@@ -66,6 +67,17 @@ class EnoughReadings:
         few = readings < READINGS_PER_PARAMETER * parameters
         reason = f"{readings} readings are too few for {parameters} free parameters" if few else ""
         return Verdict("EnoughReadings", not few, reason)
+
+
+class PaysItsPrice:
+    """Each term has to gain what it pays for having been looked for."""
+
+    def judge(self, case: Case) -> Verdict:
+        fits, own = case.explored.fits, case.explored.price.score(case.fitted)
+        rests = {t: fits.get(case.fitted.structure.minus(t)) for t in case.fitted.terms}
+        free = [t for t, rest in rests.items() if rest is not None and case.explored.price.score(rest) > own]
+        reason = f"the gain is below the price: {listed(free)}" if free else ""
+        return Verdict("PaysItsPrice", not free, reason)
 
 
 class LeaveBlockOut:
@@ -155,21 +167,24 @@ def choose(
     complete : callable, optional
         Fits a structure without each of its terms where that was not fitted, and gives all that was found.
     """
-    root = explored.first_model
-    before = reports_of(root, explored)
-    refused: list[tuple[FittedModel, Verdict]] = []
-    for fitted in explored.ranked:
-        if not set(required) <= set(fitted.terms):
-            continue
-        if set(fitted.terms) == set(required):
-            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused), explored)
-        explored = complete(fitted) if complete is not None else explored
+    before = reports_of(explored.first_model, explored)
+    refused: dict[Structure, tuple[FittedModel, Verdict]] = {}
+    while True:
+        left = [f for f in explored.ranked if set(required) <= set(f.terms) and f.structure not in refused]
+        fitted = left[0] if left else explored.first_model
+        if not left or set(fitted.terms) == set(required):
+            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused.values()), explored)
+        rests = [fitted.structure.minus(t) for t in fitted.terms]
+        if complete is not None and any(s not in explored.fits for s in rests):
+            # Without one of its terms it may be better than with it.
+            explored = complete(fitted)
+            if all(s in explored.fits for s in rests):
+                continue
         case = Case(fitted, explored, before, reports_of(fitted, explored))
         failed = next((v for check in checks if not (v := check.judge(case)).passed), None)
         if failed is None:
-            return Choice(fitted, before, tuple(case.after), tuple(refused), explored)
-        refused.append((fitted, failed))
-    return Choice(root, before, before, tuple(refused), explored)
+            return Choice(fitted, before, tuple(case.after), tuple(refused.values()), explored)
+        refused[fitted.structure] = fitted, failed
 
 
 def disturbed(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:

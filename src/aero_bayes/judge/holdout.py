@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 #: Blocks of a recording, and readings that one has at least.
 BLOCKS, FEWEST = 20, 4
+#: Standard deviations by which the step without a block may move each parameter: farther the slopes do not hold.
+FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
@@ -97,5 +99,6 @@ def _log_density(fitted: FittedModel, whole: bool) -> float:
             here, r = slopes[:, block], residual[block]
             rest, pull = curvature - here @ here.T, here @ r
             _, without = np.linalg.slogdet(rest)
-            total -= 0.5 * float(r @ r + pull @ np.linalg.solve(rest, pull) + volume - without)
+            tension = min(float(pull @ np.linalg.solve(rest, pull)), FARTHEST**2 * len(optimum.free))
+            total -= 0.5 * (float(r @ r) + tension + float(volume - without))
     return total

@@ -10,7 +10,7 @@ from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_struct
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
-from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, disturbed
+from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
@@ -98,7 +98,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
 
 def checks_of(settings: LoopSettings) -> list[Check]:
     """What a structure has to pass."""
-    standard: tuple[Check, ...] = (EnoughReadings(), LeaveBlockOut(), LeftOver(settings.left_over))
+    standard: tuple[Check, ...] = (EnoughReadings(), PaysItsPrice(), LeaveBlockOut(), LeftOver(settings.left_over))
     return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
