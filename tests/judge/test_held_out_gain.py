@@ -12,7 +12,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.judge.holdout import BLOCKS, held_out_gain
+from aero_bayes.judge.holdout import BLOCKS, blocks_of, held_out_gain
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
@@ -79,7 +79,7 @@ def test_blocks_of_time_are_foretold_as_by_refits_without_them(size):
     y = x @ [1.0, 2.0, size] + 0.1 * rng.normal(size=TIME.size)
     model, rival = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
     found = held_out_gain(model, rival)
-    gain, error = gain_and_error(x / 0.1, y / 0.1, np.split(np.arange(TIME.size), BLOCKS), 2)
+    gain, error = gain_and_error(x / 0.1, y / 0.1, blocks_of(model)[0], 2)
     assert found.by == "blocks"
     assert found.blocks == BLOCKS
     assert found.gain == pytest.approx(gain, rel=1e-6, abs=1e-6)
@@ -106,7 +106,8 @@ def test_a_block_is_left_out_of_all_outputs_at_once():
     model, rival = study(
         [TIME], [y], lambda t, k: -2.0 * rows(t)[:, ::-1] if k else rows(t), [free(n) for n in "abc"], 2
     )
-    blocks = [np.concatenate([b, b + TIME.size]) for b in np.split(np.arange(TIME.size), BLOCKS)]
+    blocks = blocks_of(model)[0]
+    assert sorted(np.concatenate(blocks).tolist()) == list(range(2 * TIME.size))
     found, (gain, error) = held_out_gain(model, rival), gain_and_error(x, noisy, blocks, 2)
     assert found.gain == pytest.approx(gain, rel=1e-6)
     assert found.standard_error == pytest.approx(error, rel=1e-6)
@@ -125,8 +126,14 @@ def test_of_several_recordings_one_at_a_time_is_left_out_and_its_own_parameters_
     y = x @ [1.0, 2.0, 0.3, -1.0, 0.5, 2.0] + 0.1 * rng.normal(size=whole.size)
     parameters = [*(free(n) for n in "abc"), *(free(f"o{e}", e) for e in range(3))]
     model, rival = study(times, [part[:, None] for part in np.split(y, 3)], design, parameters, 2)
-    found = held_out_gain(model, rival)
-    gain, error = gain_and_error(x / 0.1, y / 0.1, np.split(np.arange(whole.size), 3), 2)
+    found, blocks, x, y = held_out_gain(model, rival), np.split(np.arange(whole.size), 3), x / 0.1, y / 0.1
+    densities, seen = [], []
+    for columns in ([0, 1, 2], [0, 1]):
+        every = x[:, [*columns, 3, 4, 5]]
+        offsets = x[:, 3:] @ np.linalg.solve(every.T @ every + np.eye(every.shape[1]) / PRIOR_SD**2, every.T @ y)[-3:]
+        densities.append(log_density(x[:, columns], y - offsets, blocks))
+        seen.append(fitted(every, y))
+    gain, error = densities[0] - densities[1], np.linalg.norm(seen[0] - seen[1])
     assert found.by == "recordings"
     assert found.blocks == 3
     assert found.gain == pytest.approx(gain, rel=1e-5)

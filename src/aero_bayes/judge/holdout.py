@@ -7,6 +7,7 @@ block given all other readings is a ratio of evidences.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,6 @@ FloatArray = NDArray[np.float64]
 
 #: Blocks of a recording, and readings that one has at least.
 BLOCKS, FEWEST = 20, 4
-#: Standard deviations by which the step without a block may move each parameter: farther the slopes do not hold.
-FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
@@ -63,42 +62,51 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
     """
     recordings = {s.experiment for s in model.model.objective.series}
     whole = len(recordings) > 1
-    gain = _log_density(model, whole) - _log_density(rival, whole)
+    blocks = [np.concatenate(own) for own in blocks_of(model)] if whole else blocks_of(model)[0]
+    gain = _log_density(model, blocks) - _log_density(rival, blocks)
     change = model.optimum.whitened.residual - rival.optimum.whitened.residual
-    count = len(recordings) if whole else len(_blocks(model)[0][1])
     spread = float(np.linalg.norm(change)) / math.sqrt(model.temperature)
-    return HeldOutGain(gain, spread, count, "recordings" if whole else "blocks")
+    return HeldOutGain(gain, spread, len(blocks), "recordings" if whole else "blocks")
 
 
-def _blocks(fitted: FittedModel) -> list[tuple[int, list[NDArray[np.int_]]]]:
-    """Readings (columns of the whitened slopes) by recording, and within each by block of time, outputs together."""
+def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
+    """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
+
+    Blocks have the same leverage, the share of a fit that they hold: without one of them the slopes still tell where
+    the fit goes. A transient that tells nearly all is so cut into many.
+    """
+    slopes, parameters = fitted.optimum.whitened.slopes, fitted.model.objective.parameters
+    second = parameters.prior_derivatives(fitted.optimum.coordinates)[1][list(fitted.optimum.free)]
+    curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
+    leverage = np.einsum("kn,kn->n", slopes, np.linalg.solve(curvature, slopes))
     series = fitted.model.objective.series
     first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
     found = []
     for e in sorted({s.experiment for s in series}):
         own = [k for k, s in enumerate(series) if s.experiment == e]
-        times = np.concatenate([series[k].sampling.time for k in own])
         columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
-        count = max(min(BLOCKS, min(series[k].sampling.size for k in own) // FEWEST), 1)
-        edges = np.linspace(times.min(), times.max(), count + 1)
-        place = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, count - 1)
-        found.append((e, [columns[place == k] for k in range(count)]))
+        columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
+        count = max(min(BLOCKS, columns.size // FEWEST), 1)
+        # Half by leverage and half by number, so that no block is empty.
+        share = leverage[columns] / max(float(leverage[columns].sum()), 1e-300) + 1.0 / columns.size
+        place = np.minimum((np.cumsum(share) - 0.5 * share) / 2.0 * count, count - 1).astype(int)
+        found.append([columns[place == k] for k in range(count) if np.any(place == k)])
     return found
 
 
-def _log_density(fitted: FittedModel, whole: bool) -> float:
-    """Log-density of each block, or of each whole recording, given all other readings, summed."""
-    optimum, cold = fitted.optimum, math.sqrt(fitted.temperature)
-    slopes, residual = optimum.whitened.slopes / cold, optimum.whitened.residual / cold
-    second = fitted.model.objective.parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
+def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> float:
+    """Log-density of each block given all other readings, summed."""
+    optimum, cold, parameters = fitted.optimum, math.sqrt(fitted.temperature), fitted.model.objective.parameters
+    # Initial values and delays of a recording are no prediction: they stay as all its readings have them.
+    shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
+    slopes, residual = optimum.whitened.slopes[shared] / cold, optimum.whitened.residual / cold
+    second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
     curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
     _, volume = np.linalg.slogdet(curvature)
     total = 0.0
-    for _, blocks in _blocks(fitted):
-        for block in [np.concatenate(blocks)] if whole else blocks:
-            here, r = slopes[:, block], residual[block]
-            rest, pull = curvature - here @ here.T, here @ r
-            _, without = np.linalg.slogdet(rest)
-            tension = min(float(pull @ np.linalg.solve(rest, pull)), FARTHEST**2 * len(optimum.free))
-            total -= 0.5 * (float(r @ r) + tension + float(volume - without))
+    for block in blocks:
+        here, r = slopes[:, block], residual[block]
+        rest, pull = curvature - here @ here.T, here @ r
+        _, without = np.linalg.slogdet(rest)
+        total -= 0.5 * float(r @ r + pull @ np.linalg.solve(rest, pull) + volume - without)
     return total

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from aero_bayes.check.structure import ResidualReport, those_structured
-from aero_bayes.judge.prediction import Prediction, surely_worse
+from aero_bayes.judge.prediction import GROWN, Prediction, surely_worse
 from aero_bayes.judge.recordings import Recordings
 
 if TYPE_CHECKING:
@@ -23,12 +23,13 @@ SENSITIVE = 4.0
 def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
     """Why unseen readings refuse the named terms; empty where they do not.
 
-    They do where some output is surely predicted worse, by two standard errors over correlated readings, and where
-    structure is left while no output is predicted visibly better.
+    They do where some output is predicted worse, surely (by two standard errors over correlated readings) and visibly,
+    and where structure is left while no output is predicted visibly better.
     """
     if not after.test:
         return ""
-    worse = surely_worse(after, before, recordings)
+    first, last = before.pooled("test"), after.pooled("test")
+    worse = [o for o in surely_worse(after, before, recordings) if last[o] > GROWN * first[o]]
     if worse:
         return f"unseen data are predicted worse ({', '.join(worse)})."
     better = any(error.rms < VISIBLY * before.test[key].rms for key, error in after.test.items())
