@@ -190,7 +190,7 @@ def fitted(family: RigFamily) -> Fit:
 def test_what_is_offered_is_what_is_written(source: Path) -> None:
     family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
     found = fitted(family)
-    assert family.roomy is False
+    assert family.extra_terms_are_free is False
     ids = ["contact@link", "offset@V"]
     offer = family.offer(ids)
     assert {c.id for c, _ in offer.candidates} == {*ids, "battery@link", "shifted@reading", "scaled@reading"}

@@ -99,7 +99,7 @@ class Family(Protocol):
         ...
 
     @property
-    def roomy(self) -> bool:
+    def extra_terms_are_free(self) -> bool:
         """Whether a model that has more candidates than asked for costs no more."""
         ...
 

@@ -136,7 +136,7 @@ class RigFamily:
         return declared_overrides(model)
 
     @property
-    def roomy(self) -> bool:
+    def extra_terms_are_free(self) -> bool:
         """Whether all laws stand in replaceable models, and one model has them all; others come as asked for."""
         return all(go_together(use) for use in self._uses.values())
 

@@ -17,7 +17,7 @@ from aero_bayes.ahead import waves
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.search.edits import Direction, Surroundings, term_directions
-from aero_bayes.search.explored import Explored, Level, Library, Work
+from aero_bayes.search.explored import Explored, Library, Work, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.refit import aim_at, refit
@@ -66,7 +66,8 @@ class StructureSearch:
         self._fits: dict[Structure, FittedModel] = {}
         self._expanded: set[Structure] = set()
         self._restarted: set[tuple[str, Structure]] = set()
-        self._levels: list[Level] = []
+        self._level_count = 0
+        self._moved: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
         self._promised: dict[Structure, float] = {}
         self._skipped: dict[str, None] = {}
         self._ended, self._unlisted = "", False
@@ -104,8 +105,7 @@ class StructureSearch:
             rest = fitted.structure.minus(id_)
             if rest not in self._fits:
                 with suppress(CannotFinishError):
-                    model = self.cache.of(rest)
-                    self._keep(model.fit(rest, model.at(fitted.values, rest.terms), self._noise.noise, self.fit))
+                    self._keep(self._alone(rest, fitted.values))
         return self._explored()
 
     def complete_path(self, order: Sequence[str], fitted: FittedModel) -> Explored:
@@ -120,20 +120,19 @@ class StructureSearch:
         """Expand until nothing that is worth it is left."""
         while not self._late("the search") and (frontier := self._frontier()):
             beside = self._best().terms
-            what = f"level {len(self._levels) + 1}" + (f" beside {', '.join(beside)}" if beside else "")
+            what = f"level {self._level_count + 1}" + (f" beside {', '.join(beside)}" if beside else "")
             self._level(frontier, what)
 
     def _level(self, frontier: Sequence[FittedModel], what: str) -> None:
         """Expand structures, take the noise from the best, and fit the best anew from elsewhere."""
-        before = self._best().structure
         tried = self._expand(frontier, what)
         self._renew()
         self._restart(tried, what)
-        self._levels.append(Level(len(self._levels) + 1, before, tuple(tried), self._best().structure))
+        self._level_count += 1
 
     def _explored(self) -> Explored:
         return Explored(
-            dict(self._fits), self._noise, self._price, tuple(self._levels), self.floors,
+            dict(self._fits), self._noise, self._price, self.floors,
             {s: p for s, p in self._promised.items() if s not in self._fits}, self.cache.ports,
             self.library.refines, tuple(self._skipped),
             self._ended,
@@ -159,8 +158,8 @@ class StructureSearch:
 
     def _beam(self, size: int) -> list[FittedModel]:
         """Structures of a size that are not yet expanded, best first, within honest evidence of the best."""
-        own = [self._fits[s] for s in by_size(self._fits).get(size, []) if s.contains_terms(self._root)]
-        own.sort(key=lambda f: (-self._price.score(f), f.structure.terms))
+        sized = by_size(self._fits).get(size, [])
+        own = ranked((self._fits[s] for s in sized if s.contains_terms(self._root)), self._price)
         near = [f for f in own if self._price.score(f) > self._price.score(own[0]) - self.settings.within]
         return [f for f in near[: self.settings.beam] if f.structure not in self._expanded]
 
@@ -168,7 +167,7 @@ class StructureSearch:
 
     def _expand(self, frontier: Sequence[FittedModel], what: str) -> list[Structure]:
         """Fit the neighbours of structures; those that were fitted."""
-        self._moved: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
+        self._moved.clear()
         best, adequate, targets = self._best(), self._noise.adequate, dict[Structure, Structure]()
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
@@ -194,8 +193,7 @@ class StructureSearch:
                     targets.setdefault(structure, fitted.structure)
                 continue
             with suppress(CannotFinishError):
-                model = self.cache.of(structure)
-                self._keep(model.fit(structure, model.at(fitted.values, structure.terms), self._noise.noise, self.fit))
+                self._keep(self._alone(structure, fitted.values))
 
     def _fit_larger(self, targets: Mapping[Structure, Structure], what: str) -> list[Structure]:
         """Fit structures that have new terms, the most promising first; give up what cannot matter."""
@@ -264,13 +262,13 @@ class StructureSearch:
 
     def _rivals(self) -> tuple[str, ...]:
         """Terms of the best structures so far."""
-        ranked = sorted(self._fits.values(), key=lambda f: (-self._price.score(f), f.structure.terms))
-        return tuple(dict.fromkeys(t for f in ranked[:RIVALS] for t in f.terms))
+        best = ranked(self._fits.values(), self._price)[:RIVALS]
+        return tuple(dict.fromkeys(t for f in best for t in f.terms))
 
     def _known(self) -> dict[str, dict[str, float]]:
         """Values of each term in the best structure that has it."""
         found: dict[str, dict[str, float]] = {}
-        for fitted in sorted(self._fits.values(), key=lambda f: (-self._price.score(f), f.structure.terms)):
+        for fitted in ranked(self._fits.values(), self._price):
             for id_ in fitted.terms:
                 found.setdefault(id_, fitted.term_values(id_))
         return found
@@ -346,26 +344,25 @@ class StructureSearch:
     def _restart(self, tried: Sequence[Structure], what: str) -> None:
         """Fit the best structures of a level again from elsewhere while structure is left."""
         for restart, top in self.parts.restarts:
-            ranked = sorted((s for s in tried if s in self._fits), key=lambda s: (-self._fits[s].log_evidence, s.terms))
-            for structure in dict.fromkeys((self._best().structure, *ranked[: top - 1])):
+            likely = sorted((s for s in tried if s in self._fits), key=lambda s: (-self._fits[s].log_evidence, s.terms))
+            for structure in dict.fromkeys((self._best().structure, *likely[: top - 1])):
                 done = type(restart).__name__, structure
                 if self._noise.adequate or self._late(what) or done in self._restarted:
                     continue
                 self._restarted.add(done)
                 with suppress(CannotFinishError):
-                    found = restart.again(self._alone(structure), self.fit)
+                    found = restart.again(self._alone(structure, self._fits[structure].values), self.fit)
                     if found is not None:
                         self._keep(found)
             self._renew()
 
-    def _alone(self, structure: Structure) -> FittedModel:
-        """A structure on the model that has its terms and no others."""
-        model, known = self.cache.of(structure), self._fits[structure]
-        return model.fit(structure, model.at(known.values, structure.terms), self._noise.noise, self.fit)
+    def _alone(self, structure: Structure, values: Mapping[str, float]) -> FittedModel:
+        """A structure fitted from SI values by name, on the model that has its terms and no others."""
+        model = self.cache.of(structure)
+        return model.fit(structure, model.at(values, structure.terms), self._noise.noise, self.fit)
 
     def _require(self, root: Structure) -> None:
         """The fit with the terms that must be there, one after the other."""
-        self._moved = {}
         for id_ in self.settings.require:
             structure = root.plus(id_)
             base = self._base_of(structure, root)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.ahead import Task
@@ -53,14 +53,9 @@ class Work:
     tell: Callable[[str, float], None] = lambda what, share: None
 
 
-@dataclass(frozen=True, eq=False)
-class Level:
-    """One expansion: the structure that was best before, those that were fitted, and the best after."""
-
-    number: int
-    before: Structure
-    tried: tuple[Structure, ...]
-    after: Structure
+def ranked(fits: Iterable[FittedModel], price: Price) -> list[FittedModel]:
+    """Fitted models by their score, best first; equal ones by their terms."""
+    return sorted(fits, key=lambda f: (-price.score(f), f.structure.terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +71,6 @@ class Explored:
     fits: Mapping[Structure, FittedModel]
     noise: CommonNoise
     price: Price
-    levels: tuple[Level, ...]
     floors: Mapping[tuple[str, str], float]
     promised: Mapping[Structure, float]
     ports: Mapping[str, str]
@@ -90,7 +84,7 @@ class Explored:
     @property
     def ranked(self) -> list[FittedModel]:
         """All fits, best first."""
-        return sorted(self.fits.values(), key=lambda f: (-self.price.score(f), f.structure.terms))
+        return ranked(self.fits.values(), self.price)
 
     @property
     def best(self) -> FittedModel:

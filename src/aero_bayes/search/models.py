@@ -198,9 +198,9 @@ class ModelCache:
             If the inputs cannot be read the other way.
         """
         setting, wanted = structure.minus(*structure.terms), frozenset((*structure.terms, *extra))
-        roomy = self.source.family.roomy
+        extra_terms_are_free = self.source.family.extra_terms_are_free
         for (other, ids), built in self._built.items():
-            if other == setting and (ids == wanted or (roomy and wanted <= ids)):
+            if other == setting and (ids == wanted or (extra_terms_are_free and wanted <= ids)):
                 return built
         model = self._build(setting, wanted)
         self._built[setting, wanted] = model
