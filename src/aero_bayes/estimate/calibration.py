@@ -232,6 +232,7 @@ def calibrate(
     if isinstance(settings.interpolation, Mapping):
         _check_inputs(recordings, settings.interpolation, "interpolation")
     driven = {variable.name for variable in model.inputs}
+    whole: list[Experiment] = []
     experiments: list[Experiment] = []
     nuisances: list[Parameter] = []
     floors: dict[str, float] = {}
@@ -243,13 +244,15 @@ def calibrate(
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
         nuisances += extra
-        if not isinstance(limit, Mapping) and limit and _delay_wanted([recording], settings.delay, limit):
+        if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
+        whole.append(experiment)
         if settings.most_readings is not None:
             experiment = thin(experiment, settings.most_readings)
         experiments.append(replace(experiment, start=start))
     if isinstance(limit, Mapping):
-        nuisances += _delays(recordings, limit, settings.delay)
+        _check_inputs(recordings, limit, "delay")
+        nuisances += _delays(whole, limit, settings.delay)
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
@@ -318,10 +321,11 @@ def input_delay(name: str, limit: float) -> Parameter:
     return Parameter(f"{name}_delay", "s", 0.3 * limit, 0.0, limit, prior, "linear", about, DelayTarget(name))
 
 
-def _delays(recordings: Sequence[Recording], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
+def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
     """Those of single inputs."""
-    _check_inputs(recordings, limits, "delay")
-    wanted = {name: limit for name, limit in limits.items() if limit and _delay_wanted(recordings, policy, limit, name)}
+    wanted = {
+        name: limit for name, limit in limits.items() if limit and _delay_wanted(experiments, policy, limit, name)
+    }
     return [input_delay(name, limit) for name, limit in wanted.items()]
 
 
@@ -333,11 +337,18 @@ def _check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what
                 raise InputError(f"{of_what} of {name}: {recording.name} has no such input; it has {has}")
 
 
-def _delay_wanted(recordings: Sequence[Recording], policy: DelayPolicy, limit: float, name: str | None = None) -> bool:
-    """Whether a delay of an input (of any by default) is searched: asked for, or seen in one of the recordings."""
+def _delay_wanted(
+    experiments: Sequence[Experiment], policy: DelayPolicy, limit: float, name: str | None = None
+) -> bool:
+    """Whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
+
+    An input may change before the first reading: an experiment that begins at rest has zero there.
+    """
     if policy != "auto":
         return policy == "free"
     return any(
-        r.rate_hz >= 0.2 / limit and any(np.any(np.diff(r.inputs[n])) for n in ([name] if name else r.inputs))
-        for r in recordings
+        len(e.time) > 1
+        and np.median(np.diff(e.time)) <= 5.0 * limit
+        and any(np.any(np.diff(signal.values)) for signal in e.inputs if name in (None, signal.name))
+        for e in experiments
     )
