@@ -17,8 +17,7 @@ equation
   p_1 = e_1 + t_b * v * e_1 / sqrt(e_1 ^ 2 + x_smooth ^ 2);
   p_2 = e_2 - t_b * v * e_2 / sqrt(e_2 ^ 2 + x_smooth ^ 2);
   f = k_b * (0.5 * (p_1 + sqrt(p_1 ^ 2 + x_push ^ 2) - p_2 - sqrt(p_2 ^ 2 + x_push ^ 2)) - x - t_b * v);
-  annotation (__aero_bayes(vanishing = "t_b"),
-    Documentation(info = "<html>
+  annotation (Documentation(info = "<html>
 <p>Within the play the connection carries nothing: the force of a spring of <code>k_b</code>, and of a damper of <code>k_b t_b</code> beside it, is taken back;
 beyond it they act from its end on, and push but never pull.</p>
 <p>Source: M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash, Automatica 38 (2002), 1633-1649.</p>

@@ -20,7 +20,7 @@ equation
   p_1 = e_1 + t_s * v * e_1 / sqrt(e_1 ^ 2 + x_d ^ 2);
   p_2 = e_2 - t_s * v * e_2 / sqrt(e_2 ^ 2 + x_d ^ 2);
   f = 0.5 * k_s * (p_1 + sqrt(p_1 ^ 2 + x_smooth ^ 2) - p_2 - sqrt(p_2 ^ 2 + x_smooth ^ 2));
-  annotation (__aero_bayes(refines = "end_stop", vanishing = "t_s"),
+  annotation (__aero_bayes(refines = "end_stop"),
     Documentation(info = "<html>
 <p>An elastic stop on either side of a middle, <code>x_s</code> from it, with damping <code>k_s * t_s</code> while it is pressed; it pushes and never
 pulls. Between them nothing acts. The middle is <code>b</code> from that of the range in which the motion was seen.</p>

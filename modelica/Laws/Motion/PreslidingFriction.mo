@@ -8,7 +8,7 @@ model PreslidingFriction "Dry friction that yields before it slides and creeps u
 equation
   x_p * der(z) = v - sqrt(v ^ 2 + v_p ^ 2) * z;
   f = F_c * z;
-  annotation (__aero_bayes(refines = "coulomb_friction", vanishing = "v_p"),
+  annotation (__aero_bayes(refines = "coulomb_friction"),
     Documentation(info = "<html>
 <p>Dahl's model: the contact bends like a spring of <code>F_c / x_p</code> until it slides with <code>F_c</code>. Vibration of the speed <code>v_p</code> wears the
 bend down, so that a body that is shaken creeps to rest.</p>

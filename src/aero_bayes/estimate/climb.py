@@ -67,6 +67,14 @@ class ClimbSettings:
         """The same with fewer steps and less care."""
         return replace(self, local=replace(self.local, max_iterations=steps, tolerance=tolerance))
 
+    def counting(self, temperature: float) -> ClimbSettings:
+        """The same as exact in log-likelihood over ``temperature``: what counts less need not be found as closely."""
+        local = self.local
+        return replace(
+            self,
+            local=replace(local, tolerance=local.tolerance * temperature, worthwhile=local.worthwhile * temperature),
+        )
+
     def by_squares(self, outputs: Iterable[str]) -> ClimbSettings:
         """The same by the size of what is left."""
         return replace(self, kinds=dict.fromkeys(outputs, "white"))

@@ -26,17 +26,15 @@ SPREAD = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that the model may lack: values (SI units) to start its parameters from, and their columns on a stand.
+    """A term that the model may lack: values (SI units) to start its parameters from, and their columns in a model.
 
-    The first is its magnitude. One without starts is linear in its parameters, off where all are zero. ``vanishing``
-    are the places of parameters that may end on a bound without making it another law.
+    The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
     """
 
     id: str
     port: str
     starts: tuple[tuple[float, ...], ...]
     columns: tuple[int, ...] = ()
-    vanishing: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,10 +93,9 @@ class Law:
     signals that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for``
     units of a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve,
     where it is no law of its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value
-    decides from where on it acts at all, where that is not plain from its being the only one; ``vanishing`` a shape
-    that may end on a bound without making it another law. ``widths`` are parameters that are not fitted, such as the
-    width of a rounding, where they can be set from outside. ``constraint`` is the class that it extends, of a law for
-    replaceable models.
+    decides from where on it acts at all, where that is not plain from its being the only one.
+    ``widths`` are parameters that are not fitted, such as the width of a rounding, where they can be set from outside.
+    ``constraint`` is the class that it extends, of a law for replaceable models.
     """
 
     id: str
@@ -111,7 +110,6 @@ class Law:
     refines: str
     learned: str
     threshold: str
-    vanishing: str
     shape: Shape
     text: str
     cls: ClassText = field(repr=False, compare=False)
@@ -210,7 +208,7 @@ def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: Class
     return Law(
         snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
         frozenset(words & set(shape.given)), units, noted(cls.annotation, "not_for"), noted(cls.annotation, "refines"),
-        noted(cls.annotation, "learned"), noted(cls.annotation, "threshold"), noted(cls.annotation, "vanishing"),
+        noted(cls.annotation, "learned"), noted(cls.annotation, "threshold"),
         shape, text, merged,
     )  # fmt: skip
 

@@ -30,11 +30,6 @@ def parameters_of(use: Use) -> list[Parameter]:
     return found
 
 
-def vanishing_of(use: Use) -> tuple[int, ...]:
-    """Columns of the shape with which a finer law becomes a coarser one as it goes to 0."""
-    return tuple(k for k, p in enumerate(use.parameters()) if p.name == use.law.vanishing)
-
-
 def starts_of(use: Use, effect: Effect | None = None, highest: float = 1.0) -> tuple[tuple[float, ...], ...]:
     """Values worth starting from: magnitudes, of both signs where they mean something, and shapes.
 

@@ -53,13 +53,13 @@ def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | Non
     sizes = {name: value for name, value in others.items() if name in SHAPE.sizes}
     widths = {name: value for name, value in others.items() if name not in sizes}
     _check(fitted, sizes)
-    notes = [noted(cls.annotation, word) for word in ("refines", "learned", "threshold", "vanishing")]
+    notes = [noted(cls.annotation, word) for word in ("refines", "learned", "threshold")]
     if notes[1] not in ("", "x"):
         raise InputError(f'learned = {notes[1]!r}; expected "x", the variable over which y is learned')
-    refines, learned, threshold, vanishing = notes
+    refines, learned, threshold = notes
     return Law(
         snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, sizes, frozenset(), {}, "",
-        refines, learned, threshold, vanishing, SHAPE, "", cls, widths, constraint,
+        refines, learned, threshold, SHAPE, "", cls, widths, constraint,
     )  # fmt: skip
 
 

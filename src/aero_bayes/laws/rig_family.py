@@ -33,7 +33,7 @@ from aero_bayes.laws.family import Basis, Candidate, Extension, Offer, OpenSimul
 from aero_bayes.laws.law import Law, general_laws, laws_of
 from aero_bayes.laws.learned_curve import basis_of, curve_alone, over, watched_curves
 from aero_bayes.laws.model_sources import names_taken, read_sources
-from aero_bayes.laws.parameters import parameters_of, starts_of, vanishing_of
+from aero_bayes.laws.parameters import parameters_of, starts_of
 from aero_bayes.laws.redeclare import go_together, load_extended, parted
 from aero_bayes.laws.replaceable_laws import laws_within
 from aero_bayes.laws.selection import Narrowed
@@ -247,10 +247,7 @@ class RigFamily:
         also = {id_ for id_, use in self._uses.items() if go_together(use) and id_ not in curves}
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids or (inside and id_ in also))
         model = self._with(uses)
-        own = [
-            (Candidate(u.id, self.named(u.port), self.starts(u.id), vanishing=vanishing_of(u)), self.parameters(u.id))
-            for u in uses
-        ]
+        own = [(Candidate(u.id, self.named(u.port), self.starts(u.id)), self.parameters(u.id)) for u in uses]
         return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     def _with(self, uses: Sequence[Use]) -> Model:

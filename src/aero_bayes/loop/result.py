@@ -216,7 +216,7 @@ class LoopResult:
         return loop_figure(self, figure=figure, dark=dark)
 
     def plot_rounds(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
-        """Draw the log-evidence (nats) that each candidate would gain, round by round; orange: chosen.
+        """Draw the log-evidence (nats) that each candidate would gain, step by step; orange: chosen.
 
         Parameters
         ----------

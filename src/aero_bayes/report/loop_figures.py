@@ -45,11 +45,11 @@ def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
     steps, ids, shown = rounds(loop)
     if not steps:
         return None
-    alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} rounds. " + " ".join(
-        f"Round {step.round}: {step.chosen or 'none'} chosen." for step in steps
+    alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} steps. " + " ".join(
+        f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
-        "Log-evidence that each candidate gains in each round, all parameters refitted, on a logarithmic scale. "
+        "Log-evidence that each candidate gains in each step, all parameters refitted, on a logarithmic scale. "
         "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
     ).format(f"{len(ids) - len(shown)} candidates that gain nothing are left out." if len(ids) > len(shown) else "")
     wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW))
@@ -80,7 +80,7 @@ def _rounds_drawing(
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):
         left = label + 4 + column * k
-        canvas.text(left, 14, f"Round {step.round}", INK, 12)
+        canvas.text(left, 14, f"Step {step.round}", INK, 12)
         if step.threshold:
             edge = left + across(step.threshold)
             canvas.curve([edge, edge], [_TOP - 6, _TOP + row * len(ids)], MUTED, 0.9, "4 3")
@@ -126,7 +126,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
     heads = [Column(f"round {step.round}", "right") for step in steps]
-    return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, round by round")
+    return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, step by step")
 
 
 def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:

@@ -86,7 +86,7 @@ class StructureSearch:
         """
         self._root = root.structure.plus(*self.settings.require)
         self._noise = common_noise(root, self.floors)
-        self._fits[root.structure] = root.refitted(self._noise.noise, self.fit)
+        self._fits[root.structure] = root.refitted(self._noise.noise, self._settings)
         if self.settings.require:
             self._require(root.structure)
         self._renew()
@@ -137,6 +137,11 @@ class StructureSearch:
             self.library.refines, tuple(self._skipped),
             self._ended,
         )  # fmt: skip
+
+    @property
+    def _settings(self) -> ClimbSettings:
+        """Of a local fit under the present noise."""
+        return self.fit.counting(self._noise.noise.temperature)
 
     # which structures to expand
 
@@ -211,11 +216,13 @@ class StructureSearch:
         order = sorted(starts, key=lambda s: (-self._promise(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
         for wave in waves(order, self.settings.beam):
-            least = self._least([s for s in tried if s in self._fits])
-            tasks = {
-                s: partial(refit, bases[s], s, starts[s], self.settings, self._aiming(bases[s], least)) for s in wave
+            fitted = [self._fits[s] for s in tried if s in self._fits]
+            least = {s: self._least(fitted, len(s)) for s in wave}
+            likely = {
+                s: partial(refit, bases[s], s, starts[s], self.settings, self._aiming(bases[s], least[s]))
+                for s in wave
+                if self._may_reach(bases[s], starts[s], least[s])
             }
-            likely = {s: t for s, t in tasks.items() if self._may_reach(bases[s], starts[s], least)}
             self.work.ahead(list(likely.values()), lambda done: None)
             for structure, task in likely.items():
                 if tried and self._late(what):
@@ -242,7 +249,7 @@ class StructureSearch:
             try:
                 model = self.cache.of(fitted.structure, extra)
                 start = model.at(fitted.values, fitted.terms)
-                self._moved[key] = model.fit(fitted.structure, start, self._noise.noise, self.fit)
+                self._moved[key] = model.fit(fitted.structure, start, self._noise.noise, self._settings)
             except CannotFinishError:
                 # A law that is off can still be too stiff for this recording.
                 self._skipped |= dict.fromkeys(t for t in extra if t not in fitted.terms)
@@ -278,20 +285,22 @@ class StructureSearch:
     def _promise(self, base: FittedModel, starts: Sequence[Start]) -> float:
         return base.log_evidence + (starts[0].promise / base.temperature if starts else -math.inf)
 
-    def _least(self, tried: Sequence[Structure]) -> float:
-        """Log-evidence below which a structure of this level cannot matter.
+    def _least(self, tried: Sequence[FittedModel], size: int) -> float:
+        """Log-evidence below which a structure of this level and size cannot matter.
 
-        The margin is that under the noise which the best of the level leaves, smaller than the present one.
+        The margin is that under the noise which the best of the level leaves, smaller than the present one. A structure
+        that no further term may join matters only where the data do not tell it from the best.
         """
         if not tried:
             return -math.inf
-        best = max((self._fits[s] for s in tried), key=lambda f: f.log_evidence)
+        best = max(tried, key=lambda f: f.log_evidence)
         white = best.optimum.whitened
         left = min(float(white.residual @ white.residual) / white.readings, 1.0)
-        return best.log_evidence - self.settings.within * left
+        margin = self.settings.within if size < self.settings.max_effects else self.settings.equivalence
+        return best.log_evidence - margin * left
 
     def _aiming(self, base: FittedModel, least: float) -> ClimbSettings:
-        return self.fit.aiming(aim_at(base, least))
+        return self._settings.aiming(aim_at(base, least))
 
     def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
         """Whether any start promises enough: a line is no more than a hint, so that a small part of it will do."""
@@ -335,7 +344,7 @@ class StructureSearch:
             own.sort(key=lambda s: (-self._price.score(self._fits[s]), s.terms))
             again |= set(own[: self.settings.beam])
         known = [s for s in self._fits if s in again]
-        tasks = [partial(self._fits[s].refitted, self._noise.noise, self.fit) for s in known]
+        tasks = [partial(self._fits[s].refitted, self._noise.noise, self._settings) for s in known]
         self.work.ahead(tasks, lambda done: None)
         for task in tasks:
             with suppress(CannotFinishError):
@@ -351,7 +360,7 @@ class StructureSearch:
                     continue
                 self._restarted.add(done)
                 with suppress(CannotFinishError):
-                    found = restart.again(self._alone(structure, self._fits[structure].values), self.fit)
+                    found = restart.again(self._alone(structure, self._fits[structure].values), self._settings)
                     if found is not None:
                         self._keep(found)
             self._renew()
@@ -359,7 +368,7 @@ class StructureSearch:
     def _alone(self, structure: Structure, values: Mapping[str, float]) -> FittedModel:
         """A structure fitted from SI values by name, on the model that has its terms and no others."""
         model = self.cache.of(structure)
-        return model.fit(structure, model.at(values, structure.terms), self._noise.noise, self.fit)
+        return model.fit(structure, model.at(values, structure.terms), self._noise.noise, self._settings)
 
     def _require(self, root: Structure) -> None:
         """The fit with the terms that must be there, one after the other."""
@@ -369,7 +378,7 @@ class StructureSearch:
             if base is not None:
                 off = Start(base.optimum.coordinates, 0.0, 0.0)
                 starts = [*starting_points(self.parts.start_rules, base, structure), off]
-                if (found := refit(base, structure, starts, self.settings, self.fit)) is not None:
+                if (found := refit(base, structure, starts, self.settings, self._settings)) is not None:
                     self._keep(found)
             if structure not in self._fits:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")

@@ -37,6 +37,6 @@ class StructureSettings:
     within: float = 25.0
     starts: int = 2
     promise: float = 2.0
-    promise_share: float = 0.005
+    promise_share: float = 0.1
     max_effects: int = 3
     require: tuple[str, ...] = ()

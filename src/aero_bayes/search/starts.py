@@ -27,8 +27,8 @@ FloatArray = NDArray[np.float64]
 GRID, HALVINGS, LINES = 6, 3, 3
 #: Change of the outputs, as a share of the residual, of a magnitude at which a line is still straight.
 SMALL = 0.3
-#: Gain in log-likelihood below which a line is not followed.
-LEAST_GAIN = 0.25
+#: Gain in log-likelihood below which a line is not followed: half of what a start must promise for a fit.
+LEAST_GAIN = 1.0
 #: Share of a promise that a simulation must confirm; else the other parameters are refitted, if the promise is so much
 #: in tempered log-likelihood, or such a share of all that is left.
 CONFIRMED, WORTH_REFIT, GREAT_SHARE = 0.3, 6.0, 0.1
