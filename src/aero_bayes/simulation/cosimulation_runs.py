@@ -16,6 +16,8 @@ from fmpy.fmi1 import FMICallException
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.fmpy_reference import delayed, value_at
 from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.worker_main import NOT_LOADED
+from aero_bayes.simulation.workers import LoadError
 
 # The words of a job and of a slot, as native/batch.c reads them.
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
@@ -37,10 +39,13 @@ class CosimulationRuns:
     problem: Problem
     folder: Path
     substeps: int
+    load_error: str = ""
     _fmu: Any = None
 
-    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> None:
-        """Take tasks from the job's counter until none is left. The three are addresses."""
+    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> int:
+        """Take tasks from the job's counter until none is left; base, job and slot are addresses. Ends as the
+        engine's own (native/batch.c).
+        """
         words = (ctypes.c_int64 * 16).from_address(job)
         mine = (ctypes.c_int64 * 3).from_address(slot)
         outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
@@ -49,9 +54,15 @@ class CosimulationRuns:
             if outcomes[index] == 255:
                 mine[2], mine[1] = clock.process_time_ns(), clock.monotonic_ns()
                 mine[0] = index
-                outcomes[index] = self._task(words, base, index)
+                try:
+                    outcomes[index] = self._task(words, base, index)
+                except LoadError as error:
+                    self.load_error = str(error)
+                    mine[0], mine[1] = -1, 0
+                    return NOT_LOADED
                 mine[0] = -1
             index = engine.ab_take(job)
+        return 0
 
     def _task(self, words: Any, base: int, index: int) -> int:
         row, number = divmod(index, words[_EXPERIMENTS])
@@ -65,6 +76,8 @@ class CosimulationRuns:
             return Outcome.NOT_FINITE
         try:
             found = self._run(number, values)
+        except LoadError:
+            raise
         except Exception:  # FMPy's own errors have no common class
             self._fmu = None  # not freed: the error may have been fatal
             return Outcome.MODEL_ERROR
@@ -135,8 +148,11 @@ class Runner:
 
     def ab_batch(self, runs: CosimulationRuns, base: int, job: int, slot: int, first: int) -> int:
         """Work until no task is left."""
-        runs.batch(self._engine, base, job, slot, first)
-        return 0
+        return runs.batch(self._engine, base, job, slot, first)
+
+    def ab_load_error(self, runs: CosimulationRuns) -> bytes:
+        """Why the FMU could not be loaded."""
+        return runs.load_error.encode()
 
 
 def communication_points(samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int) -> FloatArray:

@@ -95,12 +95,16 @@ def _check_experiment(model: Model, experiment: Experiment, where: str) -> None:
     for name in experiment.start:
         model.state_index(name)
     for signal in experiment.inputs:
-        model.input(signal.name)
+        discrete = model.input(signal.name).discrete
         _check_grid(f"{where}, input {signal.name!r}", signal.time)
         if signal.values.shape != signal.time.shape or not np.all(np.isfinite(signal.values)):
             raise InputError(f"{where}, input {signal.name!r}: values must be finite, one a time")
         if signal.interpolation not in ("hold", "linear"):
             raise InputError(f"{where}, input {signal.name!r}: interpolation {signal.interpolation!r} is not known")
+        if discrete and signal.interpolation == "linear":
+            raise InputError(
+                f"{where}, input {signal.name!r}: is discrete in the model, so it can hold, not move linearly"
+            )
     measured = experiment.measured
     if measured is not None and measured.shape != (experiment.time.size, len(experiment.outputs)):
         raise InputError(

@@ -124,6 +124,7 @@ typedef struct {
     int64_t p, n_experiments;
     Experiment *experiments;
     Fmu *fmu;
+    char load_error[512]; /* why the library could not be loaded */
     struct Run **runs; /* buffers of the last batch, one an experiment */
     int64_t runs_q, *runs_active;
 } Problem;
@@ -224,7 +225,7 @@ Problem *problem_open(const char *path, char *error, size_t size);
 void problem_close(Problem *);
 
 /* bind.c */
-Fmu *fmu_open(const char *path, int version);
+Fmu *fmu_open(const char *path, int version, char *error, size_t size);
 void fmu_shut(Fmu *);
 int fmu_symbol(Fmu *, const char *name, void *where);
 void fmu_quiet(fmi_environment, const char *name, int status, const char *category, const char *message, ...);

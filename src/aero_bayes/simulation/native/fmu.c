@@ -6,11 +6,11 @@
 
 static Fmu *loaded; /* a library is loaded once and serves every problem on it */
 
-static Fmu *fmu_load(const char *path, int version)
+static Fmu *fmu_load(Problem *p)
 {
     for (Fmu *f = loaded; f; f = f->next)
-        if (!strcmp(f->path, path)) return f;
-    Fmu *f = fmu_open(path, version);
+        if (!strcmp(f->path, p->library)) return f;
+    Fmu *f = fmu_open(p->library, p->version, p->load_error, sizeof p->load_error);
     if (!f) return NULL;
     f->next = loaded;
     loaded = f;
@@ -38,7 +38,7 @@ static int fmu_instantiate(Problem *p)
 /* Loads, instantiates or resets: the instance is in its first mode afterwards. */
 int fmu_ready(Problem *p)
 {
-    if (!p->fmu && !(p->fmu = fmu_load(p->library, p->version))) return AB_MODEL_ERROR;
+    if (!p->fmu && !(p->fmu = fmu_load(p))) return AB_MODEL_ERROR;
     Fmu *f = p->fmu;
     if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
     if (f->instance && f->used) {
