@@ -239,8 +239,10 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     else:
         described, place = description(name, model, directional, extra, "FIXED" in defines), "linux64"
         if steps:
+            any_step, slopes = (str(yes).lower() for yes in ("ONE_SIZE" not in defines, "SLOPES" in defines))
             described = described.replace(
-                "<ModelExchange", '<CoSimulation canHandleVariableCommunicationStepSize="true"'
+                "<ModelExchange",
+                f'<CoSimulation canHandleVariableCommunicationStepSize="{any_step}" canInterpolateInputs="{slopes}"',
             )
     with zipfile.ZipFile(fmu, "w") as archive:
         archive.writestr("modelDescription.xml", described)

@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.cosimulation_runs import moving
 from aero_bayes.simulation.interface import (
     DelayTarget,
     FloatArray,
@@ -71,6 +72,13 @@ class CosimulationSimulator(ReducedTrajectories):
             "differences of whole runs, initial states cannot be set (Model Exchange has none of these limits)",
             stacklevel=3,
         )
+        model, late = problem.model, {s.name for e in problem.experiments for s in moving(e.inputs)}
+        if late and not (model.takes_any_step or model.interpolates_inputs):
+            warnings.warn(
+                f"{model.path.name} takes steps of one size and no slopes of its inputs: an output that "
+                f"{', '.join(sorted(late))} feeds directly is half a sampling interval late",
+                stacklevel=3,
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem, self._workers)

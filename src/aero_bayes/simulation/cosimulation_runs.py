@@ -19,6 +19,7 @@ from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, Pa
 from aero_bayes.simulation.worker_main import NOT_LOADED
 from aero_bayes.simulation.workers import LoadError
 
+LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 # The words of a job and of a slot, as native/batch.c reads them.
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
 
@@ -113,16 +114,22 @@ class CosimulationRuns:
         variables = [model.output(name) for name in experiment.outputs]
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
         out = np.empty((samples.size, len(variables)))
-        points = communication_points(samples, signals if model.takes_any_step else (), self.substeps)
+        points, times = communication_points(samples, signals, self.substeps, any_step=model.takes_any_step)
+        slopes = () if model.takes_any_step or not model.interpolates_inputs else moving(signals)
         done = 0
         for k, t in enumerate(points):
             if t == samples[done]:
                 out[done] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
                 done += 1
             if k + 1 < points.size:
-                step = float(points[k + 1] - t)
-                self._apply(fmu, signals, float(t) + 0.5 * step, float(t))
-                fmu.doStep(float(t), step)
+                begin, step = float(t), float(points[k + 1] - t)
+                self._apply(fmu, signals, float(times[k]), begin)
+                for signal in slopes:
+                    reference = [model.input(signal.name).value_reference]
+                    start, end = value_at(signal, begin, begin), value_at(signal, begin + step, begin)
+                    fmu.setReal(reference, [start])
+                    fmu.setRealInputDerivatives(reference, [1], [(end - start) / step])
+                fmu.doStep(begin, step)
         return out
 
     def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
@@ -155,12 +162,32 @@ class Runner:
         return runs.load_error.encode()
 
 
-def communication_points(samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int) -> FloatArray:
-    """Samples, times at which inputs break, and so many steps between two samples."""
+def moving(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
+    """Those that move in straight lines."""
+    return tuple(signal for signal in signals if signal.interpolation == "linear")
+
+
+def communication_points(
+    samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int, *, any_step: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Where an FMU stops, and at what time its inputs are read for each step between two stops.
+
+    It stops at the samples, so many times between two of them, and, if it takes any step, where an input breaks. An
+    input is constant over a step: at its value in the middle, so that states are right to second order. An output
+    that the input feeds directly would be half a step late; so the last step before a sample is a short one, over which
+    a moving input has the value of the sample.
+    """
+    steps = np.diff(samples)
     fractions = np.arange(substeps) / substeps
-    between = samples[:-1, None] + np.diff(samples)[:, None] * fractions
-    breaks = [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
-    points = np.unique(np.concatenate([samples, between.ravel(), *breaks]))
+    between = [(samples[:-1, None] + steps[:, None] * fractions).ravel()]
+    short = any_step and bool(moving(signals))
+    if any_step:
+        between += [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
+    if short:
+        between.append(samples[1:] - LAST_STEP * steps)
+    points = np.unique(np.concatenate([samples, *between]))
     tiny = 1e-12 * max(abs(samples[0]), abs(samples[-1]))
     keep = np.append(np.diff(points) > tiny, True) | np.isin(points, samples)
-    return points[keep]
+    points = points[keep]
+    times = points[:-1] + 0.5 * np.diff(points)
+    return points, np.where(np.isin(points[1:], samples), points[1:], times) if short else times

@@ -190,6 +190,7 @@ def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Mode
         said_copies=said_copies(_outputs(root, variables), position, states),
         interface="co-simulation" if exchange is None else "model exchange",
         takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
+        interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
     )
 
 

@@ -74,6 +74,8 @@ class Model:
         The latter only where the FMU has no Model Exchange.
     takes_any_step : bool
         Whether a communication step of co-simulation may vary.
+    interpolates_inputs : bool
+        Whether co-simulation takes the slope of an input over a step beside its value.
     declared : Declaration
         What the package that it is from declares of its rigs.
 
@@ -110,6 +112,7 @@ class Model:
     fmi_version: int = 2
     interface: Interface = "model exchange"
     takes_any_step: bool = True
+    interpolates_inputs: bool = False
     declared: Declaration = field(default=Declaration(), compare=False, repr=False)
 
     @classmethod

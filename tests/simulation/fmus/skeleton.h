@@ -9,6 +9,8 @@
  *   NOISY           prints on every call of fmi2SetTime
  *   FMI3            speaks FMI 3.0
  *   STEPS           co-simulation only, by Euler's method with a fixed number of steps, whatever tolerance is asked for
+ *   ONE_SIZE        and said to take steps of one size only
+ *   SLOPES          and with inputs that move linearly over a step
  * Variables live in m->r, addressed by their value reference. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +34,7 @@ typedef struct {
 } Events;
 
 typedef struct {
-    double r[64];
+    double r[64], slope[64];
     double t;
     const Callbacks *callbacks;
     char name[64], resources[512];
@@ -106,6 +108,7 @@ API int fmi2Reset(void *c)
     return ERROR;
 #endif
     memset(m->r, 0, sizeof m->r);
+    memset(m->slope, 0, sizeof m->slope);
     m->initializing = m->initialized = m->continuous = 0;
     start(m);
     return OK;
@@ -229,11 +232,20 @@ API int fmi2DoStep(void *c, double t, double h, int keep)
         const int status = update(m);
         if (status > WARNING) return status;
         for (size_t i = 0; i < n; i++) m->r[states[i]] += h / 20 * m->r[derivatives_of[i]];
+        for (int i = 0; i < 64; i++) m->r[i] += h / 20 * m->slope[i];
     }
     m->t = t + h;
     return OK;
 }
-API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v) { return ERROR; }
+API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v)
+{
+#ifdef SLOPES
+    for (size_t i = 0; i < n; i++) ((Model *)c)->slope[vr[i]] = v[i];
+    return OK;
+#else
+    return ERROR;
+#endif
+}
 API int fmi2GetRealOutputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, double *v) { return ERROR; }
 API int fmi2CancelStep(void *c) { return ERROR; }
 API int fmi2GetStatus(void *c, int kind, int *v) { return ERROR; }
