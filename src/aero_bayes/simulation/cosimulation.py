@@ -138,6 +138,7 @@ class CosimulationSimulator(ReducedTrajectories):
             return found
         experiments = self.problem.experiments
         slopes = tuple(np.zeros((*out.shape, len(columns))) for out in found.outputs)
+        outcomes = found.outcomes.copy()
         for place, column in enumerate(columns):
             scale = max(
                 target_scale(self.problem.model, experiment, row[column])
@@ -149,10 +150,14 @@ class CosimulationSimulator(ReducedTrajectories):
             sides[0::2, column] += step
             sides[1::2, column] -= step
             ran = batches.trajectories(sides)
+            failed = np.maximum(ran.outcomes[0::2], ran.outcomes[1::2])
+            outcomes = np.where(outcomes == Outcome.OK, failed, outcomes)
             for e, out in enumerate(ran.outputs):
                 if self.problem.targets[e][column] is not None:
                     slopes[e][..., place] = (out[0::2] - out[1::2]) / (2.0 * step)[:, None, None]
-        return Trajectories(found.outputs, slopes, found.outcomes)
+        for e, out in enumerate(found.outputs):
+            out[outcomes[:, e] != Outcome.OK] = np.nan
+        return Trajectories(found.outputs, slopes, outcomes)
 
 
 def _largest_change(before: Trajectories, after: Trajectories) -> float:

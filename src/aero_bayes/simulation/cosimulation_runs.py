@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import pickle
 import time as clock
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,8 @@ from fmpy.fmi1 import FMICallException
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.fmpy_reference import delayed, value_at
 from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
-from aero_bayes.simulation.worker_main import NOT_LOADED
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
 from aero_bayes.simulation.workers import LoadError
 
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
@@ -24,39 +27,86 @@ LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
 
 
+class Begin(Enum):
+    """What puts an FMU back to its start before a run."""
+
+    RESET = "fmi2Reset or fmi3Reset"
+    NEW = "a new instance"
+    NOTHING = "not even a new instance"
+
+
+class _SpentError(Exception):
+    """The FMU cannot be instantiated again in this process."""
+
+
+class _NotRepeatableError(Exception):
+    """Equal runs of the FMU differ."""
+
+
+@dataclass
+class _Instance:
+    """The instance of an FMU in this process, which serves every problem on it."""
+
+    model: Model
+    folder: Path
+    begin: Begin | None = None
+    fmu: Any = None
+    opened: bool = False
+    values: bytes = b""
+
+    def ready(self, new: bool) -> Any:
+        """FMPy's object for the FMU, reset or instantiated anew."""
+        if self.fmu is not None and not new:
+            with contextlib.suppress(FMICallException):
+                self.fmu.reset()
+                return self.fmu
+        if self.fmu is not None:
+            self.fmu.freeInstance()
+            self.fmu = None
+        try:
+            self.fmu = fmpy_fmu.open_fmu(self.model, self.folder)
+        except LoadError:
+            raise
+        except Exception as error:  # FMPy's own errors have no common class
+            raise _SpentError if self.opened else error from None
+        self.opened = True
+        return self.fmu
+
+
 @dataclass
 class CosimulationRuns:
-    """One instance of an FMU and the problem that it runs.
+    """A problem and the FMU that runs it.
 
     Parameters
     ----------
     problem : Problem
-    folder : Path
-        Where the FMU is unpacked.
+    instance : _Instance
     substeps : int
         Communication steps between two samples.
     """
 
     problem: Problem
-    folder: Path
+    instance: _Instance
     substeps: int
     load_error: str = ""
-    _fmu: Any = None
+    _slot: Any = None
 
     def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> int:
         """Take tasks from the job's counter until none is left; base, job and slot are addresses. Ends as the
         engine's own (native/batch.c).
         """
         words = (ctypes.c_int64 * 16).from_address(job)
-        mine = (ctypes.c_int64 * 3).from_address(slot)
+        mine = self._slot = (ctypes.c_int64 * 3).from_address(slot)
         outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
         index = first if first >= 0 else engine.ab_take(job)
         while index < words[_TOTAL]:
             if outcomes[index] == 255:
-                mine[2], mine[1] = clock.process_time_ns(), clock.monotonic_ns()
+                self._stamp()
                 mine[0] = index
                 try:
-                    outcomes[index] = self._task(words, base, index)
+                    outcomes[index] = self._do(words, base, index)
+                except _SpentError:
+                    return SPENT
                 except LoadError as error:
                     self.load_error = str(error)
                     mine[0], mine[1] = -1, 0
@@ -65,7 +115,10 @@ class CosimulationRuns:
             index = engine.ab_take(job)
         return 0
 
-    def _task(self, words: Any, base: int, index: int) -> int:
+    def _stamp(self) -> None:
+        self._slot[2], self._slot[1] = clock.process_time_ns(), clock.monotonic_ns()
+
+    def _do(self, words: Any, base: int, index: int) -> int:
         row, number = divmod(index, words[_EXPERIMENTS])
         p = words[_P]
         values = np.ctypeslib.as_array((ctypes.c_double * p).from_address(base + words[_VALUES] + 8 * row * p))
@@ -76,32 +129,55 @@ class CosimulationRuns:
         if not np.all(np.isfinite(values)):
             return Outcome.NOT_FINITE
         try:
-            found = self._run(number, values)
-        except LoadError:
+            found = self._checked(number, values)
+        except (LoadError, _SpentError):
             raise
+        except _NotRepeatableError:
+            return Outcome.NOT_REPEATABLE
         except Exception:  # FMPy's own errors have no common class
-            self._fmu = None  # not freed: the error may have been fatal
+            self.instance.fmu = None  # not freed: the error may have been fatal
             return Outcome.MODEL_ERROR
         if not np.all(np.isfinite(found)):
             return Outcome.NOT_FINITE
         out.reshape(shape)[:] = found
         return Outcome.OK
 
-    def _ready(self) -> Any:
-        if self._fmu is not None:
-            try:
-                self._fmu.reset()
-                return self._fmu
-            except FMICallException:
-                self._fmu.freeInstance()
-        self._fmu = fmpy_fmu.open_fmu(self.problem.model, self.folder)
-        return self._fmu
+    def _checked(self, number: int, values: FloatArray) -> FloatArray:
+        """One run, begun by a reset only where that was seen to do as much as a new instance: compared once, at the
+        first run with other values than the one before it; where there can be no new instance, at the second run.
+        """
+        instance, once = self.instance, self.problem.model.needs_instance_per_process
+        if instance.begin is None and instance.values and (once or instance.values != values.tobytes()):
+            instance.begin, found = self._compare(number, values)
+        elif instance.begin is not Begin.NOTHING:
+            found = self._run(number, values, new=instance.begin is not Begin.RESET)
+        if instance.begin is Begin.NOTHING:
+            raise _NotRepeatableError
+        instance.values = values.tobytes() or b"none"
+        return found
 
-    def _run(self, number: int, values: FloatArray) -> FloatArray:
+    def _compare(self, number: int, values: FloatArray) -> tuple[Begin, FloatArray]:
+        """A run after a reset against the same one on a new instance, or after one more reset where there is none."""
+        once = self.problem.model.needs_instance_per_process
+        try:
+            reset = self._run(number, values, new=False)
+        except Exception:  # FMPy's own errors have no common class
+            self.instance.fmu, reset = None, np.zeros(0)
+        found = self._run(number, values, new=not once)
+        if np.array_equal(reset, found, equal_nan=True):
+            return Begin.RESET, found
+        if once:
+            raise _SpentError
+        again = self._run(number, values, new=True)
+        near = 1e-5 * np.ptp(found, axis=0) + 1e-9 * np.max(np.abs(found), axis=0)
+        return Begin.NEW if np.all(np.abs(again - found) <= near) else Begin.NOTHING, again
+
+    def _run(self, number: int, values: FloatArray, *, new: bool) -> FloatArray:
         problem, experiment = self.problem, self.problem.experiments[number]
         model, samples = problem.model, experiment.time
         signals = delayed(experiment, problem.targets[number], values)
-        fmu = self._ready()
+        self._stamp()
+        fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
         for name, value in problem.fixed.items():
             fmu.setReal([model.parameter(name).value_reference], [value])
@@ -144,11 +220,13 @@ class Runner:
         engine.ab_take.restype = ctypes.c_int64
         engine.ab_take.argtypes = [ctypes.c_void_p]
         self._engine = engine
+        self._instances: dict[Path, _Instance] = {}
 
     def ab_open(self, path: bytes, *_: Any) -> CosimulationRuns:
         """The problem that the parent wrote."""
         problem, folder, substeps = pickle.loads(Path(os.fsdecode(path)).read_bytes())
-        return CosimulationRuns(problem, folder, substeps)
+        instance = self._instances.setdefault(folder, _Instance(problem.model, folder))
+        return CosimulationRuns(problem, instance, substeps)
 
     def ab_close(self, runs: CosimulationRuns) -> None:
         """Let it go."""

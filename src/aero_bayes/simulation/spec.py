@@ -22,7 +22,7 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model import Model, Variable
 
-_MAGIC = 0x4142535045430002
+_MAGIC = 0x4142535045430003
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -206,7 +206,8 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.text(model.guid)
     w.text(model.identifier)
     w.integer(model.fmi_version)
-    w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback), model.event_indicators)
+    w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback))
+    w.integer(int(model.needs_instance_per_process), model.event_indicators)
     w.integers([v.value_reference for v in model.states])
     w.integers(model.derivatives)
     w.integers([int(v.settable_start) for v in model.states])

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
-NOT_LOADED = 2  # how a batch ends where the model's binary cannot be loaded
+SPENT, NOT_LOADED = 1, 2  # how a batch ends where this process can do no more, and where the model cannot be loaded
 MOST_PROBLEMS = 512
 
 

@@ -71,7 +71,8 @@ static int direct(Run *r)
     return p->parameter_directional;
 }
 
-static int one(Run *r, int mode, const double *noise)
+/* One run into the sink, with sensitivities where there are active columns. */
+int run_any(Run *r, int mode, const double *noise)
 {
     heartbeat(r);
     probe(r);
@@ -127,7 +128,7 @@ static int task(Problem *p, char *base, const Job *job, int64_t index)
         r->sink.trajectory = (double *)(void *)(base + table[0]) + row * table[1];
         r->sink.sensitivity = (double *)(void *)(base + table[2]) + row * table[3];
     }
-    int outcome = all_finite(r->values, job->p) ? one(r, (int)job->mode, noise) : AB_NOT_FINITE;
+    int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
     if (outcome) return outcome;
     if (job->mode == MODE_TRAJECTORY)
         return all_finite(r->sink.trajectory, x->n * x->m) &&
