@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim
@@ -89,5 +91,7 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.interpolation == {"T_amb": "linear", "heater": "hold"}
     assert moving_inputs(calibration) == ("T_amb",)
+    discrete = replace(model, inputs=tuple(replace(variable, discrete=True) for variable in model.inputs))
+    assert moving_inputs(replace(calibration, model=discrete)) == ()
     with pytest.raises(InputError, match="interpolation of wind: house has no such input; it has T_amb, heater"):
         calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))

@@ -68,6 +68,7 @@ MODELS: dict[str, list[Scalar]] = {
         parameter("period", 3, 0.3),
         parameter("kick", 4, 0.0),
     ],
+    "Ticker": [Scalar("count", 0, "output", kind="Integer"), Scalar("y", 1, "output"), parameter("period", 2, 0.3)],
     "Feedthrough": [
         Scalar("u", 0, "input", 0.0),
         Scalar("y", 1, "output"),
@@ -174,7 +175,7 @@ def description(name: str, model: str, directional: bool, extra: str = "", fixed
 _TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
-def description3(name: str, model: str, directional: bool, steps: bool) -> str:
+def description3(name: str, model: str, directional: bool, defines: tuple[str, ...]) -> str:
     """The same for FMI 3.0."""
     scalars = MODELS[model]
     reference = {scalar.name: scalar.reference for scalar in scalars}
@@ -202,8 +203,9 @@ def description3(name: str, model: str, directional: bool, steps: bool) -> str:
         f'<ContinuousStateDerivative valueReference="{s.reference}"/>' for s in scalars if s.derivative_of is not None
     )
     indicator = f'<EventIndicator valueReference="{scalars[0].reference}"/>' * INDICATORS.get(model, 0)
+    steps, callback = "STEPS" in defines, str("NO_CALLBACK" not in defines).lower()
     kind = "CoSimulation" if steps else "ModelExchange"
-    extra = f' providesDirectionalDerivatives="{str(directional).lower()}" needsCompletedIntegratorStep="true"'
+    extra = f' providesDirectionalDerivatives="{str(directional).lower()}" needsCompletedIntegratorStep="{callback}"'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="{name}" '
         f'instantiationToken="{name}"><{kind} modelIdentifier="{name}"'
@@ -229,15 +231,18 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
     subprocess.run(command, check=True, capture_output=True)
     extra = ' canBeInstantiatedOnlyOncePerProcess="true"' if "ONCE" in defines else ""
+    extra += ' completedIntegratorStepNotNeeded="true"' if "NO_CALLBACK" in defines else ""
     fmu = folder / f"{name}.fmu"
     steps = "STEPS" in defines
     if "FMI3" in defines:
-        described, place = description3(name, model, directional, steps), "x86_64-linux"
+        described, place = description3(name, model, directional, defines), "x86_64-linux"
     else:
         described, place = description(name, model, directional, extra, "FIXED" in defines), "linux64"
         if steps:
+            any_step, slopes = (str(yes).lower() for yes in ("ONE_SIZE" not in defines, "SLOPES" in defines))
             described = described.replace(
-                "<ModelExchange", '<CoSimulation canHandleVariableCommunicationStepSize="true"'
+                "<ModelExchange",
+                f'<CoSimulation canHandleVariableCommunicationStepSize="{any_step}" canInterpolateInputs="{slopes}"',
             )
     with zipfile.ZipFile(fmu, "w") as archive:
         archive.writestr("modelDescription.xml", described)

@@ -102,4 +102,38 @@ def test_what_it_cannot_do_is_named(test_fmu):
 
 def test_communication_points():
     signal = InputSignal("u", np.array([-1.0, 0.25, 1.0]), np.zeros(3))
-    np.testing.assert_allclose(communication_points(np.array([0.0, 1.0, 3.0]), (signal,), 2), [0, 0.25, 0.5, 1, 2, 3])
+    samples = np.array([0.0, 1.0, 3.0])
+    points, times = communication_points(samples, (signal,), 2)
+    np.testing.assert_allclose(points, [0, 0.25, 0.5, 1, 2, 3])
+    np.testing.assert_allclose(times, [0.125, 0.375, 0.75, 1.5, 2.5])
+    points, times = communication_points(samples, (replace(signal, interpolation="linear"),), 1)
+    np.testing.assert_allclose(points, [0, 0.25, 0.999, 1, 2.998, 3])
+    np.testing.assert_allclose(times, [0.125, 0.6245, 1, 1.999, 3])
+    np.testing.assert_allclose(communication_points(samples, (signal,), 1, any_step=False)[0], samples)
+
+
+@pytest.mark.parametrize(
+    ("defines", "near"),
+    [
+        (("STEPS",), 1e-4),
+        (("FMI3", "STEPS"), 1e-4),
+        (("STEPS", "ONE_SIZE", "SLOPES"), 3e-3),  # by Euler's 20 steps a sample, which cannot be made smaller
+        (("STEPS", "ONE_SIZE"), 0.12),  # half a sample late, and said to be
+    ],
+)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_an_output_that_a_moving_input_feeds_directly_is_not_late(test_fmu, defines, near):
+    # u rises by 1.5 a second from 0.5 s on; x' = u - x from rest; y = 2 x + 3 u
+    model = test_fmu("Dahlquist", defines=defines)
+    assert (model.interpolates_inputs, model.takes_any_step) == ("SLOPES" in defines, "ONE_SIZE" not in defines)
+    ramp = (InputSignal("u", np.array([0.0, 0.5, 2.0]), np.array([0.0, 0.0, 2.25]), "linear"),)
+    problem = Problem(model, (Experiment(TIME, ("x", "y"), ramp),), ((ParameterTarget("g"),),))
+    with open_simulator(problem, workers=1) as simulator:
+        found = simulator.simulate(np.array([[1e-12]])).outputs[0][0]  # x(0)
+    late = np.maximum(TIME - 0.5, 0.0)
+    x = 1.5 * (late - 1.0 + np.exp(-late))
+    y = 2.0 * x + 4.5 * late
+    np.testing.assert_allclose(found, np.stack([x, y], axis=1), atol=near)
+    if defines == ("STEPS", "ONE_SIZE"):
+        with pytest.warns(UserWarning, match="an output that u feeds directly is half a sampling interval late"):
+            open_simulator(problem, workers=1).close()

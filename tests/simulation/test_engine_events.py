@@ -16,6 +16,7 @@ from aero_bayes.simulation import (
     Problem,
     SolverSettings,
     StartTarget,
+    open_simulator,
 )
 
 
@@ -73,6 +74,21 @@ def test_stair_with_time_events(test_fmu, here):
     np.testing.assert_allclose(found.outputs[0][0, :, 1], np.array(area) + 0.5 * (time >= 2.0), atol=1e-6)
     assert found.sensitivities is not None
     np.testing.assert_allclose(found.sensitivities[0][0, :, 1, 0], (time >= 2.0).astype(float), atol=1e-6)
+
+
+@pytest.mark.parametrize("defines", [("NO_CALLBACK",), ("NO_CALLBACK", "FMI3"), ()])
+@pytest.mark.parametrize("engine", ["native", "fmpy"])
+def test_time_events_of_a_model_without_states(test_fmu, here, defines, engine):
+    time = np.linspace(0.053, 2.0, 14)  # in places fewer samples than events, in others more
+    problem = Problem(
+        test_fmu("Ticker", defines=defines), (Experiment(time, ("count", "y")),), ((ParameterTarget("period"),),)
+    )
+    with open_simulator(problem, engine, pool=here) as simulator:
+        found = simulator.simulate(np.array([[0.3], [0.07]]))
+    assert np.all(found.outcomes == Outcome.OK)
+    for out, period in zip(found.outputs[0], (0.3, 0.07), strict=True):
+        count = np.floor(time / period)
+        np.testing.assert_allclose(out, np.stack([count, count + time], axis=1), atol=1e-12)
 
 
 def test_events_cost_no_accuracy(test_fmu, here):

@@ -6,11 +6,12 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fmpy import read_model_description
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import Model
+from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, open_simulator
 from aero_bayes.simulation import archive as archive_module
 
 Edit = Callable[[dict[str, bytes]], None]
@@ -82,6 +83,100 @@ def test_unusable_files_are_named(test_fmu, tmp_path, edit, message):
         Model.load(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+UNTRUE = [
+    ((b'derivative="1"', b'derivative="0"'), r"the state of 'der\(x\)' is said to be variable 0 of 10"),
+    ((b'derivative="1"', b'derivative="-1"'), r"the state of 'der\(x\)' is said to be variable -1 of 10"),
+    ((b'derivative="1"', b'derivative="11"'), r"the state of 'der\(x\)' is said to be variable 11 of 10"),
+    ((b'derivative="1"', b'derivative="2"'), r"'der\(x\)' cannot be the derivative of 'der\(x\)'"),
+    ((b'<Derivatives><Unknown index="2"', b'<Derivatives><Unknown index="0"'), "a derivative is said to be variable 0"),
+    ((b'valueReference="3"', b'valueReference="-3"'), "the value reference -3 of 'a'"),
+    ((b'valueReference="3"', b'valueReference="4294967296"'), "the value reference 4294967296 of 'a'"),
+    ((b'name="a"', b'name="b"'), "two variables have the name 'b'"),
+]
+
+
+@pytest.mark.parametrize(("edit", "message"), [*UNTRUE, (None, "minimum 2 above its maximum 1")])
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_cannot_be_true_is_named(test_fmu, tmp_path, edit, message, version):
+    source = test_fmu("Dahlquist", defines=("FMI3",) if version == 3 else ()).path
+    tag = b"<Real " if version == 2 else b'<Float64 name="a" '
+    old, new = edit or (tag, tag + b'min="2" max="1" ')
+    if version == 3 and b"erivative" in old:
+        old, new = b'derivative="0"', b'derivative="1"' if new[-2:] == b'2"' else b'derivative="77"'
+        message = message if b"1" in new else r"contradicts FMI 3\.0: .*der\(x\)"
+    path = rewrite(source, tmp_path / "untrue.fmu", replaced(old, new))
+    with pytest.raises(InputError, match=message) as caught:
+        Model.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def edited_binary(edit: Callable[[bytes], bytes]) -> Edit:
+    def change(members: dict[str, bytes]) -> None:
+        name = next(name for name in members if name.endswith(".so"))
+        members[name] = edit(members[name])
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "binary", [b"", b"MZ no library for Linux", b"\x7fELF\x01\x01" + bytes(10) + b"\x03\x00\x03\x00"]
+)
+def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
+    path = rewrite(test_fmu("Dahlquist").path, tmp_path / "bad.fmu", edited_binary(lambda _: binary))
+    with pytest.raises(InputError, match=r"Dahlquist_dd\.so is no shared library for Linux on x86-64"):
+        Model.load(path)
+
+
+@pytest.mark.parametrize(("steps", "engine"), [(False, "native"), (False, "fmpy"), (True, "native")])
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"\0libm.so.6\0", b"\0libq.so.3\0", "cannot be loaded: libq.so.3: cannot open shared object file"),
+        (b"\0fmi2SetReal\0", b"\0fmi2SetRule\0", "cannot be loaded: .*(lacks|fmi2SetReal)"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_library_that_is_missing_is_named(test_fmu, pool, tmp_path, steps, engine, old, new, message):
+    source = test_fmu("Dahlquist", defines=("STEPS",) if steps else ()).path
+    path = rewrite(source, tmp_path / "needs.fmu", edited_binary(lambda data: data.replace(old, new)))
+    problem = Problem(Model.load(path), (Experiment(np.array([0.0, 1.0]), ("x",)),), ((),))
+    with pytest.raises(InputError, match=message) as caught, open_simulator(problem, engine, pool=pool) as simulator:
+        simulator.simulate(np.zeros((1, 0)))
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_library_in_this_process(test_fmu, here, tmp_path):
+    edit = edited_binary(lambda data: data.replace(b"\0libm.so.6\0", b"\0libq.so.3\0"))
+    model = Model.load(rewrite(test_fmu("Dahlquist").path, tmp_path / "needs.fmu", edit))
+    problem = Problem(model, (Experiment(np.array([0.0, 1.0]), ("x",)),), ((),))
+    with NativeSimulator(problem, pool=here) as simulator, pytest.raises(InputError, match=r"libq\.so\.3"):
+        simulator.simulate(np.zeros((1, 0)))
+
+
+def test_a_discrete_input_does_not_move_linearly(test_fmu, tmp_path):
+    edit = replaced(b'causality="input" variability="continuous"', b'causality="input" variability="discrete"')
+    model = Model.load(rewrite(test_fmu("Dahlquist").path, tmp_path / "discrete.fmu", edit))
+    moving = InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 1.0]), "linear")
+    problem = Problem(model, (Experiment(np.array([0.0, 1.0]), ("x",), (moving,)),), ((),))
+    with pytest.raises(InputError, match="input 'u': is discrete"):
+        NativeSimulator(problem, workers=0)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_member_that_is_there_twice(test_fmu, tmp_path):
+    source = test_fmu("Dahlquist").path
+    for name, data in (("same", b"42.5"), ("other", b"42.6")):
+        path = tmp_path / f"{name}.fmu"
+        path.write_bytes(source.read_bytes())
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr("resources/y.txt", data)
+    assert Model.load(tmp_path / "same.fmu").unpack(tmp_path).is_file()
+    with pytest.raises(InputError, match=r"'resources/y\.txt' is there twice, with different contents"):
+        Model.load(tmp_path / "other.fmu")
 
 
 def test_missing_and_foreign_files(tmp_path):

@@ -53,7 +53,8 @@ def test_a_law_that_is_off_changes_nothing(
     inner = test_fmu(name, directional=directional, defines=defines)
     around, (law, models) = Surroundings(inner), gain
     port = max((p for p in around.ports if p.kind == "reading"), key=lambda p: p.id == output)
-    seam = around.seam([use_of(law, port, around.names.values())], models)
+    taken = {*around.names.values(), *(v.name for v in inner.parameters)}
+    seam = around.seam([use_of(law, port, taken)], models)
     couple(inner, seam, tmp_path / "around.fmu", tmp_path / "laws.fmu")
     drive = (DRIVE,) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}

@@ -28,7 +28,6 @@ from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.target import Target
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
-from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
@@ -304,10 +303,9 @@ class Climber:
             with suppress(CannotFinishError):
                 found.append(self._climb(at, free, noise if eq6 else None, self.by_squares.rough(25, 0.1), objective))
         if not found:
-            bad = [o for o in self.objective.outcomes if o is not Outcome.OK]
-            worst = max(bad, key=lambda o: self.objective.outcomes[o]).text if bad else "no reason given"
             raise CannotFinishError(
-                f"model {objective.calibration.model.name} could not be simulated at any starting point: {worst}"
+                f"model {objective.calibration.model.name} could not be simulated at any starting point: "
+                f"{self.objective.commonest_failure}"
             )
         return max(found, key=lambda o: o.log_likelihood + o.log_prior)
 

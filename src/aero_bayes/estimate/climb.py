@@ -312,8 +312,8 @@ def climb(
     found = ends[0] if ends else terrain.back(kept)
     if found.ground is None:
         raise CannotFinishError(
-            "the model cannot be simulated at the values where a fit starts; a plant that is unstable without its "
-            "controller needs the controller in the model"
+            f"the model cannot be simulated at the values where a fit starts: {objective.commonest_failure}; a plant "
+            "that is unstable without its controller needs the controller in the model"
         )
     here = found.ground
     covariance, volume = _laplace(here.hessian, high - low)

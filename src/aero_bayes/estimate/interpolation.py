@@ -31,7 +31,8 @@ def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
             changed = np.diff(values) != 0.0
             changes[name] = changes.get(name, 0) + int(changed.sum())
             follow[name] = follow.get(name, 0) + int((changed[1:] & changed[:-1]).sum())
-    return tuple(name for name, count in changes.items() if follow[name] > MOVING * count)
+    discrete = {variable.name for variable in calibration.model.inputs if variable.discrete}
+    return tuple(n for n, count in changes.items() if follow[n] > MOVING * count and n not in discrete)
 
 
 def read_as(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:

@@ -134,6 +134,12 @@ class Objective:
     def failures(self) -> int:
         return self.outcomes.total() - self.outcomes[Outcome.OK]
 
+    @property
+    def commonest_failure(self) -> str:
+        """How most of the runs that failed ended, in words."""
+        failed = {outcome: count for outcome, count in self.outcomes.items() if outcome is not Outcome.OK and count}
+        return max(failed, key=lambda outcome: failed[outcome]).text if failed else "no reason given"
+
     # by residuals
 
     def evaluate(self, coordinates: FloatArray, active: Sequence[int] | None = None) -> Evaluation | None:

@@ -39,6 +39,15 @@ def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
         raise _unreadable(path, error) from error
 
 
+def first_bytes(path: Path, name: str, count: int) -> bytes:
+    """The beginning of a member."""
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(name) as member:
+            return member.read(count)
+    except _UNREADABLE as error:
+        raise _unreadable(path, error) from error
+
+
 def unpack(path: Path, folder: Path) -> None:
     """Unpack into an existing private folder; no member leaves it, and none is larger than it says.
 
@@ -65,7 +74,8 @@ def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
     members = archive.infolist()
     if len(members) > MOST_MEMBERS:
         raise InputError(f"{path}: has {len(members)} members (at most {MOST_MEMBERS} are allowed)")
-    total, files, folders = 0, set[str](), set[str]()
+    total, files, folders = 0, dict[str, zipfile.ZipInfo](), set[str]()
+    twice = []
     for member in members:
         name = member.filename.replace("\\", "/")
         parts = PurePosixPath(name)
@@ -80,13 +90,26 @@ def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
         if name.endswith("/"):
             folders.add(str(parts))
         elif str(parts) in files:
-            raise InputError(f"{path}: member {member.filename!r} is there twice")
+            twice.append((files[str(parts)], member))
         else:
-            files.add(str(parts))
+            files[str(parts)] = member
         total += member.file_size
-    both = sorted(files & folders)
+    both = sorted(files.keys() & folders)
     if both:
         raise InputError(f"{path}: member {both[0]!r} is a file and a folder")
     if total > MOST_UNPACKED_BYTES:
         raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MOST_UNPACKED_BYTES >> 20} MiB are allowed)")
+    for first, second in twice:
+        if not _are_equal(archive, first, second):
+            raise InputError(f"{path}: member {second.filename!r} is there twice, with different contents")
     return set(archive.namelist())
+
+
+def _are_equal(archive: zipfile.ZipFile, first: zipfile.ZipInfo, second: zipfile.ZipInfo) -> bool:
+    if (first.file_size, first.CRC) != (second.file_size, second.CRC):
+        return False
+    with archive.open(first) as a, archive.open(second) as b:
+        while part := a.read(1 << 20):
+            if part != b.read(len(part)):
+                return False
+    return True

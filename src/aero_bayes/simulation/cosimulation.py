@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.cosimulation_runs import moving
 from aero_bayes.simulation.interface import (
     DelayTarget,
     FloatArray,
@@ -71,6 +72,13 @@ class CosimulationSimulator(ReducedTrajectories):
             "differences of whole runs, initial states cannot be set (Model Exchange has none of these limits)",
             stacklevel=3,
         )
+        model, late = problem.model, {s.name for e in problem.experiments for s in moving(e.inputs)}
+        if late and not (model.takes_any_step or model.interpolates_inputs):
+            warnings.warn(
+                f"{model.path.name} takes steps of one size and no slopes of its inputs: an output that "
+                f"{', '.join(sorted(late))} feeds directly is half a sampling interval late",
+                stacklevel=3,
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem, self._workers)
@@ -130,6 +138,7 @@ class CosimulationSimulator(ReducedTrajectories):
             return found
         experiments = self.problem.experiments
         slopes = tuple(np.zeros((*out.shape, len(columns))) for out in found.outputs)
+        outcomes = found.outcomes.copy()
         for place, column in enumerate(columns):
             scale = max(
                 target_scale(self.problem.model, experiment, row[column])
@@ -141,10 +150,14 @@ class CosimulationSimulator(ReducedTrajectories):
             sides[0::2, column] += step
             sides[1::2, column] -= step
             ran = batches.trajectories(sides)
+            failed = np.maximum(ran.outcomes[0::2], ran.outcomes[1::2])
+            outcomes = np.where(outcomes == Outcome.OK, failed, outcomes)
             for e, out in enumerate(ran.outputs):
                 if self.problem.targets[e][column] is not None:
                     slopes[e][..., place] = (out[0::2] - out[1::2]) / (2.0 * step)[:, None, None]
-        return Trajectories(found.outputs, slopes, found.outcomes)
+        for e, out in enumerate(found.outputs):
+            out[outcomes[:, e] != Outcome.OK] = np.nan
+        return Trajectories(found.outputs, slopes, outcomes)
 
 
 def _largest_change(before: Trajectories, after: Trajectories) -> float:

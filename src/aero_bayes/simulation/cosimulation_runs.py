@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import pickle
 import time as clock
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -16,44 +18,107 @@ from fmpy.fmi1 import FMICallException
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.fmpy_reference import delayed, value_at
 from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
+from aero_bayes.simulation.workers import LoadError
 
+LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 # The words of a job and of a slot, as native/batch.c reads them.
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
 
 
+class Begin(Enum):
+    """What puts an FMU back to its start before a run."""
+
+    RESET = "fmi2Reset or fmi3Reset"
+    NEW = "a new instance"
+    NOTHING = "not even a new instance"
+
+
+class _SpentError(Exception):
+    """The FMU cannot be instantiated again in this process."""
+
+
+class _NotRepeatableError(Exception):
+    """Equal runs of the FMU differ."""
+
+
+@dataclass
+class _Instance:
+    """The instance of an FMU in this process, which serves every problem on it."""
+
+    model: Model
+    folder: Path
+    begin: Begin | None = None
+    fmu: Any = None
+    opened: bool = False
+    values: bytes = b""
+
+    def ready(self, new: bool) -> Any:
+        """FMPy's object for the FMU, reset or instantiated anew."""
+        if self.fmu is not None and not new:
+            with contextlib.suppress(FMICallException):
+                self.fmu.reset()
+                return self.fmu
+        if self.fmu is not None:
+            self.fmu.freeInstance()
+            self.fmu = None
+        try:
+            self.fmu = fmpy_fmu.open_fmu(self.model, self.folder)
+        except LoadError:
+            raise
+        except Exception as error:  # FMPy's own errors have no common class
+            raise _SpentError if self.opened else error from None
+        self.opened = True
+        return self.fmu
+
+
 @dataclass
 class CosimulationRuns:
-    """One instance of an FMU and the problem that it runs.
+    """A problem and the FMU that runs it.
 
     Parameters
     ----------
     problem : Problem
-    folder : Path
-        Where the FMU is unpacked.
+    instance : _Instance
     substeps : int
         Communication steps between two samples.
     """
 
     problem: Problem
-    folder: Path
+    instance: _Instance
     substeps: int
-    _fmu: Any = None
+    load_error: str = ""
+    _slot: Any = None
 
-    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> None:
-        """Take tasks from the job's counter until none is left. The three are addresses."""
+    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> int:
+        """Take tasks from the job's counter until none is left; base, job and slot are addresses. Ends as the
+        engine's own (native/batch.c).
+        """
         words = (ctypes.c_int64 * 16).from_address(job)
-        mine = (ctypes.c_int64 * 3).from_address(slot)
+        mine = self._slot = (ctypes.c_int64 * 3).from_address(slot)
         outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
         index = first if first >= 0 else engine.ab_take(job)
         while index < words[_TOTAL]:
             if outcomes[index] == 255:
-                mine[2], mine[1] = clock.process_time_ns(), clock.monotonic_ns()
+                self._stamp()
                 mine[0] = index
-                outcomes[index] = self._task(words, base, index)
+                try:
+                    outcomes[index] = self._do(words, base, index)
+                except _SpentError:
+                    return SPENT
+                except LoadError as error:
+                    self.load_error = str(error)
+                    mine[0], mine[1] = -1, 0
+                    return NOT_LOADED
                 mine[0] = -1
             index = engine.ab_take(job)
+        return 0
 
-    def _task(self, words: Any, base: int, index: int) -> int:
+    def _stamp(self) -> None:
+        self._slot[2], self._slot[1] = clock.process_time_ns(), clock.monotonic_ns()
+
+    def _do(self, words: Any, base: int, index: int) -> int:
         row, number = divmod(index, words[_EXPERIMENTS])
         p = words[_P]
         values = np.ctypeslib.as_array((ctypes.c_double * p).from_address(base + words[_VALUES] + 8 * row * p))
@@ -64,30 +129,55 @@ class CosimulationRuns:
         if not np.all(np.isfinite(values)):
             return Outcome.NOT_FINITE
         try:
-            found = self._run(number, values)
+            found = self._checked(number, values)
+        except (LoadError, _SpentError):
+            raise
+        except _NotRepeatableError:
+            return Outcome.NOT_REPEATABLE
         except Exception:  # FMPy's own errors have no common class
-            self._fmu = None  # not freed: the error may have been fatal
+            self.instance.fmu = None  # not freed: the error may have been fatal
             return Outcome.MODEL_ERROR
         if not np.all(np.isfinite(found)):
             return Outcome.NOT_FINITE
         out.reshape(shape)[:] = found
         return Outcome.OK
 
-    def _ready(self) -> Any:
-        if self._fmu is not None:
-            try:
-                self._fmu.reset()
-                return self._fmu
-            except FMICallException:
-                self._fmu.freeInstance()
-        self._fmu = fmpy_fmu.open_fmu(self.problem.model, self.folder)
-        return self._fmu
+    def _checked(self, number: int, values: FloatArray) -> FloatArray:
+        """One run, begun by a reset only where that was seen to do as much as a new instance: compared once, at the
+        first run with other values than the one before it; where there can be no new instance, at the second run.
+        """
+        instance, once = self.instance, self.problem.model.needs_instance_per_process
+        if instance.begin is None and instance.values and (once or instance.values != values.tobytes()):
+            instance.begin, found = self._compare(number, values)
+        elif instance.begin is not Begin.NOTHING:
+            found = self._run(number, values, new=instance.begin is not Begin.RESET)
+        if instance.begin is Begin.NOTHING:
+            raise _NotRepeatableError
+        instance.values = values.tobytes() or b"none"
+        return found
 
-    def _run(self, number: int, values: FloatArray) -> FloatArray:
+    def _compare(self, number: int, values: FloatArray) -> tuple[Begin, FloatArray]:
+        """A run after a reset against the same one on a new instance, or after one more reset where there is none."""
+        once = self.problem.model.needs_instance_per_process
+        try:
+            reset = self._run(number, values, new=False)
+        except Exception:  # FMPy's own errors have no common class
+            self.instance.fmu, reset = None, np.zeros(0)
+        found = self._run(number, values, new=not once)
+        if np.array_equal(reset, found, equal_nan=True):
+            return Begin.RESET, found
+        if once:
+            raise _SpentError
+        again = self._run(number, values, new=True)
+        near = 1e-5 * np.ptp(found, axis=0) + 1e-9 * np.max(np.abs(found), axis=0)
+        return Begin.NEW if np.all(np.abs(again - found) <= near) else Begin.NOTHING, again
+
+    def _run(self, number: int, values: FloatArray, *, new: bool) -> FloatArray:
         problem, experiment = self.problem, self.problem.experiments[number]
         model, samples = problem.model, experiment.time
         signals = delayed(experiment, problem.targets[number], values)
-        fmu = self._ready()
+        self._stamp()
+        fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
         for name, value in problem.fixed.items():
             fmu.setReal([model.parameter(name).value_reference], [value])
@@ -100,16 +190,22 @@ class CosimulationRuns:
         variables = [model.output(name) for name in experiment.outputs]
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
         out = np.empty((samples.size, len(variables)))
-        points = communication_points(samples, signals if model.takes_any_step else (), self.substeps)
+        points, times = communication_points(samples, signals, self.substeps, any_step=model.takes_any_step)
+        slopes = () if model.takes_any_step or not model.interpolates_inputs else moving(signals)
         done = 0
         for k, t in enumerate(points):
             if t == samples[done]:
                 out[done] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
                 done += 1
             if k + 1 < points.size:
-                step = float(points[k + 1] - t)
-                self._apply(fmu, signals, float(t) + 0.5 * step, float(t))
-                fmu.doStep(float(t), step)
+                begin, step = float(t), float(points[k + 1] - t)
+                self._apply(fmu, signals, float(times[k]), begin)
+                for signal in slopes:
+                    reference = [model.input(signal.name).value_reference]
+                    start, end = value_at(signal, begin, begin), value_at(signal, begin + step, begin)
+                    fmu.setReal(reference, [start])
+                    fmu.setRealInputDerivatives(reference, [1], [(end - start) / step])
+                fmu.doStep(begin, step)
         return out
 
     def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
@@ -124,27 +220,52 @@ class Runner:
         engine.ab_take.restype = ctypes.c_int64
         engine.ab_take.argtypes = [ctypes.c_void_p]
         self._engine = engine
+        self._instances: dict[Path, _Instance] = {}
 
     def ab_open(self, path: bytes, *_: Any) -> CosimulationRuns:
         """The problem that the parent wrote."""
         problem, folder, substeps = pickle.loads(Path(os.fsdecode(path)).read_bytes())
-        return CosimulationRuns(problem, folder, substeps)
+        instance = self._instances.setdefault(folder, _Instance(problem.model, folder))
+        return CosimulationRuns(problem, instance, substeps)
 
     def ab_close(self, runs: CosimulationRuns) -> None:
         """Let it go."""
 
     def ab_batch(self, runs: CosimulationRuns, base: int, job: int, slot: int, first: int) -> int:
         """Work until no task is left."""
-        runs.batch(self._engine, base, job, slot, first)
-        return 0
+        return runs.batch(self._engine, base, job, slot, first)
+
+    def ab_load_error(self, runs: CosimulationRuns) -> bytes:
+        """Why the FMU could not be loaded."""
+        return runs.load_error.encode()
 
 
-def communication_points(samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int) -> FloatArray:
-    """Samples, times at which inputs break, and so many steps between two samples."""
+def moving(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
+    """Those that move in straight lines."""
+    return tuple(signal for signal in signals if signal.interpolation == "linear")
+
+
+def communication_points(
+    samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int, *, any_step: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Where an FMU stops, and at what time its inputs are read for each step between two stops.
+
+    It stops at the samples, so many times between two of them, and, if it takes any step, where an input breaks. An
+    input is constant over a step: at its value in the middle, so that states are right to second order. An output
+    that the input feeds directly would be half a step late; so the last step before a sample is a short one, over which
+    a moving input has the value of the sample.
+    """
+    steps = np.diff(samples)
     fractions = np.arange(substeps) / substeps
-    between = samples[:-1, None] + np.diff(samples)[:, None] * fractions
-    breaks = [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
-    points = np.unique(np.concatenate([samples, between.ravel(), *breaks]))
+    between = [(samples[:-1, None] + steps[:, None] * fractions).ravel()]
+    short = any_step and bool(moving(signals))
+    if any_step:
+        between += [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
+    if short:
+        between.append(samples[1:] - LAST_STEP * steps)
+    points = np.unique(np.concatenate([samples, *between]))
     tiny = 1e-12 * max(abs(samples[0]), abs(samples[-1]))
     keep = np.append(np.diff(points) > tiny, True) | np.isin(points, samples)
-    return points[keep]
+    points = points[keep]
+    times = points[:-1] + 0.5 * np.diff(points)
+    return points, np.where(np.isin(points[1:], samples), points[1:], times) if short else times

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.model import Kind, Model, Variable, sha256
+from aero_bayes.simulation.model import Kind, Model, Variable, check_variables, sha256
 
 # OpenModelica's name of the state behind an output that is a state.
 OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")
@@ -90,6 +90,7 @@ def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
                     value_reference=int(scalar.get("valueReference", "0")),
                     kind=kind,
                     settable_start=_settable(scalar, own),
+                    discrete=scalar.get("variability") == "discrete",
                 ),
             )
         )
@@ -138,6 +139,7 @@ def jacobian_pattern(
 
 def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Model:
     variables = _variables(root)
+    check_variables(path, [variable for _, _, variable in variables])
     interface = exchange if exchange is not None else root.find("CoSimulation")
     assert interface is not None
     identifier = checked_identifier(path, interface)
@@ -146,12 +148,15 @@ def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Mode
     position: dict[int, int] = {}
     depends: list[set[int] | None] = []
     for unknown in root.iterfind("ModelStructure/Derivatives/Unknown") if exchange is not None else ():
-        _, own, variable = variables[int(unknown.get("index", "0")) - 1]
+        _, own, variable = variables[_position(unknown.get("index"), variables, "a derivative")]
         if own is None or own.get("derivative") is None:
             raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
-        at = int(own.get("derivative", "0")) - 1
+        at = _position(own.get("derivative"), variables, f"the state of {variable.name!r}")
+        state = variables[at][2]
+        if state.kind != "real" or state is variable or at in position:
+            raise InputError(f"{path}: {variable.name!r} cannot be the derivative of {state.name!r}")
         position[at] = len(states)
-        states.append(variables[at][2])
+        states.append(state)
         derivatives.append(variable.value_reference)
         known = unknown.get("dependencies")
         depends.append(None if known is None else {int(i) - 1 for i in known.split()})
@@ -185,7 +190,15 @@ def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Mode
         said_copies=said_copies(_outputs(root, variables), position, states),
         interface="co-simulation" if exchange is None else "model exchange",
         takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
+        interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
     )
+
+
+def _position(number: str | None, variables: Sequence[object], what: str) -> int:
+    """Where a variable stands in the list, by its number in the description, which counts from 1."""
+    if number is None or not 1 <= int(number) <= len(variables):
+        raise ValueError(f"{what} is said to be variable {number} of {len(variables)}")
+    return int(number) - 1
 
 
 def refuse_selected_states(path: Path, states: Sequence[Variable]) -> None:
@@ -206,7 +219,7 @@ def _outputs(
     for unknown in root.iterfind("ModelStructure/Outputs/Unknown"):
         known = unknown.get("dependencies")
         depends = None if known is None else [int(i) - 1 for i in known.split()]
-        found.append((variables[int(unknown.get("index", "0")) - 1][2], depends))
+        found.append((variables[_position(unknown.get("index"), variables, "an output")][2], depends))
     return found
 
 

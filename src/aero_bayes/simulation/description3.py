@@ -14,7 +14,7 @@ from aero_bayes.simulation.description2 import (
     refuse_selected_states,
     said_copies,
 )
-from aero_bayes.simulation.model import Kind, Model, Variable, sha256
+from aero_bayes.simulation.model import Kind, Model, Variable, check_variables, sha256
 
 _KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "boolean"}
 
@@ -48,6 +48,7 @@ def describe(path: Path, root: Element) -> Model:
 
 
 def _describe(path: Path, root: Element, interface: Element, found: Any, only_steps: bool) -> Model:
+    check_variables(path, [_variable(v) for v in found.modelVariables if v.type in _KINDS and not v.dimensions])
     pick: dict[str, list[Variable]] = {"parameter": [], "input": [], "output": []}
     for variable in found.modelVariables:
         if variable.type == "Clock" and variable.causality == "input":
@@ -65,6 +66,9 @@ def _describe(path: Path, root: Element, interface: Element, found: Any, only_st
         if state is None or state.type != "Float64" or state.dimensions:
             name = "a derivative" if state is None else repr(state.name)
             raise InputError(f"{path}: {name} is an array or no 64-bit real state, which is not supported")
+    for k, (unknown, state) in enumerate(zip(unknowns, states, strict=True)):
+        if state is unknown.variable or state in states[:k]:
+            raise InputError(f"{path}: {unknown.variable.name!r} cannot be the derivative of {state.name!r}")
     variables = [_variable(state) for state in states]
     refuse_selected_states(path, variables)
     position = {state.valueReference: i for i, state in enumerate(states)}
@@ -123,4 +127,5 @@ def _variable(variable: Any) -> Variable:
         value_reference=int(variable.valueReference),
         kind=_KINDS[variable.type],
         settable_start=variable.initial in ("exact", "approx"),
+        discrete=variable.variability == "discrete",
     )

@@ -18,6 +18,7 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import LoadError
 
 
 def _ignore(*_: Any) -> None:
@@ -63,20 +64,32 @@ class _Slave3(_NamesOfTwo, FMU3Slave):  # type: ignore[misc]
 def open_fmu(model: Model, folder: Path) -> Any:
     """Load and instantiate a model unpacked into a folder.
 
+    Raises
+    ------
+    LoadError
+        Where the loader refuses the model's binary.
+
     Returns
     -------
     FMPy's object for the FMU, with the methods of FMI 2.0.
     """
     slave = model.interface == "co-simulation"
     kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
-    with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
-        fmu = kind[model.fmi_version, slave](
-            guid=model.guid,
-            unzipDirectory=str(folder),
-            modelIdentifier=model.identifier,
-            instanceName=model.identifier,
-            libraryPath=str(model.binary_in(folder)),
-        )
+    path = str(model.binary_in(folder))
+    try:
+        with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
+            fmu = kind[model.fmi_version, slave](
+                guid=model.guid,
+                unzipDirectory=str(folder),
+                modelIdentifier=model.identifier,
+                instanceName=model.identifier,
+                libraryPath=path,
+            )
+    except Exception as error:  # FMPy raises no class of its own
+        reason = error.__context__ if isinstance(error.__context__, OSError) else error
+        if not isinstance(reason, OSError | AttributeError):
+            raise
+        raise LoadError(str(reason).removeprefix(f"{path}: ")) from error
     if model.fmi_version == 3:
         fmu.instantiate(logMessage=_ignore)
         return fmu

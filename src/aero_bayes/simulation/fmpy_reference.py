@@ -37,6 +37,7 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.native import check_active, check_values
 from aero_bayes.simulation.reduction import ReducedTrajectories
 from aero_bayes.simulation.spec import check_problem, target_scale
+from aero_bayes.simulation.workers import LoadError
 
 
 class _TimedOutError(Exception):
@@ -82,7 +83,10 @@ class FmpySimulator(ReducedTrajectories):
             raise InputError(f"{problem.model.path}: has no Model Exchange; see CosimulationSimulator")
         self._scratch = ScratchFolder()
         problem.model.unpack(self._scratch.path)
-        self._fmu = fmpy_fmu.open_fmu(problem.model, self._scratch.path)
+        try:
+            self._fmu = fmpy_fmu.open_fmu(problem.model, self._scratch.path)
+        except LoadError as error:
+            raise LoadError(f"{problem.model.path}: its binary cannot be loaded: {error}") from None
         self._slopes_pointer = (ctypes.c_double * max(1, len(problem.model.states)))()
         self._fresh = True
         self._closed = False

@@ -32,6 +32,7 @@ class Outcome(IntEnum):
     CRASHED = 4
     MODEL_ERROR = 5
     STATES_SELECTED_ANEW = 6
+    NOT_REPEATABLE = 7
 
     @property
     def key(self) -> str:
@@ -49,6 +50,7 @@ class Outcome(IntEnum):
             Outcome.CRASHED: "the model's code crashed its worker",
             Outcome.MODEL_ERROR: "the model reported an error",
             Outcome.STATES_SELECTED_ANEW: "the model chose other states while it ran, which is not supported",
+            Outcome.NOT_REPEATABLE: "equal runs of the model gave different results",
         }[self]
 
 

@@ -28,7 +28,7 @@ class Variable:
     """A scalar of the model, in SI units as declared.
 
     ``kind`` is ``real`` for everything but discrete outputs; ``settable_start`` tells whether the start value may be
-    set before initialisation.
+    set before initialisation, ``discrete`` whether the value may change at events only.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Variable:
     value_reference: int
     kind: Kind = "real"
     settable_start: bool = False
+    discrete: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,8 @@ class Model:
         The latter only where the FMU has no Model Exchange.
     takes_any_step : bool
         Whether a communication step of co-simulation may vary.
+    interpolates_inputs : bool
+        Whether co-simulation takes the slope of an input over a step beside its value.
     declared : Declaration
         What the package that it is from declares of its rigs.
 
@@ -109,6 +112,7 @@ class Model:
     fmi_version: int = 2
     interface: Interface = "model exchange"
     takes_any_step: bool = True
+    interpolates_inputs: bool = False
     declared: Declaration = field(default=Declaration(), compare=False, repr=False)
 
     @classmethod
@@ -142,6 +146,8 @@ class Model:
         if binary not in names:
             have = sorted({str(PurePosixPath(n).parent) for n in names if n.startswith("binaries/")}) or ["none"]
             raise InputError(f"{path}: no {binary} inside (binaries for: {', '.join(have)})")
+        if not _is_shared_library(archive.first_bytes(path, binary, 20)):
+            raise InputError(f"{path}: {binary} is no shared library for Linux on x86-64")
         if declared:
             return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
         # Another tool's FMU of a shipped system goes by its name.
@@ -233,6 +239,28 @@ class Model:
     def binary_in(self, folder: Path) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
         return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+
+
+def _is_shared_library(header: bytes) -> bool:
+    """Whether a file that begins so is an ELF file of 64 bits, little-endian, of the type DYN, for x86-64."""
+    return header[:6] == b"\x7fELF\x02\x01" and header[16:20] == b"\x03\x00\x3e\x00"
+
+
+def check_variables(path: Path, variables: Sequence[Variable]) -> None:
+    """Raise InputError for what cannot be true of the variables of one model."""
+    names = set[str]()
+    for variable in variables:
+        if variable.name in names:
+            raise InputError(f"{path}: two variables have the name {variable.name!r}")
+        names.add(variable.name)
+        if not 0 <= variable.value_reference < 1 << 32:
+            raise InputError(
+                f"{path}: the value reference {variable.value_reference} of {variable.name!r} is not within 0..2^32-1"
+            )
+        if variable.minimum is not None and variable.maximum is not None and variable.minimum > variable.maximum:
+            raise InputError(
+                f"{path}: {variable.name!r} has the minimum {variable.minimum:g} above its maximum {variable.maximum:g}"
+            )
 
 
 def _number(value: float | None) -> str:

@@ -22,7 +22,7 @@ from aero_bayes.simulation.interface import (
     Trajectories,
 )
 from aero_bayes.simulation.spec import check_problem, write_problem
-from aero_bayes.simulation.workers import TODO, WorkerPool
+from aero_bayes.simulation.workers import TODO, LoadError, WorkerPool
 
 _TRAJECTORY, _LIKELIHOOD, _GAUSS_NEWTON = 0, 1, 2
 _JOB_WORDS = 15
@@ -142,7 +142,10 @@ class Batches:
             layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
         layout.block.outcomes[:] = TODO
         outcomes = layout.block.outcomes.reshape(-1)
-        self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit)
+        try:
+            self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit)
+        except LoadError as error:
+            raise InputError(f"{self.problem.model.path}: its binary cannot be loaded: {error}") from None
         return layout.block
 
     def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _Layout:

@@ -22,7 +22,7 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model import Model, Variable
 
-_MAGIC = 0x4142535045430002
+_MAGIC = 0x4142535045430003
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -95,12 +95,16 @@ def _check_experiment(model: Model, experiment: Experiment, where: str) -> None:
     for name in experiment.start:
         model.state_index(name)
     for signal in experiment.inputs:
-        model.input(signal.name)
+        discrete = model.input(signal.name).discrete
         _check_grid(f"{where}, input {signal.name!r}", signal.time)
         if signal.values.shape != signal.time.shape or not np.all(np.isfinite(signal.values)):
             raise InputError(f"{where}, input {signal.name!r}: values must be finite, one a time")
         if signal.interpolation not in ("hold", "linear"):
             raise InputError(f"{where}, input {signal.name!r}: interpolation {signal.interpolation!r} is not known")
+        if discrete and signal.interpolation == "linear":
+            raise InputError(
+                f"{where}, input {signal.name!r}: is discrete in the model, so it can hold, not move linearly"
+            )
     measured = experiment.measured
     if measured is not None and measured.shape != (experiment.time.size, len(experiment.outputs)):
         raise InputError(
@@ -202,7 +206,8 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.text(model.guid)
     w.text(model.identifier)
     w.integer(model.fmi_version)
-    w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback), model.event_indicators)
+    w.integer(int(model.has_directional_derivatives), int(model.wants_step_callback))
+    w.integer(int(model.needs_instance_per_process), model.event_indicators)
     w.integers([v.value_reference for v in model.states])
     w.integers(model.derivatives)
     w.integers([int(v.settable_start) for v in model.states])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
+SPENT, NOT_LOADED = 1, 2  # how a batch ends where this process can do no more, and where the model cannot be loaded
 MOST_PROBLEMS = 512
 
 
@@ -51,6 +52,8 @@ def load(path: str) -> ctypes.CDLL:
     engine.ab_close.restype = None
     engine.ab_close.argtypes = [ctypes.c_void_p]
     engine.ab_batch.restype = ctypes.c_int
+    engine.ab_load_error.restype = ctypes.c_char_p
+    engine.ab_load_error.argtypes = [ctypes.c_void_p]
     engine.ab_confine.argtypes = [ctypes.c_char_p, ctypes.c_int64, ctypes.c_int64]
     engine.ab_limit.restype = None
     engine.ab_limit.argtypes = [ctypes.c_int64]
@@ -85,8 +88,11 @@ def serve(engine: Any, commands: int, replies: int, arena: int) -> None:
                 os.write(replies, b"e" + error.value[:1000] + b"\n")
                 continue
             problems[path] = problem
-        full = engine.ab_batch(problem, base, base + job, base + slot, first)
-        os.write(replies, b"r" if full else b"d")
+        ended = engine.ab_batch(problem, base, base + job, base + slot, first)
+        if ended == NOT_LOADED:
+            os.write(replies, b"l" + engine.ab_load_error(problem)[:1000] + b"\n")
+        else:
+            os.write(replies, b"r" if ended else b"d")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import confinement, worker_main
 from aero_bayes.simulation.interface import Outcome
@@ -54,6 +54,10 @@ def engine_path() -> Path:
     raise CannotFinishError(
         "the native engine is not compiled: install a C compiler and reinstall the package, or use --engine fmpy"
     )
+
+
+class LoadError(InputError):
+    """The binary of a model cannot be loaded; the message is the loader's."""
 
 
 @dataclass
@@ -221,7 +225,13 @@ class WorkerPool:
     # -- running -------------------------------------------------------------------------------------------------------
 
     def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float) -> None:
-        """Run the job at this offset of the shared memory until every task has an outcome."""
+        """Run the job at this offset of the shared memory until every task has an outcome.
+
+        Raises
+        ------
+        LoadError
+            Where the model's binary cannot be loaded.
+        """
         key = os.fsencode(path)
         if not outcomes.size:
             return
@@ -246,8 +256,10 @@ class WorkerPool:
             if not problem:
                 raise CannotFinishError(error.value.decode(errors="replace"))
             self._problems[key] = problem
-        base = self.arena.ctypes.data
-        while self._engine.ab_batch(self._problems[key], base, base + job, base + _SLOTS_AT, -1):
+        problem, base = self._problems[key], self.arena.ctypes.data
+        while ended := self._engine.ab_batch(problem, base, base + job, base + _SLOTS_AT, -1):
+            if ended == worker_main.NOT_LOADED:
+                raise LoadError(self._engine.ab_load_error(problem).decode(errors="replace"))
             outcomes[int(self._slots[0, 0])] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
 
     def counts(self, path: Path, experiment: int = 0) -> tuple[int, int, int]:
@@ -342,8 +354,9 @@ class WorkerPool:
                     drop(fd)
                     self._recycle(index)
                     proceed(index, task, Outcome.MODEL_ERROR, retry=True)
-                elif reply.startswith(b"e") and fresh:
-                    raise CannotFinishError(reply[1:].decode(errors="replace").strip())
+                elif reply[:1] in (b"e", b"l") and fresh:
+                    kind = LoadError if reply[:1] == b"l" else CannotFinishError
+                    raise kind(reply[1:].decode(errors="replace").strip())
                 else:
                     drop(fd)
                     self._replace(index)

@@ -6,9 +6,16 @@
  *   STEP_EVENT      step_event() is asked after every step
  *   ONCE            one instance a process
  *   NO_RESET        fmi2Reset fails
+ *   IDLE_RESET      fmi2Reset reports success and does nothing
+ *   KEPT_START      fmi2Reset goes back to the values at the end of the first initialisation
+ *   COUNTED         the first state starts a thousandth higher at every initialisation, counted in memory of the library
+ *   COUNTED_BESIDE  the same, counted in the environment, which loading the library anew does not change
+ *   TALLY           adds a byte to the file "instances" for every instance
  *   NOISY           prints on every call of fmi2SetTime
  *   FMI3            speaks FMI 3.0
  *   STEPS           co-simulation only, by Euler's method with a fixed number of steps, whatever tolerance is asked for
+ *   ONE_SIZE        and said to take steps of one size only
+ *   SLOPES          and with inputs that move linearly over a step
  * Variables live in m->r, addressed by their value reference. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,11 +39,12 @@ typedef struct {
 } Events;
 
 typedef struct {
-    double r[64];
+    double r[64], slope[64];
     double t;
     const Callbacks *callbacks;
     char name[64], resources[512];
     int initializing, initialized, continuous;
+    double kept[64];
 } Model;
 
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
@@ -74,6 +82,10 @@ API void *fmi2Instantiate(const char *name, int type, const char *guid, const ch
     static int instances;
     if (instances++) return NULL;
 #endif
+#ifdef TALLY
+    FILE *tally = fopen("instances", "a");
+    if (tally) fputc('1', tally), fclose(tally);
+#endif
     Model *m = calloc(1, sizeof *m);
     m->callbacks = f;
     snprintf(m->name, sizeof m->name, "%s", name);
@@ -95,8 +107,29 @@ API int fmi2EnterInitializationMode(void *c)
 API int fmi2ExitInitializationMode(void *c)
 {
     Model *m = c;
+#ifdef KEPT_START
+    if (m->kept[63]) {
+        memcpy(m->r, m->kept, sizeof m->r);
+        m->initialized = 1;
+        return OK;
+    }
+#endif
+    const int status = initialize(m);
+#ifdef COUNTED
+    static int count;
+    STATE(m, 0) += 1e-3 * count++;
+#endif
+#ifdef COUNTED_BESIDE
+    char text[16];
+    const int count = getenv("COUNT") ? atoi(getenv("COUNT")) : 0;
+    snprintf(text, sizeof text, "%d", count + 1);
+    setenv("COUNT", text, 1);
+    STATE(m, 0) += 1e-3 * count;
+#endif
     m->initialized = 1;
-    return initialize(m);
+    m->r[63] = 1.0;
+    memcpy(m->kept, m->r, sizeof m->r);
+    return status;
 }
 API int fmi2Terminate(void *c) { return OK; }
 API int fmi2Reset(void *c)
@@ -105,7 +138,11 @@ API int fmi2Reset(void *c)
 #ifdef NO_RESET
     return ERROR;
 #endif
+#ifdef IDLE_RESET
+    return OK;
+#endif
     memset(m->r, 0, sizeof m->r);
+    memset(m->slope, 0, sizeof m->slope);
     m->initializing = m->initialized = m->continuous = 0;
     start(m);
     return OK;
@@ -229,11 +266,20 @@ API int fmi2DoStep(void *c, double t, double h, int keep)
         const int status = update(m);
         if (status > WARNING) return status;
         for (size_t i = 0; i < n; i++) m->r[states[i]] += h / 20 * m->r[derivatives_of[i]];
+        for (int i = 0; i < 64; i++) m->r[i] += h / 20 * m->slope[i];
     }
     m->t = t + h;
     return OK;
 }
-API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v) { return ERROR; }
+API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v)
+{
+#ifdef SLOPES
+    for (size_t i = 0; i < n; i++) ((Model *)c)->slope[vr[i]] = v[i];
+    return OK;
+#else
+    return ERROR;
+#endif
+}
 API int fmi2GetRealOutputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, double *v) { return ERROR; }
 API int fmi2CancelStep(void *c) { return ERROR; }
 API int fmi2GetStatus(void *c, int kind, int *v) { return ERROR; }

@@ -68,7 +68,7 @@ static void *numbers(FILE *f, size_t *n, int columns)
 
 static int read_part(FILE *f, Part *p, const char *folder)
 {
-    char path[4096];
+    char path[4096], error[256];
     int version;
     if (fscanf(f, "%d %d", &version, &p->nz) != 2) return 1;
     free(line(f));
@@ -76,7 +76,7 @@ static int read_part(FILE *f, Part *p, const char *folder)
     p->guid = line(f);
     if (!library || !resources || !p->guid) return 1;
     snprintf(path, sizeof path, "%s/%s", folder, library);
-    p->fmu = fmu_open(path, version);
+    p->fmu = fmu_open(path, version, error, sizeof error);
     const size_t size = strlen(folder) + strlen(resources) + 16;
     p->resources = malloc(size);
     /* FMI 3.0 asks for a path that ends in a separator, FMI 2.0 for a URI */

@@ -71,7 +71,8 @@ static int direct(Run *r)
     return p->parameter_directional;
 }
 
-static int one(Run *r, int mode, const double *noise)
+/* One run into the sink, with sensitivities where there are active columns. */
+int run_any(Run *r, int mode, const double *noise)
 {
     heartbeat(r);
     probe(r);
@@ -127,7 +128,7 @@ static int task(Problem *p, char *base, const Job *job, int64_t index)
         r->sink.trajectory = (double *)(void *)(base + table[0]) + row * table[1];
         r->sink.sensitivity = (double *)(void *)(base + table[2]) + row * table[3];
     }
-    int outcome = all_finite(r->values, job->p) ? one(r, (int)job->mode, noise) : AB_NOT_FINITE;
+    int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
     if (outcome) return outcome;
     if (job->mode == MODE_TRAJECTORY)
         return all_finite(r->sink.trajectory, x->n * x->m) &&
@@ -170,9 +171,9 @@ static int leaks(void)
     return read == 3 && (int64_t)(resident - shared) * sysconf(_SC_PAGESIZE) > memory_limit;
 }
 
-/* Works until no task is left (0) or until this process can do no more (1): its memory is full, or the FMU was
- * instantiated as often as it can be; the task that met this stays in the slot, undone. `first` (or -1) is a task to do
- * before asking for more. */
+/* Works until no task is left (0), until this process can do no more (1): its memory is full, or the FMU was
+ * instantiated as often as it can be; the task that met this stays in the slot, undone; or until the FMU cannot be
+ * loaded (2), see ab_load_error. `first` (or -1) is a task to do before asking for more. */
 EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 {
 #if defined(__x86_64__)
@@ -190,6 +191,11 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
         stamp(slot);
         __atomic_store_n(&slot->task, index, __ATOMIC_RELEASE);
         const int result = task(p, base, job, index);
+        if (p->load_error[0]) {
+            *slot = (Slot){.task = -1};
+            full = 2;
+            break;
+        }
         if (p->fmu && p->fmu->spent) {
             full = 1;
             break;
@@ -204,6 +210,8 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 #endif
     return full;
 }
+
+EXPORT const char *ab_load_error(const Problem *p) { return p->load_error; }
 
 /* The next task of a job, for runs that are not the engine's. */
 EXPORT int64_t ab_take(Job *job) { return __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED); }

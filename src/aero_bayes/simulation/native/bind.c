@@ -48,14 +48,26 @@ static int fmi2_bind(Fmu *f)
     return bad;
 }
 
-/* NULL where the library cannot be loaded or lacks a function. */
-Fmu *fmu_open(const char *path, int version)
+/* Why the library could not be loaded, without its own path, which is that of a temporary copy. */
+static void tell(const Fmu *f, int version, char *error, size_t size)
+{
+    const char *why = f->library ? NULL : dlerror();
+    const size_t length = strlen(f->path);
+    if (!why)
+        snprintf(error, size, "it lacks functions that FMI %d requires", version);
+    else
+        snprintf(error, size, "%s", strncmp(why, f->path, length) || why[length] != ':' ? why : why + length + 2);
+}
+
+/* NULL where the library cannot be loaded or lacks a function; then `error` tells why. */
+Fmu *fmu_open(const char *path, int version, char *error, size_t size)
 {
     Fmu *f = calloc(1, sizeof *f);
     if (!f) return NULL;
     f->path = strdup(path);
     f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (f->library && !(version == 3 ? fmi3_bind(f) : fmi2_bind(f))) return f;
+    tell(f, version, error, size);
     fmu_shut(f);
     return NULL;
 }

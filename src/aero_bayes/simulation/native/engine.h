@@ -11,6 +11,7 @@
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   run.c          one simulation from initialisation to the last sample
+ *   repeat.c       whether a reset does as much as a new instance
  *   trust.c        whether the FMU's derivatives can be built on
  *   probe.c        what an FMU does that its description does not say
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
@@ -29,7 +30,10 @@
 #include "fmi2.h"
 
 /* The numbers of interface.Outcome. */
-enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW };
+enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE };
+
+/* What puts an FMU back to its start, see repeat.c. */
+enum { BEGIN_UNKNOWN, BEGIN_RESET, BEGIN_NEW, BEGIN_NOTHING };
 
 enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
 enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
@@ -86,6 +90,7 @@ typedef struct Fmu {
     fmi_callbacks callbacks;
     void *environment; /* FMI 3.0's own functions */
     int used; /* instance needs a reset before the next run */
+    int begin;
     int instantiated, spent; /* it was instantiated and can be no more in this process */
     fmi_instantiate instantiate;
     fmi_free_instance free_instance;
@@ -108,6 +113,7 @@ typedef struct {
     const char *library, *resources, *guid, *name;
     int version; /* of FMI */
     int has_directional, step_callback;
+    int once; /* it can be instantiated only once in a process */
     int n, nz; /* states, event indicators */
     fmi_reference *state_reference, *derivative_reference;
     int *state_settable; /* its start value may be set before initialisation */
@@ -124,6 +130,7 @@ typedef struct {
     int64_t p, n_experiments;
     Experiment *experiments;
     Fmu *fmu;
+    char load_error[512]; /* why the library could not be loaded */
     struct Run **runs; /* buffers of the last batch, one an experiment */
     int64_t runs_q, *runs_active;
 } Problem;
@@ -147,6 +154,7 @@ typedef struct {
     double *y;             /* m x BLOCK */
     double *s;             /* m x BLOCK x ld */
     double *trajectory, *sensitivity;
+    double *kept; /* m x n outputs kept beside, or NULL */
     Filter *filter;
     double *filter_mean; /* m x ld: the sensitivities' filters */
     double cost, log_det;
@@ -172,6 +180,7 @@ typedef struct Run {
     Problem *problem;
     Experiment *e;
     Fmu *fmu;
+    uint64_t task; /* a mark of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
     int n, nz, status;
     double rtol, atol;
@@ -224,13 +233,14 @@ Problem *problem_open(const char *path, char *error, size_t size);
 void problem_close(Problem *);
 
 /* bind.c */
-Fmu *fmu_open(const char *path, int version);
+Fmu *fmu_open(const char *path, int version, char *error, size_t size);
 void fmu_shut(Fmu *);
 int fmu_symbol(Fmu *, const char *name, void *where);
 void fmu_quiet(fmi_environment, const char *name, int status, const char *category, const char *message, ...);
 int worse(int status);
 
 /* fmu.c */
+int fmu_load(Problem *);
 int fmu_ready(Problem *);
 void fmu_discard(Fmu *);
 int fmu_begin(Run *);
@@ -298,6 +308,9 @@ int run_once(Run *);
 Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
 void run_close(Run *);
 
+/* repeat.c */
+int run_repeatable(Run *, int mode, const double *noise);
+
 /* trust.c */
 int derivatives_are_right(Run *);
 
@@ -310,6 +323,7 @@ int run_differences(Run *);
 
 /* batch.c */
 void heartbeat(Run *);
+int run_any(Run *, int mode, const double *noise);
 void problem_drop_runs(Problem *);
 
 /* kernels.inc, twice */

@@ -1,20 +1,21 @@
 /* One FMU in this process: its library, its single instance, and the calls of Model Exchange. The instance is
- * reset and reused, since some FMUs die after about a thousand instantiations. */
+ * reset and reused where that is enough (repeat.c), since some FMUs die after about a thousand instantiations. */
 #include <float.h>
 
 #include "engine.h"
 
 static Fmu *loaded; /* a library is loaded once and serves every problem on it */
 
-static Fmu *fmu_load(const char *path, int version)
+/* Not 0 where the library cannot be loaded. */
+int fmu_load(Problem *p)
 {
-    for (Fmu *f = loaded; f; f = f->next)
-        if (!strcmp(f->path, path)) return f;
-    Fmu *f = fmu_open(path, version);
-    if (!f) return NULL;
-    f->next = loaded;
-    loaded = f;
-    return f;
+    for (Fmu *f = loaded; f && !p->fmu; f = f->next)
+        if (!strcmp(f->path, p->library)) p->fmu = f;
+    if (p->fmu) return 0;
+    if (!(p->fmu = fmu_open(p->library, p->version, p->load_error, sizeof p->load_error))) return 1;
+    p->fmu->next = loaded;
+    loaded = p->fmu;
+    return 0;
 }
 
 /* After a fatal error nothing of the instance may be touched again, not even to free it. */
@@ -38,11 +39,12 @@ static int fmu_instantiate(Problem *p)
 /* Loads, instantiates or resets: the instance is in its first mode afterwards. */
 int fmu_ready(Problem *p)
 {
-    if (!p->fmu && !(p->fmu = fmu_load(p->library, p->version))) return AB_MODEL_ERROR;
+    if (fmu_load(p)) return AB_MODEL_ERROR;
     Fmu *f = p->fmu;
+    const int anew = f->begin == BEGIN_NEW || (f->begin == BEGIN_UNKNOWN && !p->once);
     if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
     if (f->instance && f->used) {
-        const int status = f->reset(f->instance);
+        const int status = anew ? FMI_ERROR : f->reset(f->instance);
         if (status == FMI_FATAL)
             fmu_discard(f);
         else if (worse(status)) {

@@ -400,7 +400,7 @@ static int cross(Run *r, Segment *g)
     const int look = (timed || g->event) && r->n && !r->time_dependent;
     if (shifts || watch) {
         if (worse(status = rhs(r, r->t, r->x, r->f1))) return outcome_of(r, status);
-    } else if ((jump || timed || g->event) && r->n && worse(status = set_point(r, r->t, r->x)))
+    } else if ((jump || timed || g->event) && worse(status = set_point(r, r->t, r->x)))
         return outcome_of(r, status);
     memcpy(r->u_before, r->u0, sizeof *r->u0 * (size_t)r->e->n_signals);
     if (jump || kink) inputs_enter(r, r->t);

@@ -76,6 +76,8 @@ void sink_flush(Run *r)
 {
     Sink *k = &r->sink;
     if (!k->filled) return;
+    for (int64_t o = 0; k->kept && o < r->e->m; o++)
+        memcpy(k->kept + o * r->e->n + k->first, k->y + o * BLOCK, sizeof *k->y * (size_t)k->filled);
     if (k->mode == MODE_TRAJECTORY)
         flush_trajectory(r);
     else

@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x4142535045430002LL
+#define SPEC_MAGIC 0x4142535045430003LL
 
 typedef struct {
     const char *at, *end;
@@ -215,6 +215,7 @@ Problem *problem_open(const char *path, char *error, size_t size)
     p->version = (int)integer(&r);
     p->has_directional = (int)integer(&r);
     p->step_callback = (int)integer(&r);
+    p->once = (int)integer(&r);
     p->parameter_directional = p->has_directional ? -1 : 0;
     p->nz = (int)integer(&r);
     p->state_reference = references(&r, &count);
