@@ -120,11 +120,15 @@ class LeftOver:
         return Verdict("LeftOver", False, reason)
 
     def _is_much(self, pairs: Sequence[tuple[ResidualReport, ResidualReport]]) -> bool:
-        """Whether too much of the squared error above the floor is left; a floor that is not known counts as none."""
+        """Whether too much of the squared error above the floor is left.
+
+        Nothing is left in an output that is down to its noise. A floor that is not known counts as none, and the unit
+        of that output is its estimated noise.
+        """
         first = last = 0.0
         for one, other in pairs:
-            floor = one.noise_floor or 0.0
-            unit = max(floor, 1e-3 * one.rms, 1e-300)
+            floor = (one.noise_floor or 0.0) if other.verdict == "structured" else other.rms
+            unit = max(one.noise_floor or other.noise, 1e-3 * one.rms, 1e-300)
             first += max((one.rms / unit) ** 2 - (floor / unit) ** 2, 0.0)
             last += max((other.rms / unit) ** 2 - (floor / unit) ** 2, 0.0)
         return last > self.share * first
