@@ -142,7 +142,7 @@ class Batches:
             layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
         layout.block.outcomes[:] = TODO
         outcomes = layout.block.outcomes.reshape(-1)
-        self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit)
+        self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit, self.problem.model.sha256)
         return layout.block
 
     def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _Layout:
