@@ -20,6 +20,7 @@ _FUNCTIONS = {
     "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
     "pow": "pow", "atan2": "atan2", "floor": "floor",
 }  # fmt: skip
+_PART = 100  # values that a function stores at most, where it can be cut
 _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
     "ne": "!=", "and": "&&", "or": "||",
@@ -215,7 +216,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
             leaves,
         )
     )
-    set_defaults = [f"    {memory.place('R', i)} = {n.value!r};" for i, n in enumerate(starts) if n.op == "const"]
+    given = [(memory.at["R"] + i, n.value) for i, n in enumerate(starts) if n.op == "const"]
     known = {**{s: n.value for s, n in hidden.items()}, **defaults}
     guesses = _guesses(model, unknowns, known)
     for group, at, numbers in (
@@ -223,7 +224,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         ("R", layout.first_parameter, list(defaults.values())),
         ("W", 0, guesses),
     ):
-        set_defaults += [f"    {memory.place(group, at + i)} = {x!r};" for i, x in enumerate(numbers)]
+        given += [(memory.at[group] + at + i, x) for i, x in enumerate(numbers)]
     late = [t.node for g in (*groups.values(), *loop_rows) for t in g]
     counts = {
         "nx": nx, "nu": nu, "np": np_, "nq": nq, "ny": ny, "nw": nw, "nd": len(steps),
@@ -247,8 +248,11 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
     lines = [
         '#include "model.h"',
+        "static const struct { int at; double value; } given[] = {",
+        *(f"    {{{k}, {x!r}}}," for k, x in given),
+        "};",
         "static void set_defaults(Model *m) {",
-        *(set_defaults or ["    (void)m;"]),
+        f"    for (int k = 0; k < {len(given)}; k++) m->data[given[k].at] = given[k].value;",
         "}",
         *functions,
         *(f"static const {t}[] = {{{', '.join(items) or '0'}}};" for t, items in tables.items() if items),
@@ -353,22 +357,37 @@ def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: floa
 
 def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, at: int) -> list[_Target]:
     targets = []
+    rows_with: dict[Node, list[int]] = {}
+    for i, row in enumerate(rows):
+        for symbol in b.symbols(row):
+            rows_with.setdefault(symbol, []).append(i)
     for j, symbol in enumerate(columns):
         memo: dict[Node, Node] = {}
-        for i, row in enumerate(rows):
-            if symbol in b.symbols(row):
-                slope = stage.reciprocal(b.derivative(row, symbol, memo))
-                if slope is not b.zero:
-                    targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
+        for i in rows_with.get(symbol, ()):
+            slope = stage.reciprocal(b.derivative(rows[i], symbol, memo))
+            if slope is not b.zero:
+                targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
     return targets
 
 
 def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], kept: dict[Node, str]) -> str:
-    writer = _Writer({**leaves, **kept})
-    writer.write([t.node for t in targets])
-    stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
-    body = [*writer.lines, *stores] or ["    (void)m;"]
-    return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *body, "}"])
+    """A function that stores values; in several where it is long and they share little.
+
+    The time that a compiler takes for a function grows with the square of its length.
+    """
+
+    def body(part: Sequence[_Target]) -> list[str]:
+        writer = _Writer({**leaves, **kept})
+        writer.write([t.node for t in part])
+        return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
+
+    whole, lines = body(targets) or ["    (void)m;"], []
+    parts = [body(targets[k : k + _PART]) for k in range(0, len(targets), _PART)]
+    if len(parts) > 1 and sum(map(len, parts)) < 1.5 * len(whole):
+        for k, part in enumerate(parts):
+            lines += [f"static __attribute__((noinline)) void eval_{name}_{k}(Model *restrict m) {{", *part, "}"]
+        whole = [f"    eval_{name}_{k}(m);" for k in range(len(parts))]
+    return "\n".join([*lines, f"static void eval_{name}(Model *restrict m) {{", *whole, "}"])
 
 
 def _start_function(
