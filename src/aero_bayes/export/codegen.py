@@ -9,74 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from aero_bayes.export.c_writer import Writer
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Builder, Node, evaluate, topological
 from aero_bayes.export.layout import Layout
 from aero_bayes.export.loops import Loop
 from aero_bayes.export.translate import Variable
 
-_FUNCTIONS = {
-    "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
-    "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
-    "pow": "pow", "atan2": "atan2", "floor": "floor",
-}  # fmt: skip
-_PART = 100  # values that a function stores at most, where it can be cut
-_INFIX = {
-    "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
-    "ne": "!=", "and": "&&", "or": "||",
-}  # fmt: skip
-
-
-class _Writer:
-    """Prints expressions as C statements over local variables."""
-
-    def __init__(self, leaves: dict[Node, str]) -> None:
-        self.leaves = leaves
-        self.lines: list[str] = []
-        self.known: dict[Node, str] = {}
-
-    def term(self, node: Node) -> str:
-        if node in self.leaves:
-            return self.leaves[node]
-        if node.op == "const":
-            return _number(node.value)
-        return self.known[node]
-
-    def write(self, nodes: Iterable[Node]) -> None:
-        done: dict[Node, object] = {**self.known, **self.leaves}
-        for n in topological(nodes, done):
-            if n.op == "const":
-                continue
-            if n.op == "symbol":
-                raise KeyError(n.name)
-            self.known[n] = f"t{n.index}"
-            self.lines.append(f"    const double t{n.index} = {self._expression(n)};")
-
-    def _expression(self, n: Node) -> str:
-        args = [self.term(a) for a in n.args]
-        if n.op in _INFIX:
-            return f"{args[0]} {_INFIX[n.op]} {args[1]}"
-        if n.op in _FUNCTIONS:
-            return f"{_FUNCTIONS[n.op]}({', '.join(args)})"
-        match n.op:
-            case "neg":
-                return f"-{args[0]}"
-            case "not":
-                return f"!{args[0]}"
-            case "sign":
-                return f"({args[0]} > 0) - ({args[0]} < 0)"
-            case "select":
-                return f"{args[0]} ? {args[1]} : {args[2]}"
-            case "min":
-                return f"{args[0]} < {args[1]} ? {args[0]} : {args[1]}"
-            case "max":
-                return f"{args[0]} > {args[1]} ? {args[0]} : {args[1]}"
-        raise NotImplementedError(n.op)
-
-
-def _number(value: float) -> str:
-    text = repr(value)
-    return f"({text})" if value < 0 else text
+#: Values that a function stores at most, where it is long and can be cut.
+_PART = 100
 
 
 @dataclass(frozen=True)
@@ -309,7 +250,7 @@ def _loop_targets(
 
 
 def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
     head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
@@ -317,7 +258,7 @@ def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, 
 
 
 def _assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write(conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
     head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
@@ -332,7 +273,7 @@ def _text(message: str) -> str:
 def _reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write(prepared)
     lines = [
         f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
@@ -377,13 +318,13 @@ def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], ke
     """
 
     def body(part: Sequence[_Target]) -> list[str]:
-        writer = _Writer({**leaves, **kept})
+        writer = Writer({**leaves, **kept})
         writer.write([t.node for t in part])
         return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
 
     whole, lines = body(targets) or ["    (void)m;"], []
     parts = [body(targets[k : k + _PART]) for k in range(0, len(targets), _PART)]
-    if len(parts) > 1 and sum(map(len, parts)) < 1.5 * len(whole):
+    if len(whole) > 20 * _PART and sum(map(len, parts)) < 1.5 * len(whole):
         for k, part in enumerate(parts):
             lines += [f"static __attribute__((noinline)) void eval_{name}_{k}(Model *restrict m) {{", *part, "}"]
         whole = [f"    eval_{name}_{k}(m);" for k in range(len(parts))]
@@ -401,11 +342,11 @@ def _start_function(
     lines: list[str] = []
     for later in (False, True):
         group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
-        writer = _Writer(leaves)
+        writer = Writer(leaves)
         writer.write([n for _, _, n in group])
         stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
         lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write([n for _, _, n in steps])
     lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
     return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])

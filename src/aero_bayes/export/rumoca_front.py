@@ -134,7 +134,7 @@ def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
         raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
     if "error" in answer:
         line = _one_line(str(answer["error"]), model, root)
-        raise InputError(_with_place(line, str(answer["where"]), model, root))
+        raise InputError(_with_place(line, str(answer["where"]), model))
     return answer
 
 
@@ -157,8 +157,8 @@ def _mention(packages: Collection[str], main: Path) -> None:
             file.write(f"\n// {' '.join(f'{name}.' for name in packages)}\n")
 
 
-def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
-    """Put file and line before a message where rumoca or the sources tell them."""
+def _with_place(line: str, diagnostic: str, model: str) -> str:
+    """Put file and line before a message where rumoca tells them, else the model."""
     diagnostic = re.sub(r"\n *\u2502 (?=\S)", " ", diagnostic)  # a message that was wrapped
     syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
     if syntax is not None and (syntax[1] in line or "parse failed" in line):
