@@ -92,7 +92,7 @@ def test_a_second_run_in_the_folder_is_refused(folder: Path):
         refused = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     line = "error: out: another run is writing there; wait for its end or give another --out\n"
     assert (refused.returncode, refused.stderr) == (2, line)
-    assert {path.name for path in (folder / "out").iterdir()} == {"Rig.fmu"}
+    assert not list((folder / "out").iterdir())
 
 
 def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
