@@ -22,6 +22,7 @@ from typing import TypeVar
 
 from aero_bayes.checkpoint import Answers
 from aero_bayes.simulation import WorkerPool
+from aero_bayes.simulation.worker_main import watch_parent
 
 T = TypeVar("T")
 Task = Callable[[], object]
@@ -89,6 +90,8 @@ class Ahead:
     def _help(self, tasks: Sequence[Task], ours: Connection, theirs: Connection) -> None:
         """Do what is asked for until nobody asks any more."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
         ours.close()
         self.pool.alone()
         assert self.answers is not None

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import signal
+import sqlite3
 import sys
+import threading
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -18,6 +22,7 @@ CHECKPOINT = "checkpoint.npz"
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
 INTERRUPTED = 130
+TERMINATED = 143
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
@@ -25,9 +30,23 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 class OneLineErrors(click.Group):
-    """Ends with status 2 for bad input and 3 for work that could not finish, each with one clear line."""
+    """Ends with status 2 for bad input and 3 for work that could not finish, each with one clear line.
+
+    The signal by which a batch system or a service manager ends a job (SIGTERM) is taken as Ctrl-C is.
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
+        stopped = INTERRUPTED
+
+        def terminate(number: int, frame: Any) -> None:
+            nonlocal stopped
+            stopped = TERMINATED
+            signal.signal(number, signal.SIG_IGN)
+            raise KeyboardInterrupt
+
+        before = signal.getsignal(signal.SIGTERM)
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, terminate)
         try:
             return super().invoke(ctx)
         except InputError as error:
@@ -36,9 +55,27 @@ class OneLineErrors(click.Group):
         except CannotFinishError as error:
             click.echo(f"could not finish: {error}", err=True)
             ctx.exit(COULD_NOT_FINISH)
+        except BrokenPipeError:
+            raise  # whoever read the output has seen enough
+        except (OSError, sqlite3.OperationalError) as error:
+            click.echo(f"could not finish: {_of_the_system(error)}", err=True)
+            ctx.exit(COULD_NOT_FINISH)
         except KeyboardInterrupt as stop:
-            click.echo(f"\ninterrupted{': ' if stop.args else ''}{' '.join(map(str, stop.args))}", err=True)
-            ctx.exit(INTERRUPTED)
+            word = "interrupted" if stopped == INTERRUPTED else "terminated"
+            click.echo(f"\n{word}{': ' if stop.args else ''}{' '.join(map(str, stop.args))}", err=True)
+            ctx.exit(stopped)
+        finally:
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGTERM, before)
+
+
+def _of_the_system(error: OSError | sqlite3.Error) -> str:
+    """What the operating system refused, in one line: a full disk, a folder that may not be written to."""
+    if isinstance(error, shutil.Error):  # one entry a file that was not copied
+        return str(error.args[0][0][-1])
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return f"{error}"
 
 
 @click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

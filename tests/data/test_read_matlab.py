@@ -159,6 +159,20 @@ def test_a_cut_file_is_one_line(tmp_path: Path, version: str, keep: float) -> No
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("at", "byte"), [(144, 5), (145, 14), (176, 14), (177, 255)])
+def test_one_changed_byte_of_a_tag_is_one_line(tmp_path: Path, at: int, byte: int) -> None:
+    """SciPy's reader crashes on these, so that it runs in a process of its own."""
+    path = tmp_path / "damaged.mat"
+    savemat(path, {"log": np.vstack([TIME, VOLTS, DEGREES])})
+    raw = bytearray(path.read_bytes())
+    raw[at] = byte
+    path.write_bytes(raw)
+    with pytest.raises(InputError) as caught:
+        read_recording(path, LOG)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 def test_without_h5py_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_hdf5(tmp_path / "new.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     monkeypatch.setitem(sys.modules, "h5py", None)

@@ -254,17 +254,22 @@ end Inner;
 MODEL = "within ;\nmodel Bad\n  Real x(start = 1, fixed = true); Real y;\nequation\n  der(x) = -x;\n{}\nend Bad;\n"
 
 REFUSED = [
-    ("  y = sample(0, 1);", "^Bad: "),
+    ("  y = sample(0, 1);", r"^Bad\.mo:2: Bad: "),
     ("  y = delay(x, 0.1);", r"^Bad\.mo:6: .*'delay'"),
     ("  der(2 * x) = y;", "derivative"),
     ("  y = foo(x);", r"^Bad\.mo:6: .*'foo'"),
     ("  y = x +;", r"^Bad\.mo:6: unexpected `;`$"),
     ('  y = "one";', r"^Bad\.mo:6: type mismatch"),
-    ("", "1 equations, 2 unknowns"),
-    ("  y = 1; y = 2;", "3 equations, 2 unknowns"),
+    ("", r"^Bad\.mo:3: Bad: 1 equations for 2 unknowns: too few equations determine y$"),
+    ("  y = 1;\n  y = 2;", r"^Bad\.mo:7: Bad: 3 equations for 2 unknowns: too many equations determine y$"),
     ("  y = q;", r"^Bad\.mo:6: .*'q'"),
     ("  0 = x - 2 * x;", "structurally singular"),
     ("  y = log(-1);", "log"),
+    ("  y = x / 0;", r"^Bad\.mo:6: .*division by zero"),
+    ("  y = x * log(time - time);", r"^Bad\.mo:6: .*log"),
+    ("  y = sum(x for i in 1:1000000);", r"^Bad\.mo:6: .*1000000 elements; at most 100000"),
+    (f"  y = x{' + 2 * x' * 600};", r"^Bad\.mo:6: Bad: an expression of very many operands is too long"),
+    (f"  y = x{' + 2 * x' * 20_000};", r"^Bad\.mo:6: Bad: an expression of very many operands is too long"),
 ]
 
 

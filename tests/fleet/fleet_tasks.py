@@ -52,6 +52,22 @@ def one_always_dies(task: Count) -> dict[str, Any]:
     return plain(task)
 
 
+def mark_and_sleep(task: Count) -> dict[str, Any]:
+    """Leave word of the worker's process, and stay."""
+    (task.marks / str(os.getpid())).touch()
+    time.sleep(60.0)
+    return {"key": task.key}
+
+
+def killed_with_a_pool(table: str, marks: str) -> None:
+    """What a caller of a pool does that the test kills with -9."""
+    from aero_bayes.fleet import Table, run_all
+    from aero_bayes.fleet.executors import open_executor
+
+    with Table(Path(table)) as rows, open_executor(workers=2) as executor:
+        run_all([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)
+
+
 def killed_half_way(table: str, marks: str, count: int) -> None:
     """What a caller does that the test kills with -9."""
     from aero_bayes.fleet import Table, run_all

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -73,11 +74,42 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(again) == count - done
 
 
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_their_caller(tmp_path: Path, sent: signal.Signals) -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
+        f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        f"from fleet.fleet_tasks import killed_with_a_pool;"
+        f"killed_with_a_pool({str(tmp_path / 'rows.sqlite')!r}, {str(tmp_path / 'marks')!r})"
+    )
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    # in a session of its own: what Ctrl-C sends reaches this process alone
+    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL, start_new_session=True) as caller:
+        while len(workers := [int(mark.name) for mark in marks.iterdir()]) < 2:
+            assert caller.poll() is None
+            time.sleep(0.01)
+        caller.send_signal(sent)
+        caller.wait(timeout=10.0)
+    ends = time.monotonic() + 10.0
+    while any(map(running, workers)) and time.monotonic() < ends:
+        time.sleep(0.1)
+    assert not any(map(running, workers))
+
+
+def running(process: int) -> bool:
+    """Whether a process is there and not merely not yet waited for."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def rows_in(path: Path) -> int:
     try:
         with Table(path) as table:
             return len(table)
-    except InputError:  # locked just now
+    except sqlite3.OperationalError:  # locked just now
         return 0
 
 

@@ -25,6 +25,7 @@ from aero_bayes.simulation import (
     SolverSettings,
     WorkerPool,
 )
+from aero_bayes.simulation.workers import MOST_LOST
 
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)
@@ -66,6 +67,19 @@ def test_every_kind_of_trouble(test_fmu, pool):
         else:
             assert np.all(np.isnan(out))
     assert np.all(again.outcomes == Outcome.OK)
+
+
+@pytest.mark.parametrize("mode", [CRASH, HANG])
+def test_a_model_that_is_lost_in_every_run_is_run_no_more(test_fmu, mode):
+    every = np.full((200, 1), float(mode))
+    with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu, 0.02), pool=workers) as simulator:
+        for _ in range(2):
+            assert set(simulator.simulate(every).outcomes.ravel()) == EXPECTED[mode]
+        assert workers.replaced <= 2 * (MOST_LOST + 2)  # a run whose worker crashes is tried once more
+    with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu), pool=workers) as simulator:
+        assert np.all(simulator.simulate(np.zeros((1, 1))).outcomes == Outcome.OK)
+        simulator.simulate(np.full((2 * MOST_LOST, 1), float(CRASH)))
+        assert np.all(simulator.simulate(np.zeros((1, 1))).outcomes == Outcome.OK)
 
 
 def test_trouble_in_the_reduced_calls(test_fmu, pool):

@@ -12,34 +12,46 @@ from pathlib import Path
 
 import pytest
 
+from aero_bayes.files import one_run_at_a_time
 from aero_bayes.workflow.progress import ProgressBar
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 ENDLESS = "[posterior]\ness = 1e9\nmax_steps = 1000000\n[fit]\nmethod = 'local'\n[fit.local]\nstarts = 1\n"
 
-#: The program as a terminal starts it (a shell script's background job would not hear of Ctrl-C), which writes no
-#: checkpoint of its searches before long.
-PATIENT = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-PATIENT += "import aero_bayes.checkpoint as c; c.EVERY = 1e9; from aero_bayes.cli import main; main()"
+#: The program as a terminal starts it (a shell script's background job would not hear of Ctrl-C), which writes a
+#: checkpoint of its searches so often.
+PROGRAM = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+PROGRAM += "import aero_bayes.checkpoint as c; c.EVERY = {every}; from aero_bayes.cli import main; main()"
 
 
-def interrupted(folder: Path) -> tuple[int, list[str]]:
-    """Status and what it said of a run that gets what Ctrl-C sends, to all its processes, once its model is built."""
-    command = [sys.executable, "-c", PATIENT, "posterior", "--config", "long.toml", "--data", "train.csv",
-               "--out", "out", "--workers", "2", "--resume"]  # fmt: skip
+def interrupted(folder: Path, sent: signal.Signals, every: float, until: str) -> tuple[int, list[str]]:
+    """Status and what it said of a run whose processes all get a signal once a file is written."""
+    arguments = [
+        "posterior",
+        "--config",
+        "long.toml",
+        "--data",
+        "train.csv",
+        "--out",
+        "out",
+        "--workers",
+        "2",
+        "--resume",
+    ]
+    command = [sys.executable, "-c", PROGRAM.format(every=every), *arguments]
     with subprocess.Popen(
         command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
     ) as run:
         try:
             for _ in range(1200):
-                if (folder / "out" / "Rig.fmu").exists() or run.poll() is not None:
+                if (folder / "out" / until).exists() or run.poll() is not None:
                     break
                 time.sleep(0.1)
             time.sleep(1.0)
             said = ""
             for _ in range(6):
                 # One that falls into a module being imported can be lost: a person presses again.
-                os.killpg(run.pid, signal.SIGINT)
+                os.killpg(run.pid, sent)
                 try:
                     _, said = run.communicate(timeout=10)
                     break
@@ -52,13 +64,35 @@ def interrupted(folder: Path) -> tuple[int, list[str]]:
     return run.returncode, [line for line in lines if line]
 
 
-def test_ctrl_c_ends_in_one_line(tmp_path: Path):
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A cart with a run that does not end by itself."""
     folder = Path(shutil.copytree(CART, tmp_path / "cart", ignore=shutil.ignore_patterns("out*")))
     text = (folder / "rig.toml").read_text("utf-8").partition("[fit]")[0]
     (folder / "long.toml").write_text(text + ENDLESS, "utf-8")
+    return folder
+
+
+def test_ctrl_c_ends_in_one_line(folder: Path):
     line = "interrupted: nothing to resume from yet, the same command begins anew"
-    assert interrupted(folder) == (130, [line])
+    assert interrupted(folder, signal.SIGINT, 1e9, "Rig.fmu") == (130, [line])
     assert not (folder / "out" / "result.json").exists()
+
+
+def test_what_a_batch_system_sends_keeps_the_checkpoint(folder: Path):
+    line = f"terminated: the same command with --resume goes on from {Path('out', 'checkpoint.npz')}"
+    assert interrupted(folder, signal.SIGTERM, 0.0, "checkpoint.npz") == (143, [line])
+    assert (folder / "out" / "checkpoint.npz").exists()
+
+
+def test_a_second_run_in_the_folder_is_refused(folder: Path):
+    arguments = ["fit", "--config", "rig.toml", "--data", "train.csv", "--out", "out", "--quiet"]
+    command = [sys.executable, "-c", "from aero_bayes.cli import main; main()", *arguments]
+    with one_run_at_a_time(folder / "out"):
+        refused = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    line = "error: out: another run is writing there; wait for its end or give another --out\n"
+    assert (refused.returncode, refused.stderr) == (2, line)
+    assert not list((folder / "out").iterdir())
 
 
 def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import importlib.util
 import os
@@ -13,7 +14,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
 
@@ -120,7 +121,11 @@ def user_cache() -> Path:
 
 
 def _compile(command: Sequence[str], folder: Path) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    plain = os.environ | {"LC_ALL": "C"}
+    done = subprocess.run(command, cwd=folder, env=plain, capture_output=True, text=True, check=False)
+    full = os.strerror(errno.ENOSPC)
+    if done.returncode != 0 and full in done.stderr:
+        raise CannotFinishError(f"{folder}: {full}")
     if done.returncode != 0:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines() or ["?"]
         raise InputError(f"the C compiler {command[0]!r} failed on the generated source: {lines[0]}")
@@ -128,14 +133,11 @@ def _compile(command: Sequence[str], folder: Path) -> None:
 
 def write_archive(out: Path, members: Mapping[str, bytes]) -> None:
     """Write a zip with fixed times and order; ``out`` appears whole or not at all."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in sorted(members, key=lambda n: (n != "modelDescription.xml", n)):
-                info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.create_system = 3
-                info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
-                archive.writestr(info, members[name])
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(members, key=lambda n: (n != "modelDescription.xml", n)):
+            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.create_system = 3
+            info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
+            archive.writestr(info, members[name])

@@ -9,73 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from aero_bayes.export.c_writer import Writer
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.expression import Builder, Node, evaluate, topological
 from aero_bayes.export.layout import Layout
 from aero_bayes.export.loops import Loop
 from aero_bayes.export.translate import Variable
 
-_FUNCTIONS = {
-    "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
-    "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
-    "pow": "pow", "atan2": "atan2", "floor": "floor",
-}  # fmt: skip
-_INFIX = {
-    "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
-    "ne": "!=", "and": "&&", "or": "||",
-}  # fmt: skip
-
-
-class _Writer:
-    """Prints expressions as C statements over local variables."""
-
-    def __init__(self, leaves: dict[Node, str]) -> None:
-        self.leaves = leaves
-        self.lines: list[str] = []
-        self.known: dict[Node, str] = {}
-
-    def term(self, node: Node) -> str:
-        if node in self.leaves:
-            return self.leaves[node]
-        if node.op == "const":
-            return _number(node.value)
-        return self.known[node]
-
-    def write(self, nodes: Iterable[Node]) -> None:
-        done: dict[Node, object] = {**self.known, **self.leaves}
-        for n in topological(nodes, done):
-            if n.op == "const":
-                continue
-            if n.op == "symbol":
-                raise KeyError(n.name)
-            self.known[n] = f"t{n.index}"
-            self.lines.append(f"    const double t{n.index} = {self._expression(n)};")
-
-    def _expression(self, n: Node) -> str:
-        args = [self.term(a) for a in n.args]
-        if n.op in _INFIX:
-            return f"{args[0]} {_INFIX[n.op]} {args[1]}"
-        if n.op in _FUNCTIONS:
-            return f"{_FUNCTIONS[n.op]}({', '.join(args)})"
-        match n.op:
-            case "neg":
-                return f"-{args[0]}"
-            case "not":
-                return f"!{args[0]}"
-            case "sign":
-                return f"({args[0]} > 0) - ({args[0]} < 0)"
-            case "select":
-                return f"{args[0]} ? {args[1]} : {args[2]}"
-            case "min":
-                return f"{args[0]} < {args[1]} ? {args[0]} : {args[1]}"
-            case "max":
-                return f"{args[0]} > {args[1]} ? {args[0]} : {args[1]}"
-        raise NotImplementedError(n.op)
-
-
-def _number(value: float) -> str:
-    text = repr(value)
-    return f"({text})" if value < 0 else text
+#: Values that a function stores at most, where it is long and can be cut.
+_PART = 100
 
 
 @dataclass(frozen=True)
@@ -215,7 +157,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
             leaves,
         )
     )
-    set_defaults = [f"    {memory.place('R', i)} = {n.value!r};" for i, n in enumerate(starts) if n.op == "const"]
+    given = [(memory.at["R"] + i, n.value) for i, n in enumerate(starts) if n.op == "const"]
     known = {**{s: n.value for s, n in hidden.items()}, **defaults}
     guesses = _guesses(model, unknowns, known)
     for group, at, numbers in (
@@ -223,7 +165,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         ("R", layout.first_parameter, list(defaults.values())),
         ("W", 0, guesses),
     ):
-        set_defaults += [f"    {memory.place(group, at + i)} = {x!r};" for i, x in enumerate(numbers)]
+        given += [(memory.at[group] + at + i, x) for i, x in enumerate(numbers)]
     late = [t.node for g in (*groups.values(), *loop_rows) for t in g]
     counts = {
         "nx": nx, "nu": nu, "np": np_, "nq": nq, "ny": ny, "nw": nw, "nd": len(steps),
@@ -247,8 +189,11 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
     lines = [
         '#include "model.h"',
+        "static const struct { int at; double value; } given[] = {",
+        *(f"    {{{k}, {x!r}}}," for k, x in given),
+        "};",
         "static void set_defaults(Model *m) {",
-        *(set_defaults or ["    (void)m;"]),
+        f"    for (int k = 0; k < {len(given)}; k++) m->data[given[k].at] = given[k].value;",
         "}",
         *functions,
         *(f"static const {t}[] = {{{', '.join(items) or '0'}}};" for t, items in tables.items() if items),
@@ -305,7 +250,7 @@ def _loop_targets(
 
 
 def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
     head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
@@ -313,7 +258,7 @@ def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, 
 
 
 def _assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write(conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
     head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
@@ -328,7 +273,7 @@ def _text(message: str) -> str:
 def _reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write(prepared)
     lines = [
         f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
@@ -353,22 +298,37 @@ def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: floa
 
 def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, at: int) -> list[_Target]:
     targets = []
+    rows_with: dict[Node, list[int]] = {}
+    for i, row in enumerate(rows):
+        for symbol in b.symbols(row):
+            rows_with.setdefault(symbol, []).append(i)
     for j, symbol in enumerate(columns):
         memo: dict[Node, Node] = {}
-        for i, row in enumerate(rows):
-            if symbol in b.symbols(row):
-                slope = stage.reciprocal(b.derivative(row, symbol, memo))
-                if slope is not b.zero:
-                    targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
+        for i in rows_with.get(symbol, ()):
+            slope = stage.reciprocal(b.derivative(rows[i], symbol, memo))
+            if slope is not b.zero:
+                targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
     return targets
 
 
 def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], kept: dict[Node, str]) -> str:
-    writer = _Writer({**leaves, **kept})
-    writer.write([t.node for t in targets])
-    stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
-    body = [*writer.lines, *stores] or ["    (void)m;"]
-    return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *body, "}"])
+    """A function that stores values; in several where it is long and they share little.
+
+    The time that a compiler takes for a function grows with the square of its length.
+    """
+
+    def body(part: Sequence[_Target]) -> list[str]:
+        writer = Writer({**leaves, **kept})
+        writer.write([t.node for t in part])
+        return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
+
+    whole, lines = body(targets) or ["    (void)m;"], []
+    parts = [body(targets[k : k + _PART]) for k in range(0, len(targets), _PART)]
+    if len(whole) > 20 * _PART and sum(map(len, parts)) < 1.5 * len(whole):
+        for k, part in enumerate(parts):
+            lines += [f"static __attribute__((noinline)) void eval_{name}_{k}(Model *restrict m) {{", *part, "}"]
+        whole = [f"    eval_{name}_{k}(m);" for k in range(len(parts))]
+    return "\n".join([*lines, f"static void eval_{name}(Model *restrict m) {{", *whole, "}"])
 
 
 def _start_function(
@@ -382,11 +342,11 @@ def _start_function(
     lines: list[str] = []
     for later in (False, True):
         group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
-        writer = _Writer(leaves)
+        writer = Writer(leaves)
         writer.write([n for _, _, n in group])
         stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
         lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    writer = _Writer(leaves)
+    writer = Writer(leaves)
     writer.write([n for _, _, n in steps])
     lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
     return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])

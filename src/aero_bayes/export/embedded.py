@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -18,12 +20,29 @@ from aero_bayes.export.library import declared_members, identifier
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.translate import translate
 
+_PLACED = re.compile(r"[^ :]+\.mo:\d+: ")
 _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
 
 
 def explicit_model(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> ExplicitModel:
     """Flatten and solve a Modelica model. Raises InputError for what cannot be translated."""
-    return causalise(translate(load_flat(model, sources, libraries)))
+    flat = load_flat(model, sources, libraries)
+    with _placed(flat):
+        return causalise(translate(flat))
+
+
+@contextmanager
+def _placed(flat: FlatModel) -> Iterator[None]:
+    """Errors as one line that begins with file and line: of the variable that they name, or of the first one."""
+    try:
+        yield
+    except (ArithmeticError, ValueError) as error:
+        text = (
+            str(error) if isinstance(error, InputError) else f"model {flat.name}: {error} with the values of constants"
+        )
+        words = set(re.findall(r"[\w.]+(?:\[[\d,]+\])?", text))
+        places = [v.place for v in sorted(flat.variables, key=lambda v: v.name not in words) if v.place is not None]
+        raise InputError(text if _PLACED.match(text) or not places else f"{places[0]}: {text}") from None
 
 
 def export_embedded(
@@ -59,13 +78,14 @@ def export_flat(
     InputError
         For a construct that the exporter cannot translate.
     """
-    solved = causalise(translate(flat))
-    layout = lay_out(solved, sharing=fmi == 2)
     name = identifier(flat.name)
-    if not layout.states and not layout.outputs:
-        raise InputError(f"{flat.name}: the model has neither states nor outputs")
-    source = generate(solved, layout, _NO_GUID)
-    description = describe(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
+    with _placed(flat):
+        solved = causalise(translate(flat))
+        layout = lay_out(solved, sharing=fmi == 2)
+        if not layout.states and not layout.outputs:
+            raise InputError(f"{flat.name}: the model has neither states nor outputs")
+        source = generate(solved, layout, _NO_GUID)
+        description = describe(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     if fmi == 3:
         description = as_fmi3(description, solved.indicators)
     digest = hashlib.sha256(source.encode() + description).hexdigest()

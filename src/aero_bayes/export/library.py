@@ -13,6 +13,7 @@ from pathlib import Path
 from aero_bayes.declared import FILE, MEMBER, Declaration, parse
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.sources import modelica_files, modelica_text
 from aero_bayes.language.tokens import tokenize, words_of
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
@@ -88,6 +89,8 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
         shutil.copytree(package, folder / package.name)
         loaded.append(folder / package.name / "package.mo")
     for source in map(Path, sources):
+        for file in modelica_files([source]) if source.exists() else ():
+            modelica_text(file)  # refused here, under its own path
         if source.is_dir():
             if not (source / "package.mo").is_file():
                 raise InputError(f"{source}: a Modelica package folder needs a package.mo")

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
+from aero_bayes.export.imbalance import balancing, imbalance
 from aero_bayes.export.library import check_model_name, library_roots, needed_libraries, rig_packages, stage
 from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.language.edits import Edit, apply
-from aero_bayes.language.tokens import tokenize
+from aero_bayes.language.sources import modelica_text
+from aero_bayes.language.tokens import line_of, split_outside, tokenize
 from aero_bayes.language.units import spelled
 from aero_bayes.scratch import ScratchFolder
 
-TIME_LIMIT = 300.0
+#: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
+TIME_LIMIT = 50.0
+_TOO_LONG = "an expression of very many operands is too long; name parts of it, or write sum() of an array"
 _WORK = """
 import json, os, re, sys
 import rumoca
@@ -74,11 +81,36 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         _spell_units(added)
         _mention(packages, _file_of(model, files))
         mentioned = {*model.split("."), *words_of(added)} if packages else set()
-        answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
+        links = [linked(packages, mentioned)] if packages else []
         try:
+            answer = _run(model, root, files, links)
             return read_structured(model, answer["flat"], answer["files"])
+        except RecursionError:
+            raise InputError(f"{_longest(added, root)}: {model}: {_TOO_LONG}") from None
         except InputError as error:
-            raise InputError(locate(str(error), model, root)) from None
+            unequal = re.search(r"unbalanced model: (\d+) equations, (\d+) unknowns", str(error))
+            told = _imbalance(model, root, files, links, unequal) if unequal else None
+            raise told or InputError(locate(str(error), model, root)) from None
+
+
+def _imbalance(
+    model: str, root: Path, files: Sequence[Path], links: Sequence[Path], unequal: re.Match[str]
+) -> InputError | None:
+    """Which variables or equations are left over; None where that cannot be told."""
+    file = root / "Balanced.mo"
+    file.write_text(balancing(model, int(unequal[2]) - int(unequal[1])), "utf-8")
+    with suppress(InputError, RecursionError):
+        answer = _run("Balanced", root, [*files, file], links)
+        return imbalance(model, read_structured(model, answer["flat"], answer["files"]))
+    return None
+
+
+def _longest(files: Sequence[Path], root: Path) -> str:
+    """File and line of the longest statement."""
+    found = [(len(s), f, line_of(text, s[0].start)) for f in files if (text := f.read_text("utf-8"))
+             for s in split_outside(tokenize(text, strict=False), ";") if s]  # fmt: skip
+    _, file, line = max(found)
+    return f"{file.relative_to(root)}:{line}"
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
@@ -92,26 +124,29 @@ def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
             command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
         )
     except subprocess.TimeoutExpired:
-        raise InputError(f"{model}: rumoca did not finish within {TIME_LIMIT:g} s") from None
+        what = f"rumoca did not finish within {TIME_LIMIT:g} s; are there arrays or loops of very many elements?"
+        raise InputError(f"{model}: {what}") from None
+    if done.returncode == -signal.SIGSEGV:
+        raise RecursionError  # its stack is full
     try:
         answer: dict[str, Any] = json.loads(done.stdout)
     except ValueError:
         raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
     if "error" in answer:
         line = _one_line(str(answer["error"]), model, root)
-        raise InputError(_with_place(line, str(answer["where"]), model, root))
+        raise InputError(_with_place(line, str(answer["where"]), model))
     return answer
 
 
 def _spell_units(files: Iterable[Path]) -> None:
-    """Write units as the grammar has them: rumoca refuses ``kg*m^2``, which other tools take."""
+    """Write units as the grammar has them: rumoca refuses ``kg*m^2``, and byte-order marks, which other tools take."""
     for file in files:
-        text = file.read_bytes().decode("utf-8", "replace")
+        text = modelica_text(file)
         tokens = tokenize(text, strict=False)
         given = (t for key, equals, t in zip(tokens, tokens[1:], tokens[2:], strict=False)
                  if key.word in ("unit", "displayUnit") and equals.word == "=" and t.kind == "text")  # fmt: skip
         edits = [Edit(t.start + 1, t.end - 1, s) for t in given if (s := spelled(t.word[1:-1])) != t.word[1:-1]]
-        if edits:
+        if edits or file.read_bytes().startswith(codecs.BOM_UTF8):
             file.write_bytes(apply(text, edits).encode())
 
 
@@ -122,8 +157,8 @@ def _mention(packages: Collection[str], main: Path) -> None:
             file.write(f"\n// {' '.join(f'{name}.' for name in packages)}\n")
 
 
-def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
-    """Put file and line before a message where rumoca or the sources tell them."""
+def _with_place(line: str, diagnostic: str, model: str) -> str:
+    """Put file and line before a message where rumoca tells them, else the model."""
     diagnostic = re.sub(r"\n *\u2502 (?=\S)", " ", diagnostic)  # a message that was wrapped
     syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
     if syntax is not None and (syntax[1] in line or "parse failed" in line):
@@ -131,7 +166,7 @@ def _with_place(line: str, diagnostic: str, model: str, root: Path) -> str:
     placed = re.fullmatch(r"(.*) \[([^\]:]+\.mo:\d+)(?::\d+)?\]", line)
     if placed is not None:
         return f"{placed[2]}: {placed[1]}"
-    return line if re.match(r"[^ :]+\.mo:\d+: ", line) else locate(f"{model}: {line}", model, root)
+    return line if re.match(r"[^ :]+\.mo:\d+: ", line) else f"{model}: {line}"
 
 
 def _file_of(model: str, files: Sequence[Path]) -> Path:

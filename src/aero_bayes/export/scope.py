@@ -237,6 +237,8 @@ class Scope:
                 if function != "*":
                     raise self.fail(f"the matrix operation {function!r}")
                 return arrays.product(self.builder, left, right)
+            if op == "div" and any(n is self.builder.zero for n in numbers(right)):
+                raise self.fail("a division by zero")
             return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
         raise self.fail(f"{function!r} with {len(args)} arguments")
 

@@ -1,15 +1,19 @@
-"""Looks at Modelica source text for what rumoca drops without a word."""
+"""Looks at Modelica source text for what rumoca drops without a word, and for arrays that it never finishes."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import rig_packages
 from aero_bayes.language.classes import CLASS_WORDS, dotted_name
 from aero_bayes.language.tokens import Token, line_of, skip_group, tokenize, words_of
+
+#: Elements of an array at most.
+LARGEST = 100_000
 
 
 def _tokens(text: str) -> list[Token]:
@@ -31,8 +35,12 @@ def _modifiers(tokens: Sequence[Token]) -> Sequence[Token]:
     return tokens[at + 1 : skip_group(tokens, at, strict=False) - 1] if opened else ()
 
 
+def _large(word: str) -> bool:
+    return word.isdecimal() and int(word) > LARGEST
+
+
 def _dropped(tokens: Sequence[Token]) -> Iterator[tuple[Token, str]]:
-    """What rumoca would drop: where it stands, and what to tell."""
+    """What rumoca would drop or not finish: where it stands, and what to tell."""
     for at, token in enumerate(tokens):
         rest = tokens[at + 1 :] if token.word in ("redeclare", "constrainedby", "extends") else ()
         modifiers = _modifiers(rest)
@@ -46,6 +54,8 @@ def _dropped(tokens: Sequence[Token]) -> Iterator[tuple[Token, str]]:
         elif token.word == "constrainedby" and modifiers:
             what = f"modifiers of the constraining class {name!r} would be dropped"
             yield token, f"{what}; give them at the declaration"
+        elif token.word in ("[", ":") and (size := words_of(tokens[at + 1 : at + 2])) and _large(size[0]):
+            yield token, f"an array or a loop of {size[0]} elements; at most {LARGEST} can be exported"
         elif "break" in words_of(modifiers):
             yield token, f"'break' in the modification of {name!r} would be ignored"
 
@@ -67,7 +77,9 @@ def _likely(model: str, root: Path) -> list[Path]:
 
 
 def locate(message: str, model: str, root: Path) -> str:
-    """The message with ``file:line`` before it, where a name that it quotes stands in the likely sources."""
+    """The message with ``file:line`` before it: of a name that it quotes, else of the class."""
+    if re.match(r"[^ :]+\.mo:\d+: ", message):
+        return message
     for quoted in re.findall(r"['`]([^'`]+)['`]", message):
         wanted = words_of(tokenize(quoted, strict=False))
         for path in _likely(model, root):
@@ -78,4 +90,10 @@ def locate(message: str, model: str, root: Path) -> str:
                 whole = "." not in (words[at], words[at + 1 + len(wanted)] if at + len(wanted) < len(words) - 1 else "")
                 if wanted and words[at + 1 : at + 1 + len(wanted)] == wanted and whole:
                     return f"{path.relative_to(root)}:{line_of(text, token.start)}: {message}"
+    name = model.rpartition(".")[2]
+    for path in _likely(model, root):  # no name, or none that stands there: the class itself
+        text = path.read_text(encoding="utf-8", errors="replace")
+        for token, following in pairwise(_tokens(text)):
+            if token.word in CLASS_WORDS and following.word == name:
+                return f"{path.relative_to(root)}:{line_of(text, token.start)}: {message}"
     return message

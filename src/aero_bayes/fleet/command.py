@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from aero_bayes.files import one_run_at_a_time
 from aero_bayes.fleet.executors import open_executor
 from aero_bayes.fleet.rigs import read_fleet
 from aero_bayes.fleet.whole import fleet
@@ -16,7 +17,7 @@ def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: 
     """Work on all rigs of a file and say where the results are."""
     total = sum(1 for _ in read_fleet(config).rigs)
     done = 0
-    with open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:
+    with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:
 
         def progress(count: int) -> None:
             nonlocal done

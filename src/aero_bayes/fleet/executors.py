@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -13,6 +14,7 @@ from logging import ERROR
 from typing import Any, ParamSpec, TypeVar
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.worker_main import watch_parent
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -43,9 +45,7 @@ class LocalPool(Executor):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
         context = multiprocessing.get_context("spawn")
-        # What Ctrl-C sends reaches every process; only this one has something to say about it.
-        quiet = signal.signal, (signal.SIGINT, signal.SIG_DFL)
-        return ProcessPoolExecutor(self.workers, context, *quiet, max_tasks_per_child=RENEWED)
+        return ProcessPoolExecutor(self.workers, context, _begin, (os.getpid(),), max_tasks_per_child=RENEWED)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As any executor, but never broken."""
@@ -59,6 +59,18 @@ class LocalPool(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def kill(self) -> None:
+        """End the processes in the middle of their tasks."""
+        for process in multiprocessing.active_children():
+            process.terminate()
+
+
+def _begin(parent: int) -> None:
+    """In a new process of the pool: end when the parent does, however that ends."""
+    # What Ctrl-C sends reaches every process; only the parent has something to say about it.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
 
 
 @contextmanager
@@ -82,6 +94,9 @@ def open_executor(dask: str | None = None, workers: int | None = None) -> Iterat
         pool = LocalPool(workers)
         try:
             yield pool
+        except BaseException:
+            pool.kill()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
         return

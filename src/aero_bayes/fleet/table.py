@@ -50,6 +50,9 @@ class Table:
             self._database.execute("PRAGMA journal_mode = TRUNCATE")
             self._database.execute("PRAGMA synchronous = NORMAL")
             self._database.execute(_TABLE)
+        except sqlite3.OperationalError:  # the disk, not the file
+            self._database.close()
+            raise
         except sqlite3.DatabaseError as error:
             self._database.close()
             raise InputError(f"{path}: not a table of rows ({error})") from None

@@ -147,8 +147,20 @@ def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
         yield from (f for p in inside for f in modelica_files([p]))
 
 
+def modelica_text(path: Path) -> str:
+    """Text of a Modelica file without a byte-order mark. Raises InputError, with the line, for what is not UTF-8."""
+    raw = path.read_bytes()
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path}:{line}: the byte {raw[error.start]:#04x} is not UTF-8, as Modelica files are: save it as UTF-8"
+        ) from None
+
+
 def read_file(path: Path, name: str) -> SourceFile:
-    text = path.read_text(encoding="utf-8")
+    text = modelica_text(path)
     try:
         return SourceFile(name, text, read_classes(text))
     except InputError as error:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sensors.innovations import reading_log_density
 from aero_bayes.simulation.interface import Outcome
@@ -70,6 +71,11 @@ def predict(
         Sample times of which whole draws are kept.
     blocks : int
         Blocks of equal length that a recording is cut into.
+
+    Raises
+    ------
+    CannotFinishError
+        If no draw can be simulated.
     """
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
@@ -85,6 +91,8 @@ def predict(
             density = recording_log_density(experiment.time, measured - outputs[e], noise[rows])
             bounds = edges(experiment.time.size, blocks)
             densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
+    if not kept_noise:
+        raise CannotFinishError("no draw of the posterior could be simulated over the recordings")
     sd = np.concatenate(kept_noise)
     return tuple(
         summarise(experiment.time, np.concatenate(collected[e]), sd, np.concatenate(densities[e]), rng, stored, blocks)

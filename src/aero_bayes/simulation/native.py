@@ -143,7 +143,7 @@ class Batches:
         layout.block.outcomes[:] = TODO
         outcomes = layout.block.outcomes.reshape(-1)
         try:
-            self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit)
+            self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit, self.problem.model.sha256)
         except LoadError as error:
             raise InputError(f"{self.problem.model.path}: its binary cannot be loaded: {error}") from None
         return layout.block

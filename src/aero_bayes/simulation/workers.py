@@ -20,6 +20,7 @@ import tempfile
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -40,6 +41,7 @@ NONSENSE = -2
 _SLOT_BYTES = 64
 _SLOTS_AT = 0  # slots come first in the arena
 _FIRST_ARENA = 1 << 20
+MOST_LOST = 24  # runs of a model: where its first ones all crashed or ran out of time no further one is begun
 SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
 WAITING = 10.0  # time limits on the wall clock after which a run that sleeps, or gets no processor, is ended
 
@@ -137,6 +139,7 @@ class WorkerPool:
         self._counter = 0
         self._creator = self._owner = os.getpid()
         self._problems: dict[bytes, int] = {}
+        self._first: dict[str, NDArray[np.uint8]] = {}  # how the first runs of each model ended
         self._engine = worker_main.load(str(engine_path())) if workers == 0 else None
         self._new_arena(_FIRST_ARENA)
         self._finalizer = weakref.finalize(self, _stop, self._workers, self._owner)
@@ -165,8 +168,6 @@ class WorkerPool:
         """In a forked child: one worker from now on."""
         self.size = min(self.size, 1)
 
-    # -- files ---------------------------------------------------------------------------------------------------------
-
     def binary(self, model: Model) -> Path:
         """The model's binary, unpacked once into a private folder."""
         with self.lock:
@@ -194,8 +195,6 @@ class WorkerPool:
             if os.getpid() == self._creator:
                 path.unlink(missing_ok=True)
 
-    # -- shared memory -------------------------------------------------------------------------------------------------
-
     def _new_arena(self, size: int) -> None:
         if hasattr(os, "memfd_create"):
             self._arena_fd = os.memfd_create("aero-bayes")
@@ -222,10 +221,10 @@ class WorkerPool:
             self._map_arena(1 << (start + size - 1).bit_length())
         return self.arena, start
 
-    # -- running -------------------------------------------------------------------------------------------------------
-
-    def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float) -> None:
+    def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float, model: str) -> None:
         """Run the job at this offset of the shared memory until every task has an outcome.
+
+        A model (its hash) whose first runs all crashed or ran out of time is run no more: what is left ends like them.
 
         Raises
         ------
@@ -238,11 +237,22 @@ class WorkerPool:
         if self._engine is not None:
             self._run_here(key, job, outcomes)
             return
+        before = self._first.get(model, outcomes[:0])
+
+        def hopeless() -> bool:
+            first = self._first[model] = np.concatenate((before, outcomes[outcomes != TODO]))[:MOST_LOST]
+            lost = first.size == MOST_LOST and bool(np.all(np.isin(first, (Outcome.TIMED_OUT, Outcome.CRASHED))))
+            if lost:
+                outcomes[outcomes == TODO] = first[-1]
+            return lost
+
+        if hopeless():
+            return
         active: dict[int, int] = {}
         for index in range(min(self.size, outcomes.size)):
             self._command(index, key, job, -1, active)
         try:
-            self._watch(key, job, outcomes, time_limit, active)
+            self._watch(key, job, outcomes, time_limit, active, hopeless)
         except BaseException:  # an interrupt must not leave a worker in the middle of a job
             for index in active.values():
                 self._replace(index)
@@ -314,8 +324,9 @@ class WorkerPool:
         self.recycled += 1
 
     def _watch(
-        self, key: bytes, job: int, outcomes: NDArray[np.uint8], time_limit: float, active: dict[int, int]
-    ) -> None:
+        self, key: bytes, job: int, outcomes: NDArray[np.uint8], time_limit: float, active: dict[int, int],
+        hopeless: Callable[[], bool],
+    ) -> None:  # fmt: skip
         """Until every task has an outcome. What workers write is not believed where it cannot be true: a model's code
         reaches the pipe and the shared memory, too."""
         poller = select.poll()
@@ -385,6 +396,10 @@ class WorkerPool:
                 drop(fd)
                 self._replace(index)
                 proceed(index, task, Outcome.TIMED_OUT, retry=False)
+            if hopeless():
+                for index in active.values():
+                    self._replace(index)
+                break
         lost = outcomes > max(Outcome)  # TODO is one of them: tasks that nobody knows of any more
         outcomes[lost] = Outcome.CRASHED
 

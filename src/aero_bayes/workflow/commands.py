@@ -17,6 +17,7 @@ from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
+from aero_bayes.files import one_run_at_a_time
 from aero_bayes.replay import Replay, replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
@@ -123,8 +124,7 @@ def _paper(job: Job, progress: ProgressBar) -> Replay:
 
 def run_replay(out: Path, seed: int, quiet: bool) -> None:
     """``aero-bayes replay``: the paper's Table 1 and Fig. 6 on a page of their own."""
-    out.mkdir(parents=True, exist_ok=True)
-    with ProgressBar(quiet) as progress:
+    with one_run_at_a_time(out), ProgressBar(quiet) as progress:
         table = replay_paper(seed=seed, out=out, progress=progress)
     best = min((row for row in table.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
     write_series(out, table.series)

@@ -17,6 +17,7 @@ from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model
@@ -103,12 +104,13 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
     if fmu is None:
-        options.out.mkdir(parents=True, exist_ok=True)
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
-        if model is not None:
-            shutil.copyfile(model.path, built)
-        else:
-            export_fmu(name, built, sources=sources, libraries=libraries)
+        with one_run_at_a_time(options.out):
+            if model is not None:
+                with whole_file(built) as temporary:
+                    shutil.copyfile(model.path, temporary)
+            else:
+                export_fmu(name, built, sources=sources, libraries=libraries)
         model = Model.load(built)
     assert model is not None
     parameters = parameters_of(model, config)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.cli import CHECKPOINT
+from aero_bayes.files import one_run_at_a_time
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import versions
 
@@ -18,14 +19,16 @@ def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
     Raises
     ------
     InputError
-        If it was left by a run on other data, another model or with other settings. How long a posterior is sampled
-        and an effect is searched for may change.
+        If another run is at work in the folder, or the checkpoint was left by a run on other data, another model or
+        with other settings. How long a posterior is sampled and an effect is searched for may change.
     """
     options = job.options
     path = options.out / CHECKPOINT
-    if not options.resume:
-        path.unlink(missing_ok=True)
     data = [recording.to_dict() for recording in (*job.recordings, *job.tests)]
     settings = job.config.model_dump(exclude={"posterior": True, "loop": {"max_minutes"}})
-    yield Checkpoint(path, digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings))
-    path.unlink(missing_ok=True)
+    identity = digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings)
+    with one_run_at_a_time(options.out):
+        if not options.resume:
+            path.unlink(missing_ok=True)
+        yield Checkpoint(path, identity)
+        path.unlink(missing_ok=True)

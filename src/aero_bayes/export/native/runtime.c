@@ -725,8 +725,9 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
         {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
         {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
         {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054}};
-    double w[NXX * NXX], u[6][NXX], f[NXX], ft[NXX], arg[NXX];
+    double *w = malloc(sizeof *w * NXX * NXX), u[6][NXX], f[NXX], ft[NXX], arg[NXX]; /* the stack is too small for w */
     int pivot[NXX];
+    if (!w) return -1;
     memset(ft, 0, sizeof ft);
     rhs(m, t, x, f);
     need_jx(m);
@@ -737,7 +738,10 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
         rhs(m, t + e, x, ft);
         for (int i = 0; i < NX; i++) ft[i] = (ft[i] - f[i]) / e;
     }
-    if (!factorise(w, pivot, NX)) return -1;
+    if (!factorise(w, pivot, NX)) {
+        free(w);
+        return -1;
+    }
     memcpy(y, x, NX * sizeof *x);
     for (int k = 0; k < 6; k++) {
         if (k) {
@@ -754,6 +758,7 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
         substitute(w, pivot, u[k], NX);
         if (k == 5) for (int i = 0; i < NX; i++) y[i] = arg[i] + u[5][i];
     }
+    free(w);
     double worst = 0;
     for (int i = 0; i < NX; i++) {
         /* small against the nominal value, which is 1 where nobody states it: fluxes and charges are far smaller */

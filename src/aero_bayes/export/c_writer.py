@@ -1,0 +1,69 @@
+"""Expressions as C statements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from aero_bayes.export.expression import Node, topological
+
+_FUNCTIONS = {
+    "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
+    "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
+    "pow": "pow", "atan2": "atan2", "floor": "floor",
+}  # fmt: skip
+_INFIX = {
+    "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
+    "ne": "!=", "and": "&&", "or": "||",
+}  # fmt: skip
+
+
+class Writer:
+    """Prints expressions as C statements over local variables."""
+
+    def __init__(self, leaves: dict[Node, str]) -> None:
+        self.leaves = leaves
+        self.lines: list[str] = []
+        self.known: dict[Node, str] = {}
+
+    def term(self, node: Node) -> str:
+        if node in self.leaves:
+            return self.leaves[node]
+        if node.op == "const":
+            return _number(node.value)
+        return self.known[node]
+
+    def write(self, nodes: Iterable[Node]) -> None:
+        done: dict[Node, object] = {**self.known, **self.leaves}
+        for n in topological(nodes, done):
+            if n.op == "const":
+                continue
+            if n.op == "symbol":
+                raise KeyError(n.name)
+            self.known[n] = f"t{n.index}"
+            self.lines.append(f"    const double t{n.index} = {self._expression(n)};")
+
+    def _expression(self, n: Node) -> str:
+        args = [self.term(a) for a in n.args]
+        if n.op in _INFIX:
+            return f"{args[0]} {_INFIX[n.op]} {args[1]}"
+        if n.op in _FUNCTIONS:
+            return f"{_FUNCTIONS[n.op]}({', '.join(args)})"
+        match n.op:
+            case "neg":
+                return f"-{args[0]}"
+            case "not":
+                return f"!{args[0]}"
+            case "sign":
+                return f"({args[0]} > 0) - ({args[0]} < 0)"
+            case "select":
+                return f"{args[0]} ? {args[1]} : {args[2]}"
+            case "min":
+                return f"{args[0]} < {args[1]} ? {args[0]} : {args[1]}"
+            case "max":
+                return f"{args[0]} > {args[1]} ? {args[0]} : {args[1]}"
+        raise NotImplementedError(n.op)
+
+
+def _number(value: float) -> str:
+    text = repr(value)
+    return f"({text})" if value < 0 else text

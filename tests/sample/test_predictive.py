@@ -1,0 +1,28 @@
+"""Predictions from draws of a posterior."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.sample.predictive import predict
+from aero_bayes.simulation import Outcome
+
+
+def test_draws_that_all_fail_are_one_line() -> None:
+    def simulate(values: np.ndarray) -> Any:
+        return SimpleNamespace(outcomes=np.full((len(values), 1), Outcome.SOLVER_FAILED), outputs=())
+
+    target = SimpleNamespace(
+        free=(0,),
+        calibration=SimpleNamespace(experiments=()),
+        simulator=SimpleNamespace(simulate=simulate),
+        values=lambda coordinates: coordinates,
+    )
+    joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
+    with pytest.raises(CannotFinishError, match="no draw of the posterior could be simulated"):
+        predict(joint, np.zeros((30, 4)), np.random.default_rng(1))
