@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+from aero_bayes.arguments import Paths, paths_of
 from aero_bayes.export import export_fmu
+from aero_bayes.language.sources import main_class
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Model, ModelicaSource
 
 
 @cache
@@ -20,19 +22,24 @@ def _session() -> ScratchFolder:
 
 
 def load_model(
-    name: str | Path, *, sources: Sequence[Path] = (), libraries: Sequence[Path] = (), folder: Path | None = None
+    name: str | Path,
+    *,
+    sources: Paths = (),
+    libraries: Paths = (),
+    folder: str | Path | None = None,
 ) -> Model:
     """Open an FMU, or build one from a Modelica class.
 
     Parameters
     ----------
-    name : str or Path
-        Path of an ``.fmu`` file, or a class such as ``Aero.Systems.OneDof``.
-    sources : sequence of Path
+    name : str or path
+        An ``.fmu`` file; a ``.mo`` file, whose class is the one that no other class there uses; or a class such as
+        ``Aero.Systems.OneDof``.
+    sources : path or sequence of paths
         Further Modelica files that the class needs.
-    libraries : sequence of Path
+    libraries : path or sequence of paths
         Folders of Modelica packages that these use.
-    folder : Path, optional
+    folder : path, optional
         Where a built FMU is kept; a temporary folder that lasts as long as the process by default.
 
     Raises
@@ -42,16 +49,21 @@ def load_model(
 
     Examples
     --------
-    >>> model = aero_bayes.load_model("Rig", sources=[Path("Rig.mo")])
+    >>> model = aero_bayes.load_model("Rig.mo")
     >>> model
     <Model Rig: F -> position; 3 parameters, 2 states; FMI 2, model exchange>
     """
-    if str(name).endswith(".fmu"):
-        return Model.load(Path(name))
-    target = folder if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
+    if Path(name).suffix == ".fmu":
+        return Model.load(name)
+    files = paths_of(sources, "sources")
+    if Path(name).suffix == ".mo":
+        files, name = (Path(name).absolute(), *files), main_class(Path(name))
+    source = ModelicaSource(str(name), files, paths_of(libraries, "libraries"))
+    target = Path(folder) if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
     target.mkdir(parents=True, exist_ok=True)
-    built = export_fmu(str(name), target / f"{str(name).rpartition('.')[2]}.fmu", sources=sources, libraries=libraries)
-    return Model.load(built)
+    out = target / f"{source.name.rpartition('.')[2]}.fmu"
+    export_fmu(source.name, out, sources=source.files, libraries=source.libraries)
+    return replace(Model.load(out), source=source)
 
 
 def open_run(directory: Path | str) -> RunDirectory:

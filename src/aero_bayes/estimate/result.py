@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.ascent import StageEnd
+from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.identifiability import Identifiability, Status
@@ -369,6 +371,38 @@ class Fit:
         from aero_bayes.predict import simulate
 
         return simulate(self, inputs, parameters=parameters, start=start)
+
+    @property
+    def calibrated(self) -> CalibratedModel:
+        """The model with all values of the fit, as Modelica; InputError where its source is not known.
+
+        Examples
+        --------
+        >>> fit.calibrated.write("fitted").name
+        'Rig_fitted.mo'
+        """
+        return calibrated_model(self.calibration, self.values, self.parameters)
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Write the FMU of the model with all values of the fit.
+
+        Parameters
+        ----------
+        path : path
+            The FMU; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For a model that was given as an FMU: its values cannot be changed in there.
+
+        Examples
+        --------
+        >>> fitted = aero_bayes.load_model(fit.export_fmu("Rig_fitted.fmu"))
+        >>> round(fitted.parameter("k").start, 1)
+        54.9
+        """
+        return self.calibrated.export_fmu(path)
 
     def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw a recording, what the fit makes of it, and what is left.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -101,6 +102,8 @@ def close_loop(
         doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
         cache.close(bench.tally.count)
         result = result_of(bench, conclusion, doubted)
+        if settings.cache is None:
+            shutil.rmtree(folder / "fmu", ignore_errors=True)
         progress("done", 1.0)
         return result
 

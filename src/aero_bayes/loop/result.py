@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, reports_table
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
@@ -149,6 +152,8 @@ class LoopResult:
         What was fitted and predicted.
     plain : Model, optional
         The model as it stood.
+    calibrated : CalibratedModel, optional
+        The model that came out with all its values, as Modelica; none where the model came as an FMU.
 
     Examples
     --------
@@ -159,6 +164,8 @@ class LoopResult:
     ('N', True)
     >>> print(loop.diff[:30].splitlines()[0][:3])
     ---
+    >>> loop.calibrated.name
+    'Rig_coulomb_friction_fitted'
     >>> loop.to_dict()["outcome"]
     'extended'
     >>> curves = loop.series()
@@ -194,6 +201,31 @@ class LoopResult:
     data_notes: tuple[str, ...] = ()
     recordings: Recordings | None = None
     plain: Model | None = None
+    calibrated: CalibratedModel | None = None
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Write the FMU of the model that came out, with all its values.
+
+        Parameters
+        ----------
+        path : path
+            The FMU; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For a model that was given as an FMU.
+
+        Examples
+        --------
+        >>> loop.export_fmu("Rig_with_friction.fmu").name
+        'Rig_with_friction.fmu'
+        """
+        if self.calibrated is None:
+            raise InputError(
+                f"{self.base}: was given as an FMU; {self.model}.ssp has it with its values, for other tools"
+            )
+        return self.calibrated.export_fmu(path)
 
     def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw what the models before and after make of data that was not fitted, and what each leaves.

@@ -34,7 +34,7 @@ class LoopSettings(Settings):
     sources : tuple of Path
         Files and package folders that the model is loaded from.
     cache : Path, optional
-        Where FMUs are kept between runs; ``fmu`` in the run's own folder by default.
+        Where FMUs are kept between runs; by default ``fmu`` in the run's own folder, until the loop has ended.
     libraries : tuple of Path
         Folders that hold packages which the model uses.
     ripple : bool

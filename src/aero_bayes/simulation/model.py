@@ -44,6 +44,15 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class ModelicaSource:
+    """What a model was built from: full name of its class, files and package folders, folders of libraries."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    libraries: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
 class Model:
     """An FMU on disk and its description.
 
@@ -75,6 +84,8 @@ class Model:
         Whether a communication step of co-simulation may vary.
     declared : Declaration
         What the package that it is from declares of its rigs.
+    source : ModelicaSource, optional
+        What it was built from, where that is known.
 
     Examples
     --------
@@ -110,6 +121,7 @@ class Model:
     interface: Interface = "model exchange"
     takes_any_step: bool = True
     declared: Declaration = field(default=Declaration(), compare=False, repr=False)
+    source: ModelicaSource | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def load(cls, path: Path | str) -> Model:

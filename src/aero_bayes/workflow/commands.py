@@ -14,6 +14,7 @@ from aero_bayes.bench import default_recordings
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import load_config
 from aero_bayes.data import read_recording, summarise
+from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
@@ -51,7 +52,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
             found = fit_job(job, progress, kept)
             doubts = _doubts(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, doubts, _closing(result)], series)
+        _finish(job, "fit", began, [result, doubts, _closing(result)], series, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -66,7 +67,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
         result = merge(result, sampled, doubts)
-        _finish(job, "posterior", began, [result, _closing(result)], series | bands)
+        _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
@@ -77,7 +78,8 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
         with ProgressBar(options.quiet) as progress:
             loop = run_loop(job, progress, kept)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
-        _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
+        parts = [preamble(job, "close-loop"), loop_part(job, loop)]
+        _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *, paper: bool = True) -> None:
@@ -106,12 +108,13 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
         result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
         series = series | bands | (table.series if table is not None else {})
         if loop is None:
-            _finish(final, "all", began, [result, _closing(result)], series)
+            _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
             return
         story = loop_part(job, loop)
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
+        parts = [result, {"loop": story["loop"]}, closing]
+        _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
 def _paper(job: Job, progress: ProgressBar) -> Replay:
@@ -231,11 +234,23 @@ def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
     )
 
 
+def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
+    """The model with all values of a fit; none where it came as an FMU."""
+    return found.calibrated if job.modelica else None
+
+
 def _closing(result: Json) -> Json:
     return {"verdict": verdict(result["residual"], result.get("mcmc"))}
 
 
-def _finish(job: Job, command: str, began: float, parts: Sequence[Json], series: Series) -> None:
+def _finish(
+    job: Job,
+    command: str,
+    began: float,
+    parts: Sequence[Json],
+    series: Series,
+    calibrated: CalibratedModel | None,
+) -> None:
     """Write everything and say where."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
@@ -245,3 +260,7 @@ def _finish(job: Job, command: str, began: float, parts: Sequence[Json], series:
     page = write_report(out)
     click.echo(result["verdict"]["text"].replace("`", ""))
     click.echo(f"wrote {out / 'result.json'} and {page}")
+    if calibrated is not None:
+        written = calibrated.write(out)
+        calibrated.export_fmu(written.with_suffix(".fmu"))
+        click.echo(f"wrote {written} and {written.with_suffix('.fmu')}: the model with all fitted values")

@@ -23,7 +23,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import whole_file
 from aero_bayes.language.own_parameters import OwnClasses
-from aero_bayes.language.sources import read_classes_of
+from aero_bayes.language.sources import main_class, read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.library import load_model
 from aero_bayes.simulation import Model, open_simulator
@@ -99,27 +99,6 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     click.echo(f"wrote {out}")
     for signal in matched.signals_left:
         click.echo(f"no column of {data.name} was matched to {signal}: see the comment in {out}")
-
-
-def main_class(source: Path) -> str:
-    """Full name of the one model of a source that no other class there uses.
-
-    Raises
-    ------
-    InputError
-        If there is none, or several; names them.
-    """
-    found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
-    words = {
-        c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}
-        for c in read_classes_of(source)
-    }
-    roots = [c for c in found if not any(c.name in own for name, own in words.items() if name != c.full_name)]
-    if len(roots) == 1:
-        return roots[0].full_name
-    if not found:
-        raise InputError(f"{source}: holds no model")
-    raise InputError(f"{source}: say which model with --model: {', '.join(c.full_name for c in roots or found)}")
 
 
 def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,10 +16,10 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.export import declaration_of
 from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.workflow.timescale import check_duration
 
 Engine = Literal["native", "fmpy"]
@@ -107,9 +107,9 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         if model is not None:
             shutil.copyfile(model.path, built)
+            model = replace(Model.load(built), source=ModelicaSource(name, sources, libraries))
         else:
-            export_fmu(name, built, sources=sources, libraries=libraries)
-        model = Model.load(built)
+            model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
     parameters = parameters_of(model, config)
     fixed = _fixed(model, config, parameters)

@@ -1,0 +1,46 @@
+"""What callers give a function: one or several of a kind, each of the right type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from aero_bayes.errors import InputError
+
+Item = TypeVar("Item")
+#: One path, or several.
+Paths = str | Path | Sequence[str | Path]
+
+
+def several(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
+    """One object or a sequence of them as a tuple.
+
+    Raises
+    ------
+    InputError
+        For another type; says what was expected and what came.
+    """
+    items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    return tuple(one(item, kind, what) for item in items)
+
+
+def one(given: Item, kind: type[Item], what: str) -> Item:
+    """The same object, if it is of a kind; InputError otherwise."""
+    if not isinstance(given, kind):
+        raise InputError(f"{what}: expected a {kind.__name__}, got {_shown(given)}")
+    return given
+
+
+def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
+    """One path or a sequence of them as absolute paths; InputError for what is none."""
+    items = (given,) if isinstance(given, str | Path) else given
+    for item in items:
+        if not isinstance(item, str | Path):
+            raise InputError(f"{what}: expected paths, got {_shown(item)}")
+    return tuple(Path(item).absolute() for item in items)
+
+
+def _shown(given: object) -> str:
+    text = repr(given)
+    return f"{type(given).__name__} {text}" if len(text) <= 60 else type(given).__name__
