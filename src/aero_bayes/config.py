@@ -54,9 +54,9 @@ class ModelSection(Section):
 
 
 class ColumnSection(Section):
-    """``[data.columns.theta]``: where a signal stands in the file and its unit there."""
+    """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there."""
 
-    source: str
+    source: str | None = None
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
@@ -64,11 +64,15 @@ class ColumnSection(Section):
 
 
 class DataSection(Section):
-    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns."""
+    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns.
+
+    ``constants`` are inputs without a column.
+    """
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
     interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
+    constants: dict[str, float] = Field(default_factory=dict)
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 

@@ -86,7 +86,7 @@ def test_both_give_the_loops_own_trajectory(
     lines = written.read_text("utf-8").splitlines()
     k = next(line for line in lines if "k = " in line)
     q05, q95 = loop.parameters["k"].q05, loop.parameters["k"].q95
-    assert f"// {q05:.4g} to {q95:.4g} N/m" in k
+    assert f"// {q05:.6g} to {q95:.6g} N/m" in k
     assert "m = 1.25  // held" in "\n".join(lines)
     assert "Fitted to train.csv on 20" in lines[2]
 

@@ -105,6 +105,14 @@ def read_matlab(
         return found, hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def matlab_names(path: Path) -> list[str]:
+    """Names of the vectors in the file."""
+    vectors: dict[str, FloatArray] = {}
+    for name, value in _variables(path, []).items():
+        _flatten(name, value, vectors)
+    return list(vectors)
+
+
 def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
     """The file's variables as arrays and dictionaries; names of those that cannot be read go to ``opaque``."""
     with path.open("rb") as file:

@@ -165,7 +165,7 @@ def _beside(calibration: Calibration, values: NDArray[np.float64]) -> list[str]:
 def _interval_text(found: Interval | None, unit: str) -> str:
     if found is None or found.q05 is None or found.q95 is None:
         return ", ".join(filter(None, (with_unit("", unit).strip(), "no interval")))
-    return with_unit(f"{found.q05:.4g} to {found.q95:.4g}", unit)
+    return with_unit(f"{found.q05:.6g} to {found.q95:.6g}", unit)
 
 
 def _parts(name: str) -> list[str]:

@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -40,6 +40,8 @@ SAMPLES = 2000
 FELT = 1e-4
 #: Share of a parameter's effect that others do not imitate, below which it cannot be told from them.
 APART = 1e-3
+#: A temperature in K where nothing is known.
+ROOM = 293.15
 #: Why a parameter is left to what the data tell.
 CONFOUNDED = "the outputs cannot tell it from those above"
 
@@ -208,7 +210,17 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
         if v.name not in matched.columns
     ]
     given = f"{role} = [{', '.join(_text(v.name) for v in known)}]"
-    return [*lines, given if known or not variables else f"# {role} = [...]"]
+    lines.append(given if known or not variables else f"# {role} = [...]")
+    left = [v for v in variables if v.name not in matched.columns]
+    if role == "inputs" and left:
+        values = ", ".join(f"{_key(v.name)} = {_usual(v)!r}" for v in left)
+        lines.append(f"# constants = {{{values}}}  # an input without a column needs a value, in the unit above")
+    return lines
+
+
+def _usual(v: Variable) -> float:
+    """A value for an input that was not recorded: the model's own, else that of a room."""
+    return v.start or (ROOM if v.unit == "K" else 0.0)
 
 
 def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
@@ -249,7 +261,9 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     config = Config.model_validate(tomllib.loads(head))
     if config.data.outputs is None or (model.inputs and config.data.inputs is None):
         return None
-    recording = read_recording(data, layout=layout_of(config, model.declared, model), columns=columns_of(config))
+    layout = layout_of(config, model.declared, model)
+    left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
+    recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
     settings = CalibrationSettings(delay="none", start="estimated")
     calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLES)
     with open_simulator(calibration.problem()) as simulator:

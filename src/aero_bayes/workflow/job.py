@@ -8,21 +8,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import click
+
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
+from aero_bayes.data.checks import longest_gap
 from aero_bayes.declared import Declaration
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of
 from aero_bayes.library import load_model
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.workflow.timescale import check_duration
+from aero_bayes.workflow.timescale import check_duration, check_sampling
 
 Engine = Literal["native", "fmpy"]
+#: Where times are looked for unless the configuration says otherwise.
+TIME = ColumnMap("time")
 
 
 @dataclass(frozen=True)
@@ -111,10 +117,16 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         else:
             model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
+    check_plausible((*recordings, *held_out), model)
     parameters = parameters_of(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
+    elif columns.get("time", TIME).unit is None:
+        check_sampling(recordings, model, fixed)
+    for recording in recordings:
+        if gap := longest_gap(recording):
+            click.echo(f"note: {recording.path}: {gap}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
 
@@ -151,22 +163,24 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
 
 def layout_of(config: Config, declared: Declaration, model: Model | None = None) -> Layout:
     """The columns that the configuration names, else those that the package declares, else the model's own."""
-    known = Layout.declared(declared)
+    known, constants = Layout.declared(declared), config.data.constants
     quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
     units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
     own = (model.inputs, model.outputs) if model is not None else ((), ())
 
     def columns(named: Sequence[str] | None, role: int) -> tuple[Quantity, ...]:
         usual = [q.name for q in (known.inputs, known.outputs)[role]] or [v.name for v in own[role]]
-        names = usual if named is None else named
+        names = [name for name in usual if name not in constants] if named is None else named
         return tuple(quantities.get(name, Quantity(name, units.get(name, ""))) for name in names)
 
-    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates)
+    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates, constants)
 
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
     return {
-        name: ColumnMap(section.source, section.unit, section.scale, section.offset, section.counts_per_revolution)
+        name: ColumnMap(
+            section.source or name, section.unit, section.scale, section.offset, section.counts_per_revolution
+        )
         for name, section in config.data.columns.items()
     }
 
