@@ -9,6 +9,12 @@ from typing import TypeVar
 from aero_bayes.errors import InputError
 
 Item = TypeVar("Item")
+#: What gives an object of a kind.
+FROM = {
+    "Fit": "aero_bayes.fit",
+    "Model": "aero_bayes.load_model",
+    "Recording": "aero_bayes.read_recording or Recording.from_frame",
+}
 #: One path, or several.
 Paths = str | Path | Sequence[str | Path]
 
@@ -28,17 +34,23 @@ def several(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[
 def one(given: Item, kind: type[Item], what: str) -> Item:
     """The same object, if it is of a kind; InputError otherwise."""
     if not isinstance(given, kind):
-        raise InputError(f"{what}: expected a {kind.__name__}, got {_shown(given)}")
+        source = f", as {FROM[kind.__name__]} gives one" if kind.__name__ in FROM else ""
+        raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
     return given
 
 
 def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
-    """One path or a sequence of them as absolute paths; InputError for what is none."""
-    items = (given,) if isinstance(given, str | Path) else given
+    """One path or a sequence of them; InputError for what is none."""
+    items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     for item in items:
         if not isinstance(item, str | Path):
             raise InputError(f"{what}: expected paths, got {_shown(item)}")
-    return tuple(Path(item).absolute() for item in items)
+    return tuple(map(Path, items))
+
+
+def names_of(given: str | Sequence[str], what: str) -> tuple[str, ...]:
+    """One name or a sequence of them; InputError for what is none."""
+    return several(given, str, what)
 
 
 def _shown(given: object) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from aero_bayes.errors import InputError
 
@@ -169,6 +170,16 @@ class Config(Section):
     prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()
     solver: SolverSection = SolverSection()
+    _file: Path | None = PrivateAttr(None)
+
+    def place(self, name: str) -> str:
+        """File and line that speak of a parameter, to begin an error with; empty where it was not read from a file."""
+        if self._file is None:
+            return ""
+        key = rf"""\s*(\[parameters\.|parameters\.)?["']?{re.escape(name)}["']?\s*[\].=]"""
+        lines = self._file.read_text(encoding="utf-8").splitlines()
+        found = next((f", line {k}" for k, line in enumerate(lines, 1) if re.match(key, line)), "")
+        return f"{self._file}{found}: "
 
 
 def load_config(path: Path | Config | None) -> Config:
@@ -187,7 +198,9 @@ def load_config(path: Path | Config | None) -> Config:
     """
     if path is None or isinstance(path, Config):
         return path or Config()
-    return resolve_paths(checked(Config, read_toml(path), path), path.parent)
+    config = resolve_paths(checked(Config, read_toml(path), path), path.parent)
+    config._file = path
+    return config
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -88,6 +88,8 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
         shutil.copytree(package, folder / package.name)
         loaded.append(folder / package.name / "package.mo")
     for source in map(Path, sources):
+        if not source.exists():
+            raise InputError(f"{source}: no such file")
         if source.is_dir():
             if not (source / "package.mo").is_file():
                 raise InputError(f"{source}: a Modelica package folder needs a package.mo")

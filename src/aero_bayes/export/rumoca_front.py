@@ -18,9 +18,11 @@ from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.language.edits import Edit, apply
+from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.tokens import tokenize
 from aero_bayes.language.units import spelled
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.show import nearest
 
 TIME_LIMIT = 300.0
 _WORK = """
@@ -74,11 +76,30 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         _spell_units(added)
         _mention(packages, _file_of(model, files))
         mentioned = {*model.split("."), *words_of(added)} if packages else set()
-        answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
+        try:
+            answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
+        except InputError as error:
+            raise _no_such_class(model, root, added, packages) or error from None
         try:
             return read_structured(model, answer["flat"], answer["files"])
         except InputError as error:
             raise InputError(locate(str(error), model, root)) from None
+
+
+def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
+    """What to say where the class is in none of the sources; None where it may be, or where they cannot be read."""
+    first = model.split(".")[0]
+    shipped = [root / folder.name for folder in rig_packages() if folder.name == first]
+    try:
+        known = sources_in([*own, *modelica_files(shipped)]).by_name
+    except InputError:
+        return None
+    if model in known or first in libraries:
+        return None
+    if not known:
+        return InputError(f"{model}: no such class; name its file by [model] sources or --source")
+    place = " and ".join(dict.fromkeys(f.name for f in own)) or first
+    return InputError(f"{model}: no such class in {place}{nearest(model, known)}")
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ import click
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
 from aero_bayes.data.checks import longest_gap
+from aero_bayes.data.read import column_names
 from aero_bayes.declared import Declaration
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -22,6 +24,7 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of
 from aero_bayes.library import load_model
+from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.workflow.timescale import check_duration, check_sampling
@@ -106,6 +109,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         declared = model.declared
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
     columns = columns_of(config)
+    if options.config is None and options.model is None:
+        check_default([*files, *tests], layout)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
     if fmu is None:
@@ -129,6 +134,20 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             click.echo(f"note: {recording.path}: {gap}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+
+
+def check_default(files: Sequence[Path], layout: Layout) -> None:
+    """Say that no model was named, where a recording is none of the model that is worked on then."""
+    for path in files:
+        there = column_names(path) if path.is_file() else []
+        lacking = [q.name for q in layout.inputs if q.name not in there]
+        if there and lacking:
+            near = [p for p in sorted(path.absolute().parent.glob("*.toml")) if p.name != "pyproject.toml"]
+            which = " or ".join(f"--config {os.path.relpath(p)}" for p in near[:3]) or "--config FILE.toml"
+            raise InputError(
+                f"{path}: has no column {lacking[0]}, which the default model {DEFAULT_MODEL} needs (found "
+                f"{', '.join(there)}); name your model by {which}"
+            )
 
 
 def _different(files: Sequence[Path]) -> None:
@@ -191,12 +210,19 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
     known = {variable.name for variable in model.parameters}
     for name, section in config.parameters.items():
         if name not in known:
-            raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
+            raise InputError(
+                f"{config.place(name)}model {model.name} has no parameter {name}{nearest(name, sorted(known))}"
+            )
         held = section.free in (False, "later")
         if held or (section.free is None and name not in overrides and section.value is not None):
             overrides.pop(name, None)
         else:
-            overrides[name] = _override(name, section, overrides.get(name, Override()))
+            try:
+                overrides[name] = _override(name, section, overrides.get(name, Override()))
+                parameters_from_model(model, overrides={name: overrides[name]})
+            except InputError as error:
+                which = "" if name in str(error) else f"{name}: "
+                raise InputError(f"{config.place(name)}{which}{error}") from None
     if not overrides:
         raise InputError(
             f"model {model.name} declares no parameters to fit: name them, "
