@@ -6,13 +6,20 @@ import tempfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from aero_bayes.arguments import Paths, paths_of
+from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.language.sources import main_class
+from aero_bayes.report import write_report as draw_report
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import Model, ModelicaSource
+
+if TYPE_CHECKING:
+    from aero_bayes.estimate.result import Fit
+    from aero_bayes.sample.posterior import Posterior
 
 
 @cache
@@ -53,12 +60,14 @@ def load_model(
     >>> model
     <Model Rig: F -> position; 3 parameters, 2 states; FMI 2, model exchange>
     """
-    if Path(name).suffix == ".fmu":
-        return Model.load(name)
+    (path,) = paths_of((name,), "name")
+    if path.suffix == ".fmu":
+        return Model.load(path)
     files = paths_of(sources, "sources")
-    if Path(name).suffix == ".mo":
-        files, name = (Path(name).absolute(), *files), main_class(Path(name))
-    source = ModelicaSource(str(name), files, paths_of(libraries, "libraries"))
+    if path.suffix == ".mo":
+        files, name = (path, *files), main_class(path)
+    whole = (tuple(p.absolute() for p in paths) for paths in (files, paths_of(libraries, "libraries")))
+    source = ModelicaSource(str(name), *whole)
     target = Path(folder) if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
     target.mkdir(parents=True, exist_ok=True)
     out = target / f"{source.name.rpartition('.')[2]}.fmu"
@@ -91,3 +100,43 @@ def open_run(directory: Path | str) -> RunDirectory:
     'extended'
     """
     return RunDirectory.read(directory)
+
+
+def write_report(found: Fit | Posterior | str | Path, path: str | Path | None = None) -> Path:
+    """Write the page of a fit, or draw that of a finished run again.
+
+    Parameters
+    ----------
+    found : Fit, Posterior or path
+        What was found, or the folder that a command wrote with ``--out``.
+    path : path, optional
+        The page to write, for a fit or a posterior; that of a folder is its ``report.html``.
+
+    Returns
+    -------
+    Path
+        The page: a single file that loads nothing from elsewhere.
+
+    Raises
+    ------
+    InputError
+        No ``result.json`` in the folder, or one of the files is damaged.
+
+    Examples
+    --------
+    >>> aero_bayes.write_report(fit, "fit.html").name
+    'fit.html'
+    >>> aero_bayes.write_report("out/loop").name
+    'report.html'
+    """
+    from aero_bayes.estimate.result import Fit
+    from aero_bayes.sample.posterior import Posterior
+    from aero_bayes.workflow.commands import write_page
+
+    if isinstance(found, str | Path):
+        return draw_report(found)
+    if not isinstance(found, Fit | Posterior):
+        raise InputError(f"expected a Fit, a Posterior or the folder of a run, got {type(found).__name__}")
+    if path is None:
+        raise InputError("path: say where the page goes, such as fit.html")
+    return write_page(found, Path(path))

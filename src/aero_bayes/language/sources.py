@@ -174,6 +174,8 @@ def main_class(source: Path) -> str:
     InputError
         If there is none, or several; names them.
     """
+    if not source.exists():
+        raise InputError(f"{source}: no such file")
     found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
     words = {
         c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}

@@ -18,11 +18,12 @@ from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.steps import Step
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import table_html
+from aero_bayes.show import nearest, table_html
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +41,9 @@ class NewParameter:
     q95: float
     unit: str
     description: str
+
+    def __float__(self) -> float:
+        return self.value
 
     def to_dict(self) -> dict[str, object]:
         return {
@@ -203,6 +207,11 @@ class LoopResult:
     plain: Model | None = None
     calibrated: CalibratedModel | None = None
 
+    def __getitem__(self, name: str) -> NewParameter:
+        if name not in self.parameters:
+            raise InputError(f"no parameter {name!r}{nearest(str(name), self.parameters)}")
+        return self.parameters[name]
+
     def export_fmu(self, path: Path | str) -> Path:
         """Write the FMU of the model that came out, with all its values.
 
@@ -227,13 +236,15 @@ class LoopResult:
             )
         return self.calibrated.export_fmu(path)
 
-    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw what the models before and after make of data that was not fitted, and what each leaves.
 
         Of the output that most was left of. Dashed: twice the noise floor.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -245,13 +256,15 @@ class LoopResult:
         """
         from aero_bayes.plots import loop_figure
 
-        return loop_figure(self, figure=figure, dark=dark)
+        return loop_figure(self, figure=ax or figure, dark=dark)
 
-    def plot_rounds(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw the log-evidence (nats) that each candidate would gain, round by round; orange: chosen.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -269,7 +282,7 @@ class LoopResult:
         from aero_bayes.plots import rounds_figure
         from aero_bayes.plots.view import loop_part
 
-        return rounds_figure(loop_part(self), figure=figure, dark=dark)
+        return rounds_figure(loop_part(self), figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.

@@ -12,15 +12,18 @@ import click
 
 from aero_bayes.bench import default_recordings
 from aero_bayes.checkpoint import Checkpoint
-from aero_bayes.config import load_config
+from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import read_recording, summarise
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
+from aero_bayes.files import whole_file
 from aero_bayes.replay import Replay, replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
+from aero_bayes.scratch import ScratchFolder
+from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
     Series,
@@ -31,7 +34,16 @@ from aero_bayes.workflow.curves import (
     ripple_series,
 )
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.job import Job, RunOptions, built_model, columns_of, layout_of, open_job, which_model
+from aero_bayes.workflow.job import (
+    Job,
+    RunOptions,
+    built_model,
+    check_default,
+    columns_of,
+    layout_of,
+    open_job,
+    which_model,
+)
 from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
@@ -182,6 +194,8 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     known = declared.systems or (named and not any(c.unit for c in section.columns.values()))
     model = None if known else built_model(config, name, fmu)
     layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
+    if config_path is None:
+        check_default(files, layout)
     summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
@@ -254,13 +268,41 @@ def _finish(
     """Write everything and say where."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    result |= context_part(job, result)
-    write_series(out, only_measured(series))
-    write_result(out, result)
-    page = write_report(out)
+    page = _page(job, result, series)
     click.echo(result["verdict"]["text"].replace("`", ""))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     if calibrated is not None:
         written = calibrated.write(out)
         calibrated.export_fmu(written.with_suffix(".fmu"))
         click.echo(f"wrote {written} and {written.with_suffix('.fmu')}: the model with all fitted values")
+
+
+def _page(job: Job, result: Json, series: Series) -> Path:
+    """Write the files of a run and draw its page."""
+    out = job.options.out
+    write_series(out, only_measured(series))
+    write_result(out, result | context_part(job, result))
+    return write_report(out)
+
+
+def write_page(found: Fit | Posterior, path: Path) -> Path:
+    """Write the page of a fit or a posterior that no command made."""
+    fit = found.fit if isinstance(found, Posterior) else found
+    calibration, model = fit.calibration, fit.calibration.model
+    source = model.source or ModelicaSource(model.name)
+    with ScratchFolder() as scratch:
+        config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
+        job = Job(
+            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.recordings, (),
+            calibration.parameters, dict(calibration.fixed),
+        )  # fmt: skip
+        result, series = fit_part(job, fit)
+        if isinstance(found, Posterior):
+            sampled, bands = _posterior_part(found)
+            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+            found.save(scratch / "posterior.nc")
+        page = _page(job, result | _closing(result), series)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            temporary.write_bytes(page.read_bytes())
+    return path
