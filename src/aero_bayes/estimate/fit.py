@@ -23,6 +23,7 @@ from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, ca
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.held_guesses import name_held_guesses
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
 from aero_bayes.estimate.objective import Objective
@@ -167,7 +168,8 @@ def fit(
         kept = Checkpoint.at(checkpoint)
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
-        return _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
+        found = _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
+        return name_held_guesses(found, opened)
 
 
 def _with_sensors(

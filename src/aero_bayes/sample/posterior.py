@@ -170,7 +170,7 @@ class Posterior:
             if estimate.status is Status.AT_BOUND:
                 table[name] = estimate
                 continue
-            base = replace(estimate, value=q50, status=status_of(ratio), note="")
+            base = replace(estimate, value=q50, status=self.fit.identifiability.capped(name, status_of(ratio)), note="")
             if base.status is Status.UNIDENTIFIED:
                 table[name] = replace(
                     base, sd=None, q05=None, q50=None, q95=None, note="the data says no more of it than the prior"
