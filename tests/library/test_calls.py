@@ -14,6 +14,7 @@ import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib import pyplot
 
 import aero_bayes
 from aero_bayes import InputError, LoopSettings, Recording
@@ -27,7 +28,9 @@ def typed(cart: SimpleNamespace) -> dict[str, Any]:
     """What the script leaves in its names."""
     matplotlib.use("Agg")
     with contextlib.chdir(cart.folder):
-        return runpy.run_path(str(SCRIPT))
+        names = runpy.run_path(str(SCRIPT))
+    pyplot.close("all")
+    return names
 
 
 def test_every_call_does_as_typed(typed: dict[str, Any], cart: SimpleNamespace):

@@ -95,8 +95,8 @@ def read_recording(
     recording = Recording(
         name=file.stem,
         time=values["time"],
-        inputs={quantity.name: values[quantity.name] for quantity in layout.inputs}
-        | {name: np.full(values["time"].size, value) for name, value in layout.constants.items()},
+        inputs={name: np.full(values["time"].size, value) for name, value in layout.constants.items()}
+        | {quantity.name: values[quantity.name] for quantity in layout.inputs},
         outputs={quantity.name: values[quantity.name] for quantity in layout.outputs if quantity.name in values},
         units={name: unit for name, unit in layout.units.items() if name in values},
         sha256=sha256,

@@ -74,8 +74,10 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
         _spell_units(added)
-        _mention(packages, _file_of(model, files))
-        mentioned = {*model.split("."), *words_of(added)} if packages else set()
+        words = {*model.split("."), *words_of(added)}
+        staged = [f.parent.name for f in files if f.name == "package.mo" and f.parent.name in words]
+        _mention([*packages, *staged], _file_of(model, files))
+        mentioned = words if packages else set()
         try:
             answer = _run(model, root, files, [linked(packages, mentioned)] if packages else [])
         except InputError as error:

@@ -14,6 +14,7 @@ from aero_bayes.bench import default_recordings
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import read_recording, summarise
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
@@ -273,8 +274,12 @@ def _finish(
     click.echo(f"wrote {out / 'result.json'} and {page}")
     if calibrated is not None:
         written = calibrated.write(out)
-        calibrated.export_fmu(written.with_suffix(".fmu"))
-        click.echo(f"wrote {written} and {written.with_suffix('.fmu')}: the model with all fitted values")
+        try:
+            made = f"{written} and {calibrated.export_fmu(written.with_suffix('.fmu'))}"
+        except InputError as error:
+            click.echo(f"note: {written} cannot be compiled here: {error}", err=True)
+            made = f"{written}"
+        click.echo(f"wrote {made}: the model with all fitted values")
 
 
 def _page(job: Job, result: Json, series: Series) -> Path:
