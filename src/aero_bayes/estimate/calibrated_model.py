@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Values of one element, or of the elements of an array.
 Values = float | list["Values"]
+#: Modifications by component: a value and what is said of it, or those inside.
+Tree = dict[str, "tuple[str, str] | Tree"]
 
 
 class Interval(Protocol):
@@ -75,7 +77,7 @@ class CalibratedModel:
     def text(self) -> str:
         """The Modelica file."""
         lines = [f"  // {line}" for line in self.header]
-        modifiers = _modifiers(self.parameters, self.remarks)
+        modifiers = _modifiers(_tree(self.parameters, self.remarks))
         extends = [f"  extends {self.base.name}(", *(f"    {m}" for m in modifiers), "  );"]
         lines += extends if modifiers else [f"  extends {self.base.name};"]
         title = f'model {self.name} "{self.base.name} with the values of a fit"'
@@ -184,44 +186,34 @@ def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
     return {**own, **given}
 
 
-def _modifiers(given: Mapping[str, float], remarks: Mapping[str, str]) -> list[str]:
-    """Lines of a class modification, a parameter a line, with a comma behind all but the last."""
+def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> Tree:
+    """Values with their remarks, by components as they are nested; an array's elements are one value."""
     arrays: dict[tuple[str, ...], dict[tuple[int, ...], float]] = {}
     said: dict[tuple[str, ...], list[str]] = {}
     for name, value in given.items():
         path = tuple(_parts(name))
         arrays.setdefault(path, {})[_indices(name)] = value
         said.setdefault(path, []).extend([remarks[name]] if name in remarks else [])
-    lines: list[tuple[str, str]] = []
-    _nested(sorted(arrays), 0, arrays, said, lines)
-    # what opens a component has no comma, nor has what stands before the end of one
-    texts = [text for text, _ in lines]
-    commas = [
-        "," if k + 1 < len(texts) and not text.endswith("(") and not texts[k + 1].lstrip().startswith(")") else ""
-        for k, text in enumerate(texts)
-    ]
-    return [
-        f"{text}{comma}{f'  // {about}' if about else ''}" for (text, about), comma in zip(lines, commas, strict=True)
-    ]
+    tree: Tree = {}
+    for path in sorted(arrays):
+        node: Any = tree
+        for part in path[:-1]:
+            node = node.setdefault(part, {})
+        node[path[-1]] = _text(_array(arrays[path].items())), "; ".join(said[path])
+    return tree
 
 
-def _nested(
-    paths: Sequence[tuple[str, ...]],
-    depth: int,
-    arrays: Mapping[tuple[str, ...], Mapping[tuple[int, ...], float]],
-    said: Mapping[tuple[str, ...], Sequence[str]],
-    lines: list[tuple[str, str]],
-) -> None:
-    for head in dict.fromkeys(path[depth] for path in paths):
-        own = [path for path in paths if path[depth] == head]
-        indent = "  " * depth
-        if len(own[0]) == depth + 1:
-            text = _text(_array(arrays[own[0]].items()))
-            lines.append((f"{indent}{head} = {text}", "; ".join(said[own[0]])))
-            continue
-        lines.append((f"{indent}{head}(", ""))
-        _nested(own, depth + 1, arrays, said, lines)
-        lines.append((f"{indent})", ""))
+def _modifiers(tree: Tree, indent: str = "") -> list[str]:
+    """Lines of a class modification, a parameter a line."""
+    lines = []
+    for k, (name, node) in enumerate(tree.items(), 1):
+        comma = "," if k < len(tree) else ""
+        if isinstance(node, dict):
+            lines += [f"{indent}{name}(", *_modifiers(node, f"{indent}  "), f"{indent}){comma}"]
+        else:
+            value, about = node
+            lines.append(f"{indent}{name} = {value}{comma}{f'  // {about}' if about else ''}")
+    return lines
 
 
 def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> Values:
