@@ -108,6 +108,7 @@ class LoopSettings(Settings):
     def __post_init__(self) -> None:
         for name in ("sources", "libraries"):
             object.__setattr__(self, name, paths_of(getattr(self, name), name))
+        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
         for name in ("free", "effects", "exclude", "ports", "laws", "undecided", "leave_out"):
             given = getattr(self, name)
             object.__setattr__(self, name, given if given is None else names_of(given, name))

@@ -237,14 +237,14 @@ class Model:
         rows = [(name, r["kind"], r["unit"], _number(r["start"]), r["description"]) for name, r in frame.iterrows()]
         return table_html(("name", "kind", "unit", "start", "description"), rows, repr(self).strip("<>"))
 
-    def unpack(self, folder: Path) -> Path:
+    def unpack(self, folder: Path | str) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
-        archive.unpack(self.path, folder)
+        archive.unpack(self.path, Path(folder))
         return self.binary_in(folder)
 
-    def binary_in(self, folder: Path) -> Path:
+    def binary_in(self, folder: Path | str) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
-        return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+        return Path(folder) / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
 
 
 def _number(value: float | None) -> str:
