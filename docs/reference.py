@@ -49,7 +49,9 @@ KEYS: Mapping[str, str] = {
     "data.interpolation": "between samples every input holds, or runs in straight lines; `auto`: the fit decides for "
     "each that moves from sample to sample; `{T_amb = 'linear'}`: by name, the others hold. Left out: what the package "
     "declares (the AERO: `hold`), else `auto`",
-    "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file",
+    "data.constants": "inputs without a column, and the value that each has throughout, in the model's unit: "
+    "`{T_amb = 293.15}`",
+    "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file; left out: NAME",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
     "data.columns.NAME.scale": "factor: the value is `(raw + offset) * scale`",

@@ -7,20 +7,17 @@ A model of a package that declares its rigs brings parameters, priors and column
 >>> recording = aero_bayes.read_recording("step.csv")  # doctest: +SKIP
 >>> fit = aero_bayes.fit(recording, model)  # doctest: +SKIP
 >>> posterior = aero_bayes.sample(fit)  # doctest: +SKIP
->>> loop = aero_bayes.close_loop([recording], model="Aero.Systems.HalfQuad")  # doctest: +SKIP
+>>> loop = aero_bayes.close_loop(recording, model=model)  # doctest: +SKIP
 
 A model of one's own is told what was recorded and what is free (run in ``examples/cart``):
 
->>> from pathlib import Path
 >>> from aero_bayes.data import Layout
->>> from aero_bayes.estimate import Override, parameters_from_model
->>> rig = aero_bayes.load_model("Rig", sources=[Path("Rig.mo")])  # doctest: +SKIP
+>>> rig = aero_bayes.load_model("Rig.mo")  # doctest: +SKIP
 >>> layout = Layout.of(["F"], ["position"])
 >>> recording = aero_bayes.read_recording("train.csv", layout=layout)  # doctest: +SKIP
->>> free = parameters_from_model(rig, overrides={"k": Override(), "d": Override()})  # doctest: +SKIP
->>> fit = aero_bayes.fit(recording, rig, parameters=free)  # doctest: +SKIP
->>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"))
->>> loop = aero_bayes.close_loop([recording], model="Rig", settings=settings)  # doctest: +SKIP
+>>> fit = aero_bayes.fit(recording, rig, parameters=["k", "d"])  # doctest: +SKIP
+>>> settings = aero_bayes.LoopSettings(free=["k", "d"])
+>>> loop = aero_bayes.close_loop(recording, model=rig, settings=settings)  # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -38,10 +35,9 @@ if TYPE_CHECKING:
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
     from aero_bayes.fleet import Rig, fleet
-    from aero_bayes.library import load_model, open_run
+    from aero_bayes.library import load_model, open_run, write_report
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.predict import RecordingPrediction
-    from aero_bayes.report import write_report
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.sample import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model
@@ -70,7 +66,7 @@ _HOME = {
     "open_run": "library",
     "RecordingPrediction": "predict",
     "RunDirectory": "report.run_directory",
-    "write_report": "report",
+    "write_report": "library",
     "Model": "simulation",
 }
 

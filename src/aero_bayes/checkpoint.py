@@ -79,9 +79,9 @@ class Checkpoint(Answers):
         self._next = time.monotonic() + EVERY
 
     @classmethod
-    def at(cls, place: Checkpoint | Path | None) -> Checkpoint | None:
+    def at(cls, place: Checkpoint | Path | str | None) -> Checkpoint | None:
         """The checkpoint in a file."""
-        return cls(place) if isinstance(place, Path) else place
+        return cls(Path(place)) if isinstance(place, str | Path) else place
 
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
         """Keep arrays under a key; on disk at once, or before long."""

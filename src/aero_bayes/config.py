@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from aero_bayes.errors import InputError
 
@@ -54,9 +55,9 @@ class ModelSection(Section):
 
 
 class ColumnSection(Section):
-    """``[data.columns.theta]``: where a signal stands in the file and its unit there."""
+    """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there."""
 
-    source: str
+    source: str | None = None
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
@@ -64,11 +65,15 @@ class ColumnSection(Section):
 
 
 class DataSection(Section):
-    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns."""
+    """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns.
+
+    ``constants`` are inputs without a column.
+    """
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
     interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
+    constants: dict[str, float] = Field(default_factory=dict)
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
 
 
@@ -165,6 +170,16 @@ class Config(Section):
     prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()
     solver: SolverSection = SolverSection()
+    _file: Path | None = PrivateAttr(None)
+
+    def place(self, name: str) -> str:
+        """File and line that speak of a parameter, to begin an error with; empty where it was not read from a file."""
+        if self._file is None:
+            return ""
+        key = rf"""\s*(\[parameters\.|parameters\.)?["']?{re.escape(name)}["']?\s*[\].=]"""
+        lines = self._file.read_text(encoding="utf-8").splitlines()
+        found = next((f", line {k}" for k, line in enumerate(lines, 1) if re.match(key, line)), "")
+        return f"{self._file}{found}: "
 
 
 def load_config(path: Path | Config | None) -> Config:
@@ -183,7 +198,9 @@ def load_config(path: Path | Config | None) -> Config:
     """
     if path is None or isinstance(path, Config):
         return path or Config()
-    return resolve_paths(checked(Config, read_toml(path), path), path.parent)
+    config = resolve_paths(checked(Config, read_toml(path), path), path.parent)
+    config._file = path
+    return config
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
 from typing import Any
@@ -26,6 +27,14 @@ def with_unit(text: str, unit: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """What ends a sentence about a name that does not exist: the nearest one that does, and those there are."""
+    known = list(names)
+    near = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.casefold() == name.casefold()]
+    hint = f"; did you mean {near[0]}?" if near else ""
+    return f", found {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}{hint}"
 
 
 class Settings:

@@ -129,7 +129,7 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
         ("time,V_m,theta\n", ["header but no data"]),
         ("time,V_m,theta\n\n\n", ["header but no data"]),
         (GOOD.replace("V_m", "volts"), ["row 1", "no column V_m", "volts"]),
-        (GOOD.replace("V_m", "v_m"), ["no column V_m", "is v_m meant?"]),
+        (GOOD.replace("V_m", "v_m"), ["no column V_m", "did you mean v_m?"]),
         (GOOD.replace("time", "t"), ["no column time"]),
         (GOOD.replace("i_m", "theta"), ["column theta appears 2 times"]),
         ("time,V_m\n0,1\n1,1\n2,1\n3,1\n", ["no output column", "theta"]),

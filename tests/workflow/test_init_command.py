@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aero_bayes.cli import main
-from aero_bayes.workflow.init import main_class, match_columns, split_unit
+from aero_bayes.language.sources import main_class
+from aero_bayes.workflow.init import match_columns, split_unit
 
 RIG = """within ;
 partial model Base

@@ -13,19 +13,21 @@ from aero_bayes.data.recording import FloatArray, Recording
 from aero_bayes.declared import Quantity
 from aero_bayes.errors import InputError
 
+#: A pause in the sampling as long as so many of the usual intervals is worth a word.
+PAUSE = 100
 #: Fewest samples that are a recording at all.
 FEWEST = 4
 Where = Callable[[int], str]
 
 
-def check_recording(recording: Recording, layout: Layout, where: Where | None = None) -> None:
+def check_recording(recording: Recording, layout: Layout | None = None, where: Where | None = None) -> None:
     """Raise InputError for the first thing that is wrong.
 
     Parameters
     ----------
     recording : Recording
-    layout : Layout
-        Believable sizes and rates.
+    layout : Layout, optional
+        Believable sizes and rates; any by default.
     where : callable, optional
         Names a row for the message; "sample 3" by default.
     """
@@ -38,8 +40,22 @@ def check_recording(recording: Recording, layout: Layout, where: Where | None = 
         _check_input(name, column, values, place)
     for column, values in recording.outputs.items():
         _check_output(name, column, values, place)
-    _check_rate(name, recording, layout)
-    _check_sizes(name, recording, layout, place)
+    if layout is not None:
+        _check_rate(name, recording, layout)
+        _check_sizes(name, recording, layout, place)
+
+
+def longest_gap(recording: Recording) -> str:
+    """What is to be said of a long pause in the sampling; empty where there is none."""
+    steps = np.diff(recording.time)
+    row, usual = int(np.argmax(steps)), recording.interval
+    if steps[row] < PAUSE * usual:
+        return ""
+    start, stop = recording.time[row], recording.time[row + 1]
+    return (
+        f"no sample from {start:.6g} s to {stop:.6g} s, {steps[row] / usual:.0f} times the usual interval; inputs "
+        "count as held there, so cut the file in two if they were not"
+    )
 
 
 def _check_time(name: str, time: FloatArray, place: Where) -> None:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.show import nearest
 
 FloatArray = NDArray[np.float64]
 BLOCK = 8 << 20
@@ -198,9 +199,7 @@ def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[
             raise InputError(f"{row}: column {name} appears {names.count(name)} times, expected once")
     for name in wanted:
         if name not in names:
-            close = [other for other in names if other.lower() == name.lower()]
-            hint = f"; is {close[0]} meant?" if close else ""
-            raise InputError(f"{row}: no column {name}, found {', '.join(names)}{hint}")
+            raise InputError(f"{row}: no column {name}{nearest(name, names)}")
     return {name: names.index(name) for name in (*wanted, *optional) if name in names}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,8 @@ class Layout:
         Any of them may be; at least one must.
     rates : (float, float)
         Believable sample rates in Hz.
+    constants : mapping of str to float
+        Inputs that have no column, and the value that each has throughout, in its SI unit.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Layout:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     rates: tuple[float, float] = (0.0, math.inf)
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:

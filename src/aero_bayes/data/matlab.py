@@ -116,6 +116,11 @@ def read_matlab(
         return found, hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def matlab_names(path: Path) -> list[str]:
+    """Names of the vectors in the file."""
+    return list(_read(path, free_memory())[0])
+
+
 def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], list[str]]:
     """The file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.data.checks import check_recording
-from aero_bayes.data.csv_text import FloatArray, read_columns
+from aero_bayes.data.csv_text import FloatArray, read_columns, read_header
 from aero_bayes.data.layout import ColumnMap, Layout
-from aero_bayes.data.matlab import is_matlab, read_matlab
+from aero_bayes.data.matlab import is_matlab, matlab_names, read_matlab
 from aero_bayes.data.recording import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
+from aero_bayes.show import nearest
 
 
 def read_recording(
@@ -88,12 +89,14 @@ def read_recording(
         raise InputError(f"{file}: may not be read (permission denied)") from None
     if not any(quantity.name in found for quantity in layout.outputs):
         missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
-        raise InputError(f"{file}: no output column, expected at least one of {missing}")
+        there = nearest(next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file))
+        raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
     values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
     recording = Recording(
         name=file.stem,
         time=values["time"],
-        inputs={quantity.name: values[quantity.name] for quantity in layout.inputs},
+        inputs={name: np.full(values["time"].size, value) for name, value in layout.constants.items()}
+        | {quantity.name: values[quantity.name] for quantity in layout.inputs},
         outputs={quantity.name: values[quantity.name] for quantity in layout.outputs if quantity.name in values},
         units={name: unit for name, unit in layout.units.items() if name in values},
         sha256=sha256,
@@ -101,6 +104,11 @@ def read_recording(
     )
     check_recording(recording, layout, where)
     return recording
+
+
+def column_names(path: Path) -> list[str]:
+    """Names of the columns of a CSV file, or of the variables of a MATLAB file."""
+    return matlab_names(path) if is_matlab(path) else read_header(path).names
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:

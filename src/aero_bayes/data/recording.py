@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
-from aero_bayes.show import table_html
+from aero_bayes.show import nearest, table_html
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
@@ -70,11 +72,63 @@ class Recording:
     path: Path | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "time", _numbers(self.name, "time", self.time))
+        for role in ("inputs", "outputs"):
+            columns = {c: _numbers(self.name, c, values) for c, values in getattr(self, role).items()}
+            object.__setattr__(self, role, columns)
         for column, values in {"time": self.time, **self.inputs, **self.outputs}.items():
             if values.shape != self.time.shape or values.ndim != 1:
                 raise InputError(f"{self.name}: column {column} has shape {values.shape}, expected {self.time.shape}")
         if not self.sha256:
             object.__setattr__(self, "sha256", _hash_arrays(self))
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pandas.DataFrame,
+        *,
+        inputs: str | Sequence[str],
+        outputs: str | Sequence[str],
+        name: str = "recording",
+        units: Mapping[str, str] | None = None,
+    ) -> Recording:
+        """A recording from the columns of a data frame, checked as one that is read from a file.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            Times in s stand in its column ``time``, or are its index.
+        inputs, outputs : str or sequence of str
+            Its columns that were applied and measured, named as in the model and in its units.
+        name : str
+            What reports call it.
+        units : mapping of str to str, optional
+            Of the columns.
+
+        Raises
+        ------
+        InputError
+            For a column that is not there, and for what is wrong in one.
+
+        Examples
+        --------
+        >>> frame = recording.to_frame()
+        >>> aero_bayes.Recording.from_frame(frame, inputs="F", outputs="position", name="train")
+        <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
+        """
+        from aero_bayes.data.checks import check_recording
+
+        if not hasattr(frame, "columns"):
+            raise InputError(f"frame: expected a data frame of pandas, got {type(frame).__name__}")
+        roles = [names_of(inputs, "inputs"), names_of(outputs, "outputs")]
+        for column in (c for names in roles for c in names):
+            if column not in frame.columns:
+                raise InputError(f"frame: no column {column}{nearest(column, map(str, frame.columns))}")
+        time = frame["time"] if "time" in frame.columns else frame.index
+        given, measured = ({c: np.asarray(frame[c]) for c in names} for names in roles)
+        found = cls(name, np.asarray(time), given, measured, {"time": "s", **(units or {})})
+        check_recording(found)
+        return found
 
     @property
     def rows(self) -> int:
@@ -140,11 +194,13 @@ class Recording:
         outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (1 in {every})", outputs=outputs, sha256="")
 
-    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw inputs and outputs over time.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -162,7 +218,7 @@ class Recording:
         """
         from aero_bayes.plots import recording_figure
 
-        return recording_figure(self, figure=figure, dark=dark)
+        return recording_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Every column by time (s), in SI units.
@@ -204,6 +260,13 @@ class Recording:
             outputs={column: values[keep] for column, values in self.outputs.items()},
             sha256="",
         )
+
+
+def _numbers(name: str, column: str, values: ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: column {column} holds something else than numbers") from None
 
 
 def _hash_arrays(recording: Recording) -> str:

@@ -14,6 +14,7 @@ from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.starts import StartPolicy, start_parameters
 from aero_bayes.sensors.counts import quantum, thin_standstill
@@ -218,11 +219,13 @@ def calibrate(
     Raises
     ------
     InputError
-        If nothing was recorded that the model can predict, or the model lacks an input that was recorded.
+        If nothing was recorded that the model can predict, if the model lacks an input that was recorded, or the
+        recording lacks one that the model has.
     """
     settings = settings or CalibrationSettings()
     if not recordings:
         raise InputError("no recording was given")
+    check_plausible(recordings, model)
     known = model.declared.recording
     limit = known.max_input_delay if settings.delay_limit is None else settings.delay_limit
     resting = known.resting if settings.resting is None else settings.resting

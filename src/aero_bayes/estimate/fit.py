@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.arguments import one, several
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
@@ -22,10 +23,11 @@ from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, ca
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.held_guesses import name_held_guesses
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import ParameterSet, Wish, chosen_parameters
 from aero_bayes.estimate.result import Fit, stage_report, structure_warnings
 from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage
@@ -105,12 +107,12 @@ def fit(
     recordings: Recording | Sequence[Recording],
     model: Model,
     *,
-    parameters: ParameterSet | None = None,
+    parameters: ParameterSet | str | Sequence[str] | Mapping[str, Wish] | None = None,
     settings: FitSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
     progress: Progress | None = None,
-    checkpoint: Checkpoint | Path | None = None,
+    checkpoint: Checkpoint | Path | str | None = None,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -118,15 +120,16 @@ def fit(
     ----------
     recordings : Recording or sequence of Recording
     model : Model
-    parameters : ParameterSet, optional
-        What to search; by default what the model's package declares (:func:`.declared_overrides`).
+    parameters : sequence of str, mapping or ParameterSet, optional
+        What to search: names; or by name bounds ``(lower, upper)``, a value to start from, a prior or an
+        :class:`Override`. By default what the model's package declares.
     settings : FitSettings, optional
     seed : int
     workers : int, optional
         Worker processes; all cores by default.
     progress : callable, optional
         Told a phase, how far it is (0 to 1), and the cost.
-    checkpoint : Checkpoint or Path, optional
+    checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
 
     Raises
@@ -138,21 +141,23 @@ def fit(
 
     Examples
     --------
-    >>> free = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
-    >>> aero_bayes.fit(recording, model, parameters=free, workers=0)
+    >>> aero_bayes.fit(recording, model, parameters=["k", "d"], workers=0)
     <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0006229 m>
     """
     from aero_bayes.simulation import open_simulator
 
     settings = settings or FitSettings()
-    recordings = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    if parameters is None:
-        overrides = declared_overrides(model)
-        if not overrides:
-            raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
-        parameters = parameters_from_model(model, overrides=overrides)
+    recordings = several(recordings, Recording, "recordings")
+    overrides = declared_overrides(one(model, Model, "model"))
+    chosen = parameters if parameters is not None else tuple(overrides)
+    if isinstance(chosen, Sized) and not chosen:
+        known = ", ".join(v.name for v in model.parameters)
+        raise InputError(
+            f"model {model.name} declares no parameters to fit: say which to search by parameters; it has {known}"
+        )
+    searched = chosen_parameters(model, chosen, overrides)
     calibration = calibrate(
-        recordings, model, parameters, fixed=settings.fixed, noise=settings.noise, settings=settings.calibration
+        recordings, model, searched, fixed=settings.fixed, noise=settings.noise, settings=settings.calibration
     )
 
     def opened(problem: Problem) -> Simulator:
@@ -163,7 +168,8 @@ def fit(
         kept = Checkpoint.at(checkpoint)
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
-        return _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
+        found = _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
+        return name_held_guesses(found, opened)
 
 
 def _with_sensors(

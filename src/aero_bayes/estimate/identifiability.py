@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -22,6 +22,10 @@ FloatArray = NDArray[np.float64]
 IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE = 1.0 / 3.0, 0.95
 #: Information below which a column changes no output at all (in units of its prior's).
 NO_EFFECT = 1e-8
+#: Share (squared) of what parameters change alone that is left of a common change of them, below which they are
+#: collinear: the values rest on so small a part of the readings that a small error of the model changes them. And the
+#: least part that a parameter has in such a change.
+COLLINEAR, PART = 1e-5, 0.1
 
 
 class Status(StrEnum):
@@ -44,23 +48,48 @@ class Combination:
 
 
 @dataclass(frozen=True)
+class FlatDirection:
+    """Parameters whose common change the data hardly show, and the held ones whose values decide it, in words."""
+
+    members: tuple[str, ...]
+    held: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """What a reader should know."""
+        names = _listed(self.members)
+        if self.held:
+            verb = "decide" if len(self.held) > 1 else "decides"
+            return f"{names} are known up to a common change only, which {_listed(self.held)}, held, {verb}."
+        return f"{names} are known up to a common change only: the prior, or a small error of the model, decides it."
+
+
+@dataclass(frozen=True)
 class Identifiability:
     """Verdict by parameter: ``status``, and ``ratio`` of posterior to prior standard deviation (search axes).
 
-    ``no_effect`` names parameters that change no output.
+    ``no_effect`` names parameters that change no output; ``flat`` are directions that the data hardly determine.
     """
 
     status: dict[str, Status]
     ratio: dict[str, float]
     combinations: tuple[Combination, ...]
     no_effect: tuple[str, ...]
+    flat: tuple[FlatDirection, ...] = ()
+
+    def capped(self, name: str, status: Status) -> Status:
+        """At best weak, for a parameter of a flat direction."""
+        flat = any(name in direction.members for direction in self.flat)
+        return Status.WEAK if flat and status is Status.IDENTIFIED else status
 
     def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
         """What a reader should know, one sentence each; ``held`` names those that were then left at their start."""
         lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
+        lines += [direction.sentence for direction in self.flat]
         for members in dict.fromkeys(c.members for c in self.combinations):
             lines.append(_determined(members, [c.text for c in self.combinations if c.members == members]))
-        weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in held]
+        told = {*held, *(name for direction in self.flat for name in direction.members)}
+        weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in told]
         if weak:
             lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
         left = [n for n in held if n not in self.no_effect]
@@ -126,12 +155,32 @@ def assess(
     for j, name in enumerate(names):
         status[name] = Status.UNIDENTIFIED if blind[j] else status_of(float(posterior[j]))
     ratio = {name: float(posterior[j]) for j, name in enumerate(names)}
-    return Identifiability(
+    found = Identifiability(
         status,
         ratio,
         _combinations(names, values, logarithmic, information, prior_sd, ~blind),
         tuple(name for j, name in enumerate(names) if blind[j]),
+        _flat([name for j, name in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)]),
     )
+    return replace(found, status={name: found.capped(name, one) for name, one in status.items()})
+
+
+def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and eigenvectors of the information where each parameter alone has one: small ones are directions
+    in which the parameters make up for each other (Belsley, Kuh & Welsch, 1980, Regression Diagnostics)."""
+    norm = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information / np.outer(norm, norm)
+    sizes, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    return np.maximum(sizes, 0.0), vectors
+
+
+def _flat(names: Sequence[str], information: FloatArray) -> tuple[FlatDirection, ...]:
+    if len(names) < 2:
+        return ()
+    sizes, vectors = collinear(information)
+    directions = vectors[:, sizes < COLLINEAR].T
+    found = [tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > PART) for v in directions]
+    return tuple(FlatDirection(members) for members in dict.fromkeys(found))
 
 
 def _combinations(

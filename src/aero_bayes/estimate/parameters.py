@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
+from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import ParameterTarget, Target
 from aero_bayes.simulation.model import Model
 
@@ -270,6 +272,49 @@ class Override:
     auto: bool = False
 
 
+#: What a caller may say of a parameter: nothing, a start, bounds, a prior, or all of it.
+Wish = Override | Prior | tuple[float, float] | float | None
+
+
+def chosen_parameters(
+    model: Model, chosen: ParameterSet | str | Sequence[str] | Mapping[str, Wish], known: Mapping[str, Override]
+) -> ParameterSet:
+    """The parameters to search, as a caller names them.
+
+    Parameters
+    ----------
+    model : Model
+    chosen : ParameterSet, str, sequence of str or mapping
+        Names; or by name bounds ``(lower, upper)``, a value to start from, a prior, an :class:`Override`, or None.
+    known : mapping of str to Override
+        What the model's package says of its parameters.
+
+    Raises
+    ------
+    InputError
+        For anything else; see also :func:`parameters_from_model`.
+    """
+    if isinstance(chosen, ParameterSet):
+        return chosen
+    if not isinstance(chosen, Mapping):
+        return parameters_from_model(model, names_of(chosen, "parameters"), known)
+    wishes = {name: _override(name, wish, known.get(name, Override())) for name, wish in chosen.items()}
+    return parameters_from_model(model, tuple(wishes), wishes)
+
+
+def _override(name: str, wish: Wish, known: Override) -> Override:
+    if wish is None or isinstance(wish, Override):
+        return wish or known
+    if isinstance(wish, int | float):
+        return replace(known, start=float(wish))
+    if isinstance(wish, Sequence) and len(wish) == 2 and all(isinstance(bound, int | float) for bound in wish):
+        lower, upper = map(float, wish)
+        return replace(known, lower=lower, upper=upper, scale=known.scale if lower > 0.0 else "linear")
+    if not hasattr(wish, "log_pdf"):
+        raise InputError(f"parameters: {name}: expected (lower, upper), a start, a prior or an Override, got {wish!r}")
+    return replace(known, prior=cast(Prior, wish))
+
+
 def parameters_from_model(
     model: Model, free: Sequence[str] | None = None, overrides: Mapping[str, Override] | None = None
 ) -> ParameterSet:
@@ -297,7 +342,7 @@ def parameters_from_model(
     items = []
     for name in free if free is not None else tuple(overrides):
         if name not in known:
-            raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
+            raise InputError(f"model {model.name} has no parameter {name}{nearest(name, sorted(known))}")
         variable, override = known[name], overrides.get(name, Override())
         start = _first(override.start, variable.start, variable.nominal)
         if start is None:
@@ -308,6 +353,8 @@ def parameters_from_model(
             start, _first(override.lower, _meant(variable.minimum, start)),
             _first(override.upper, _meant(variable.maximum, start)), variable.nominal,
         )  # fmt: skip
+        if not lower < upper:
+            raise InputError(f"{name}: lower bound {lower:g} is not below upper bound {upper:g}")
         if override.prior is not None and override.lower is None and override.upper is None:
             lower, upper = max(lower, override.prior.lower), min(upper, override.prior.upper)
         scale = override.scale or ("log" if lower > 0.0 else "linear")

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.ascent import StageEnd
+from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.identifiability import Identifiability, Status
@@ -24,12 +27,13 @@ from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
-from aero_bayes.show import table_html, with_unit
+from aero_bayes.show import nearest, table_html, with_unit
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +60,9 @@ class Estimate:
     upper: float | None = None
     note: str = ""
     recording: str = ""
+
+    def __float__(self) -> float:
+        return self.value
 
     def to_dict(self) -> Json:
         """The entry of result.json."""
@@ -121,6 +128,8 @@ class Fit:
 
     Examples
     --------
+    >>> fit["k"].unit == "N/m", float(fit["k"]) == fit.value("k")
+    (True, True)
     >>> fit.parameters["k"].unit, fit.parameters["k"].q05 < fit.value("k") == fit.named["k"]
     ('N/m', True)
     >>> fit.outputs, fit.held, fit.warnings[0].split(":")[0]
@@ -221,6 +230,9 @@ class Fit:
     def failures(self) -> dict[str, int]:
         """Simulations by how they ended."""
         return {outcome.key: count for outcome, count in self.outcomes.items()}
+
+    def __getitem__(self, name: str) -> Estimate:
+        return named_estimate(self.parameters, name)
 
     def value(self, name: str) -> float:
         """SI value of a parameter by its ``name``; InputError for one that is not there."""
@@ -370,13 +382,49 @@ class Fit:
 
         return simulate(self, inputs, parameters=parameters, start=start)
 
-    def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    @property
+    def calibrated(self) -> CalibratedModel:
+        """The model with all values of the fit, as Modelica; InputError where its source is not known.
+
+        Examples
+        --------
+        >>> fit.calibrated.write("fitted").name
+        'Rig_fitted.mo'
+        """
+        return calibrated_model(self.calibration, self.values, self.parameters)
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Write the FMU of the model with all values of the fit.
+
+        Parameters
+        ----------
+        path : path
+            The FMU; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For a model that was given as an FMU: its values cannot be changed in there.
+
+        Examples
+        --------
+        >>> fitted = aero_bayes.load_model(fit.export_fmu("Rig_fitted.fmu"))
+        >>> round(fitted.parameter("k").start, 1)
+        54.9
+        """
+        return self.calibrated.export_fmu(path)
+
+    def plot(
+        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
+    ) -> Figure:
         """Draw a recording, what the fit makes of it, and what is left.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -399,7 +447,7 @@ class Fit:
         """
         from aero_bayes.plots import fit_figure
 
-        return fit_figure(self, recording, figure=figure, dark=dark)
+        return fit_figure(self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
@@ -417,6 +465,13 @@ class Fit:
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
+
+
+def named_estimate(table: Mapping[str, Estimate], name: str) -> Estimate:
+    """An entry of a table of parameters; InputError with the nearest name for one that is not there."""
+    if name not in table:
+        raise InputError(f"no parameter {name!r}{nearest(str(name), table)}")
+    return table[name]
 
 
 def held_because(model: Model, fixed: Collection[str]) -> dict[str, str]:

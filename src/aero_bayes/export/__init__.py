@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
+from aero_bayes.arguments import Paths, paths_of
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.library import declaration_of, modelica_root
@@ -64,8 +65,8 @@ def export_fmu(
     out: Path | str,
     *,
     compiler: Compiler = "auto",
-    sources: Sequence[Path] = (),
-    libraries: Sequence[Path] = (),
+    sources: Paths = (),
+    libraries: Paths = (),
     fmi: int = 2,
 ) -> Path:
     """Export a Modelica model as an FMU for Model Exchange and Co-Simulation.
@@ -74,14 +75,14 @@ def export_fmu(
     ----------
     model : str
         Full name, such as ``Aero.Systems.OneDof``. Shipped packages of rigs are always loaded.
-    out : Path
+    out : path
         The FMU to write; it appears whole or not at all.
     compiler : {"auto", "omc", "embedded"}
         ``auto``: the embedded exporter, whose FMUs are several times faster and take a second; where it refuses the
         model and ``omc`` is on the PATH, that.
-    sources : sequence of Path
+    sources : path or sequence of paths
         Further ``.mo`` files or package folders, loaded beside them.
-    libraries : sequence of Path
+    libraries : path or sequence of paths
         Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
         names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
     fmi : int
@@ -99,10 +100,10 @@ def export_fmu(
 
     Examples
     --------
-    >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources=[Path("Rig.mo")])
+    >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
     PosixPath('Rig.fmu')
     """
-    out = Path(out)
+    out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
     if fmi not in (2, 3):
         raise InputError(f"FMI {fmi}: expected 2 or 3")
     if fmi == 3:

@@ -89,7 +89,9 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
         shutil.copytree(package, folder / package.name)
         loaded.append(folder / package.name / "package.mo")
     for source in map(Path, sources):
-        for file in modelica_files([source]) if source.exists() else ():
+        if not source.exists():
+            raise InputError(f"{source}: no such file")
+        for file in modelica_files([source]):
             modelica_text(file)  # refused here, under its own path
         if source.is_dir():
             if not (source / "package.mo").is_file():

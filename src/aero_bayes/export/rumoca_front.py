@@ -22,10 +22,11 @@ from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
 from aero_bayes.language.edits import Edit, apply
-from aero_bayes.language.sources import modelica_text
+from aero_bayes.language.sources import modelica_files, modelica_text, sources_in
 from aero_bayes.language.tokens import line_of, split_outside, tokenize
 from aero_bayes.language.units import spelled
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.show import nearest
 
 #: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
 TIME_LIMIT = 50.0
@@ -79,9 +80,10 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
         _spell_units(added)
-        _mention(packages, _file_of(model, files))
-        mentioned = {*model.split("."), *words_of(added)} if packages else set()
-        links = [linked(packages, mentioned)] if packages else []
+        words = {*model.split("."), *words_of(added)}
+        staged = [f.parent.name for f in files if f.name == "package.mo" and f.parent.name in words]
+        _mention([*packages, *staged], _file_of(model, files))
+        links = [linked(packages, words)] if packages else []
         try:
             answer = _run(model, root, files, links)
             return read_structured(model, answer["flat"], answer["files"])
@@ -90,6 +92,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         except InputError as error:
             unequal = re.search(r"unbalanced model: (\d+) equations, (\d+) unknowns", str(error))
             told = _imbalance(model, root, files, links, unequal) if unequal else None
+            told = told or _no_such_class(model, root, added, packages)
             raise told or InputError(locate(str(error), model, root)) from None
 
 
@@ -111,6 +114,22 @@ def _longest(files: Sequence[Path], root: Path) -> str:
              for s in split_outside(tokenize(text, strict=False), ";") if s]  # fmt: skip
     _, file, line = max(found)
     return f"{file.relative_to(root)}:{line}"
+
+
+def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
+    """What to say where the class is in none of the sources; None where it may be, or where they cannot be read."""
+    first = model.split(".")[0]
+    shipped = [root / folder.name for folder in rig_packages() if folder.name == first]
+    try:
+        known = sources_in([*own, *modelica_files(shipped)]).by_name
+    except InputError:
+        return None
+    if model in known or first in libraries:
+        return None
+    if not known:
+        return InputError(f"{model}: no such class; name its file by [model] sources or --source")
+    place = " and ".join(dict.fromkeys(f.name for f in own)) or first
+    return InputError(f"{model}: no such class in {place}{nearest(model, known)}")
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:

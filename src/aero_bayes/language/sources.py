@@ -176,3 +176,27 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
         For a file that is no Modelica; names it.
     """
     return tuple(cls for _, cls in reversed([*sources_in(modelica_files([source])).by_name.values()]))
+
+
+def main_class(source: Path) -> str:
+    """Full name of the one model of a source that no other class there uses.
+
+    Raises
+    ------
+    InputError
+        If there is none, or several; names them.
+    """
+    if not source.exists():
+        raise InputError(f"{source}: no such file")
+    found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
+    words = {
+        c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}
+        for c in read_classes_of(source)
+    }
+    roots = [c for c in found if not any(c.name in own for name, own in words.items() if name != c.full_name)]
+    if len(roots) == 1:
+        return roots[0].full_name
+    if not found:
+        raise InputError(f"{source}: holds no model")
+    names = ", ".join(c.full_name for c in roots or found)
+    raise InputError(f"{source}: say which model by name, on the command line with --model: {names}")

@@ -44,7 +44,7 @@ from aero_bayes.ports.find import replaceable_ports
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.replaceable import replaceables_of
 from aero_bayes.ports.sizes import port_sizes, signal_size, signals_of
-from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Sizes of ports by their ids.
 Sizes = Mapping[str, Mapping[str, float]]
@@ -129,7 +129,8 @@ class RigFamily:
 
     def plain(self) -> Model:
         """The model itself."""
-        return self._export(self.flat, "plain")
+        source = ModelicaSource(self.base, self.sources, self.libraries)
+        return replace(self._export(self.flat, "plain"), source=source)
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
         """The declared priors."""

@@ -128,7 +128,8 @@ def _shared(bench: Workbench, model: Model) -> ParameterSet:
     overrides = {**bench.family.overrides(model), **bench.settings.overrides}
     free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
     if not free:
-        raise InputError(f"model {model.name} declares no parameters to fit: say which to search")
+        known = ", ".join(v.name for v in model.parameters)
+        raise InputError(f"model {model.name} declares no parameters to fit: say which are free; it has {known}")
     held = {name: replace(overrides.get(name, Override()), auto=True) for name in bench.settings.undecided}
     return parameters_from_model(model, free=(*free, *held), overrides={**overrides, **held})
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.arguments import one, paths_of, several
 from aero_bayes.checkpoint import Answers, Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.language.sources import main_class
 from aero_bayes.laws.family import Family
 from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.rig_family import RigFamily
@@ -33,37 +36,39 @@ from aero_bayes.search.models import ModelCache, ModelSource, Noise
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
+from aero_bayes.simulation.model import Model, ModelicaSource
 
 __all__ = ["LoopSettings", "close_loop"]
 
 
 def close_loop(
-    train: Sequence[Recording],
-    test: Sequence[Recording] = (),
+    train: Recording | Sequence[Recording],
+    test: Recording | Sequence[Recording] = (),
     *,
-    model: str = DEFAULT_MODEL,
+    model: str | Path | Model = DEFAULT_MODEL,
     settings: LoopSettings | None = None,
     workers: int | None = None,
-    out_dir: Path | None = None,
+    out_dir: Path | str | None = None,
     progress: Progress | None = None,
-    checkpoint: Checkpoint | Path | None = None,
+    checkpoint: Checkpoint | Path | str | None = None,
 ) -> LoopResult:
     """Find the effect that a model lacks, add it to the model, and judge the gain on data that was not fitted.
 
     Parameters
     ----------
-    train, test : sequences of Recording
+    train, test : Recording or sequences of Recording
         Without ``test``, the end of each training recording is kept from the fit and predicted.
-    model : str
-        A Modelica class, or the path of an FMU (``.fmu``) with Model Exchange, around which laws are put.
+    model : str, path or Model
+        A Modelica class, a ``.mo`` file or a model that was built from one; or an FMU (``.fmu``) with Model Exchange,
+        around which laws are put.
     settings : LoopSettings, optional
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
-    out_dir : Path, optional
+    out_dir : path, optional
         Where the extended model's Modelica file is written.
     progress : callable, optional
         Told what happens and how far it is (0 to 1).
-    checkpoint : Checkpoint or Path, optional
+    checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
 
     Raises
@@ -76,20 +81,21 @@ def close_loop(
     Examples
     --------
     >>> few = ("coulomb_friction", "gain")
-    >>> settings = aero_bayes.LoopSettings(sources=(Path("Rig.mo"),), free=("k", "d"), laws=few)
-    >>> aero_bayes.close_loop([recording], [test], model="Rig", settings=settings, workers=0)
+    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), laws=few)
+    >>> aero_bayes.close_loop(recording, test, model=model, settings=settings, workers=0)
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
+    train, test = several(train, Recording, "train"), several(test, Recording, "test")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
-    settings = settings or LoopSettings()
+    name, settings = _sources(model, one(settings or LoopSettings(), LoopSettings, "settings"))
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     progress = progress or (lambda what, share: None)
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
-        folder = out_dir or scratch
-        family = _family(model, settings.cache or folder / "fmu", settings)
+        folder = Path(out_dir) if out_dir is not None else scratch
+        family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         answers = Checkpoint.at(checkpoint) or Answers()
@@ -101,6 +107,8 @@ def close_loop(
         doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
         cache.close(bench.tally.count)
         result = result_of(bench, conclusion, doubted)
+        if settings.cache is None:
+            shutil.rmtree(folder / "fmu", ignore_errors=True)
         progress("done", 1.0)
         return result
 
@@ -141,6 +149,21 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
     choice = replace(choice, explored=searching.complete_path(in_order(choice.explored, choice.fitted), choice.fitted))
     bench.tally.lap("search")
     return cache, choice
+
+
+def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, LoopSettings]:
+    """Name of the class, or path of the FMU, and the settings with the files that the class is built from."""
+    if isinstance(model, Model):
+        source = model.source
+        model = model.path
+    else:
+        (path,) = paths_of((model,), "model")
+        source = ModelicaSource(main_class(path), (path,)) if path.suffix == ".mo" else None
+    if source is None:
+        return str(model), settings
+    files = {path.resolve(): path for path in (*source.files, *settings.sources)}
+    libraries = {path.resolve(): path for path in (*source.libraries, *settings.libraries)}
+    return source.name, replace(settings, sources=tuple(files.values()), libraries=tuple(libraries.values()))
 
 
 def _family(model: str, folder: Path, settings: LoopSettings) -> Family:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, reports_table
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.steps import Step
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import table_html
+from aero_bayes.show import nearest, table_html
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +41,9 @@ class NewParameter:
     q95: float
     unit: str
     description: str
+
+    def __float__(self) -> float:
+        return self.value
 
     def to_dict(self) -> dict[str, object]:
         return {
@@ -149,6 +156,8 @@ class LoopResult:
         What was fitted and predicted.
     plain : Model, optional
         The model as it stood.
+    calibrated : CalibratedModel, optional
+        The model that came out with all its values, as Modelica; none where the model came as an FMU.
 
     Examples
     --------
@@ -159,6 +168,8 @@ class LoopResult:
     ('N', True)
     >>> print(loop.diff[:30].splitlines()[0][:3])
     ---
+    >>> loop.calibrated.name
+    'Rig_coulomb_friction_fitted'
     >>> loop.to_dict()["outcome"]
     'extended'
     >>> curves = loop.series()
@@ -194,14 +205,46 @@ class LoopResult:
     data_notes: tuple[str, ...] = ()
     recordings: Recordings | None = None
     plain: Model | None = None
+    calibrated: CalibratedModel | None = None
 
-    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def __getitem__(self, name: str) -> NewParameter:
+        if name not in self.parameters:
+            raise InputError(f"no parameter {name!r}{nearest(str(name), self.parameters)}")
+        return self.parameters[name]
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Write the FMU of the model that came out, with all its values.
+
+        Parameters
+        ----------
+        path : path
+            The FMU; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For a model that was given as an FMU.
+
+        Examples
+        --------
+        >>> loop.export_fmu("Rig_with_friction.fmu").name
+        'Rig_with_friction.fmu'
+        """
+        if self.calibrated is None:
+            raise InputError(
+                f"{self.base}: was given as an FMU; {self.model}.ssp has it with its values, for other tools"
+            )
+        return self.calibrated.export_fmu(path)
+
+    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw what the models before and after make of data that was not fitted, and what each leaves.
 
         Of the output that most was left of. Dashed: twice the noise floor.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -213,13 +256,15 @@ class LoopResult:
         """
         from aero_bayes.plots import loop_figure
 
-        return loop_figure(self, figure=figure, dark=dark)
+        return loop_figure(self, figure=ax or figure, dark=dark)
 
-    def plot_rounds(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw the log-evidence (nats) that each candidate would gain, step by step; orange: chosen.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -237,7 +282,7 @@ class LoopResult:
         from aero_bayes.plots import rounds_figure
         from aero_bayes.plots.view import loop_part
 
-        return rounds_figure(loop_part(self), figure=figure, dark=dark)
+        return rounds_figure(loop_part(self), figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from aero_bayes.arguments import names_of, paths_of
 from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.climb import ClimbSettings
@@ -31,11 +32,11 @@ class LoopSettings(Settings):
         Ids, ports or laws that are not considered.
     ports, laws : tuple of str, optional
         The only ones that are; all by default.
-    sources : tuple of Path
+    sources : path or sequence of paths
         Files and package folders that the model is loaded from.
     cache : Path, optional
-        Where FMUs are kept between runs; ``fmu`` in the run's own folder by default.
-    libraries : tuple of Path
+        Where FMUs are kept between runs; by default ``fmu`` in the run's own folder, until the loop has ended.
+    libraries : path or sequence of paths
         Folders that hold packages which the model uses.
     ripple : bool
         Whether ripple locked to a rotor is taken out of the readings.
@@ -103,6 +104,14 @@ class LoopSettings(Settings):
     leave_out: tuple[str, ...] = ()
     parts: Parts | None = None
     checks: tuple[Check, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("sources", "libraries"):
+            object.__setattr__(self, name, paths_of(getattr(self, name), name))
+        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+        for name in ("free", "effects", "exclude", "ports", "laws", "undecided", "leave_out"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, given if given is None else names_of(given, name))
 
     def allows(self, port: str) -> bool:
         """Whether the engineer lets anything be found at a port."""

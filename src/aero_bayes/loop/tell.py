@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.extend import fitted_parameters
 from aero_bayes.loop.held_values import Doubt
-from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.result import LoopResult, NewParameter
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench
@@ -24,6 +25,7 @@ from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import listed, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.model import ModelicaSource
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +39,7 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
     named = any(effect.kind == "catalogue" for effect in effects)
     same = _equivalent(bench.settings, conclusion) if named else ()
     parameters = base.plain.parameters
+    fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     rivals = {r.id for step in conclusion.steps for r in step.rivals}
     sentence = conclusion.sentence + _doubted(doubted) + _ended(bench.settings, conclusion.explored.ended)
@@ -54,7 +57,7 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         residual_after=conclusion.reports,
         steps=conclusion.steps,
         shifts=moved,
-        parameters=fitted_parameters(conclusion.calibration.parameters, conclusion.refit),
+        parameters=fitted,
         noise=conclusion.refit.noise,
         modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
@@ -68,7 +71,20 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         added=written.parameters if written is not None else (),
         recordings=bench.recordings,
         plain=bench.family.plain(),
+        calibrated=_calibrated(bench.family.plain().source, conclusion, fitted),
     )
+
+
+def _calibrated(
+    source: ModelicaSource | None, conclusion: Conclusion, fitted: Mapping[str, NewParameter]
+) -> CalibratedModel | None:
+    """The model that came out with all its values; none where it came as an FMU."""
+    if source is None:
+        return None
+    calibration, written = conclusion.calibration, conclusion.written
+    values = calibration.parameters.from_search(conclusion.refit.coordinates)
+    name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
+    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added)
 
 
 def _equivalent(settings: LoopSettings, conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aero_bayes.data import Recording
@@ -20,24 +21,28 @@ from aero_bayes.workflow.curves import band_series
 TIME = "time (s)"
 
 
-def recording_figure(recording: Recording, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def recording_figure(recording: Recording, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """Inputs and outputs of a recording."""
     return run_figure(view([(recording, "train")], {}), recording.name, figure=figure, dark=dark)
 
 
-def fit_figure(fit: Fit, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def fit_figure(
+    fit: Fit, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
+) -> Figure:
     """A recording, what the fit makes of it, and what is left."""
     return run_figure(fit_view(fit), recording, figure=figure, dark=dark)
 
 
 def bands_figure(
-    posterior: Posterior, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False
+    posterior: Posterior, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
     """A recording within the posterior's 90 % band of new readings."""
     return run_figure(posterior_view(posterior), recording, figure=figure, dark=dark)
 
 
-def prediction_figure(prediction: RecordingPrediction, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def prediction_figure(
+    prediction: RecordingPrediction, *, figure: Figure | Axes | None = None, dark: bool = False
+) -> Figure:
     """A prediction with its 90 % band, over what was read if anything was."""
     name, part = prediction.recording.name, prediction.predictive
     series = band_series([name], prediction.outputs, [part.lower], [part.upper])
@@ -50,12 +55,12 @@ def prediction_figure(prediction: RecordingPrediction, *, figure: Figure | None 
     return _figure(shown, name, [*read, *unread], figure, dark)
 
 
-def loop_figure(loop: LoopResult, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def loop_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """The output that most was left of, before and after, on data that was not fitted."""
     return scene_figure(loop_view(loop), figure=figure, dark=dark)
 
 
-def scene_figure(run: RunDirectory, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def scene_figure(run: RunDirectory, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """The picture that a run's page opens with."""
     scene = opening_scene(run)
     if scene is None:
@@ -65,7 +70,7 @@ def scene_figure(run: RunDirectory, *, figure: Figure | None = None, dark: bool 
 
 
 def run_figure(
-    run: RunDirectory, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False
+    run: RunDirectory, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
     """Inputs and outputs of one recording of a run, with what the run says of them; the first by default."""
     names = run.recordings()
@@ -75,6 +80,8 @@ def run_figure(
     return _figure(run, chosen, None, figure, dark)
 
 
-def _figure(run: RunDirectory, name: str, outputs: list[str] | None, figure: Figure | None, dark: bool) -> Figure:
+def _figure(
+    run: RunDirectory, name: str, outputs: list[str] | None, figure: Figure | Axes | None, dark: bool
+) -> Figure:
     panels = recording_panels(run, name, outputs=outputs)
     return draw_panels(panels, TIME, legend(run, name), title=name, figure=figure, dark=dark)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import matplotlib
 import numpy as np
@@ -14,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from aero_bayes.errors import InputError
 from aero_bayes.plots.style import mathematics, palette, settings
 from aero_bayes.report.drawing import Band, Dots, FloatArray, Line, Panel
 from aero_bayes.report.thinning import band_envelope, column_means
 
-__all__ = ["FloatArray", "Picture", "draw_panels", "new_figure"]
+__all__ = ["FloatArray", "Picture", "draw_panels", "ground"]
 
 #: Width of a figure in inches, inches for each pixel of a panel's height, and time columns of a cloud.
 WIDTH, INCHES, COLUMNS = 8.2, 0.0115, 900
@@ -33,8 +35,16 @@ class Picture(Figure):
         return stream.getvalue()
 
 
-def new_figure(width: float, height: float, dark: bool) -> Figure:
-    """An empty figure of a size in inches."""
+def ground(figure: Figure | Axes | None, width: float, height: float, dark: bool) -> Figure:
+    """What is drawn into: a figure, the place of an axes in one, or a new figure of a size in inches."""
+    if isinstance(figure, Axes):
+        place, whole = figure.get_subplotspec(), figure.figure
+        if place is None:
+            raise InputError("ax: expected one of a grid, as matplotlib.pyplot.subplots gives them")
+        figure.remove()
+        return cast(Figure, whole.add_subfigure(place))
+    if figure is not None:
+        return figure
     colours = palette(dark)
     return Picture(figsize=(width, height), layout="constrained", facecolor=colours["ground"])
 
@@ -45,7 +55,7 @@ def draw_panels(
     legend: Sequence[tuple[str, str]] = (),
     *,
     title: str = "",
-    figure: Figure | None = None,
+    figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
     """Panels one below the other over a common x axis.
@@ -58,16 +68,15 @@ def draw_panels(
     legend : sequence of (str, str)
         Colours and what they stand for.
     title : str
-    figure : Figure, optional
-        To draw into; a new one by default.
+    figure : Figure or Axes, optional
+        To draw into, or whose place to take; a new one by default.
     dark : bool
         Colours for a dark ground.
     """
     colours = palette(dark)
     with matplotlib.rc_context(settings(colours)):
-        if figure is None:
-            height = 0.9 + sum(INCHES * panel.height + 0.32 for panel in panels)
-            figure = new_figure(WIDTH, height, dark)
+        height = 0.9 + sum(INCHES * panel.height + 0.32 for panel in panels)
+        figure = ground(figure, WIDTH, height, dark)
         heights = [panel.height for panel in panels]
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights})
         for axes, panel in zip(grid[:, 0], panels, strict=True):

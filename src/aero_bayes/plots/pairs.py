@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aero_bayes.errors import InputError
-from aero_bayes.plots.figure import FloatArray, new_figure
+from aero_bayes.plots.figure import FloatArray, ground
 from aero_bayes.plots.style import mathematics, palette, settings
 from aero_bayes.report.posterior_figures import marginal, most_correlated, rank_correlation, regions, rim, span
 from aero_bayes.report.text import minus, plain_name, pretty_unit
@@ -21,7 +21,7 @@ def pairs_figure(
     units: Mapping[str, str],
     parameters: Sequence[str] | None = None,
     *,
-    figure: Figure | None = None,
+    figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
     """Marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations.
@@ -52,7 +52,7 @@ def pairs_figure(
     colours = palette(dark)
     with matplotlib.rc_context(settings(colours) | {"axes.grid": False, "font.size": 8.0}):
         size = max(3.2, min(8.2, 1.7 * len(names)))
-        figure = figure if figure is not None else new_figure(size, size, dark)
+        figure = ground(figure, size, size, dark)
         grid = figure.subplots(len(names), len(names), squeeze=False, sharex="col")
         for row, below in enumerate(names):
             for column, name in enumerate(names):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aero_bayes.errors import InputError
-from aero_bayes.plots.figure import WIDTH, new_figure
+from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
 from aero_bayes.report.loop_figures import gain_text, rounds
 from aero_bayes.schema import LoopPart
 
 
-def rounds_figure(loop: LoopPart, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """A row for each candidate, a column for each round, bars of log-evidence gained.
 
     Raises
@@ -25,7 +26,7 @@ def rounds_figure(loop: LoopPart, *, figure: Figure | None = None, dark: bool = 
         raise InputError("the loop tried no candidate: there are no rounds to draw")
     colours = palette(dark)
     with matplotlib.rc_context(settings(colours) | {"axes.grid": False}):
-        figure = figure if figure is not None else new_figure(WIDTH, 1.1 + 0.24 * len(ids), dark)
+        figure = ground(figure, WIDTH, 1.1 + 0.24 * len(ids), dark)
         grid = figure.subplots(1, len(steps), sharey=True, squeeze=False)[0]
         for axes, step in zip(grid, steps, strict=True):
             found = {c.id: c for c in step.candidates}

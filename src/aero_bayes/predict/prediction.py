@@ -20,6 +20,7 @@ from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from aero_bayes.sample.posterior import Posterior
@@ -85,11 +86,13 @@ class RecordingPrediction:
                 found.append((output, (y - part.median[:, k])[seen], inside[seen]))
         return found
 
-    def plot(self, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw the median and the 90 % band over what was read.
 
         Parameters
         ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -101,7 +104,7 @@ class RecordingPrediction:
         """
         from aero_bayes.plots import prediction_figure
 
-        return prediction_figure(self, figure=figure, dark=dark)
+        return prediction_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Median and 90 % band by time (s): columns (output, lower | median | upper), SI units.

@@ -20,6 +20,7 @@ from aero_bayes.show import table_html
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
@@ -94,13 +95,17 @@ class RunDirectory:
             raise InputError(f"{self.path}: the run has no posterior.nc; aero-bayes posterior writes one")
         return load(path)
 
-    def plot(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(
+        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
+    ) -> Figure:
         """Draw the picture that the page opens with, or one recording with all its inputs and outputs.
 
         Parameters
         ----------
         recording : str, optional
             Name of a recording.
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -120,8 +125,8 @@ class RunDirectory:
         from aero_bayes.plots import run_figure, scene_figure
 
         if recording is None:
-            return scene_figure(self, figure=figure, dark=dark)
-        return run_figure(self, recording, figure=figure, dark=dark)
+            return scene_figure(self, figure=ax or figure, dark=dark)
+        return run_figure(self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

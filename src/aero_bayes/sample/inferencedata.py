@@ -1,7 +1,8 @@
 """The only module that touches ArviZ; works with 0.20 to 1.x.
 
-A *chain* is an ensemble; its draws are taken evenly over steps and walkers. ``log_likelihood`` holds blocks of time,
-each given all earlier readings, so that leaving one out respects the order of time; ``posterior_predictive`` and
+A *chain* is an ensemble; its draws are taken evenly over steps and walkers. ``log_likelihood`` holds each reading
+(in long recordings, blocks of a few) given all earlier ones: whitened innovations, which are independent, under the
+likelihood that the posterior is made of. ``prior`` holds draws of what is searched; ``posterior_predictive`` and
 ``observed_data`` are thinned to some hundred sample times.
 """
 
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.files import whole_file
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ def _groups(posterior: Posterior) -> tuple[dict[str, dict[str, Any]], dict[str, 
         "posterior": {n: posterior.draws[:, :, j] for j, n in enumerate(posterior.names)},
         "sample_stats": {"lp": posterior.log_posterior},
         "log_likelihood": {},
+        "prior": _prior(posterior),
         "posterior_predictive": {},
         "observed_data": {},
     }
@@ -54,6 +57,14 @@ def _groups(posterior: Posterior) -> tuple[dict[str, dict[str, Any]], dict[str, 
             groups["observed_data"][variable] = measured[rows, k]
             dims[variable] = [f"time_{label}"]
     return groups, coords, dims
+
+
+def _prior(posterior: Posterior) -> dict[str, Any]:
+    """As many draws from the priors of the parameters as a chain has; the noise has none that can be drawn from."""
+    fit = posterior.fit
+    part = ParameterSet(tuple(fit.calibration.parameters.items[j] for j in fit.free))
+    drawn = part.sample_prior(np.random.default_rng(posterior.seed), posterior.draws.shape[1])
+    return {name: drawn[None, :, j] for j, name in enumerate(part.names)}
 
 
 def to_inference_data(posterior: Posterior) -> Any:

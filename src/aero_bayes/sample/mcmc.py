@@ -123,7 +123,7 @@ def run(
     settings: SampleSettings,
     seed: int,
     *,
-    checkpoint: Checkpoint | Path | None = None,
+    checkpoint: Checkpoint | Path | str | None = None,
     identity: str = "",
     moves: MakeMoves = standard_moves,
     progress: Callable[[str, float, str], None] | None = None,

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import threadpool_limits
 
+from aero_bayes.arguments import one
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.data import Recording
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.result import (
@@ -25,6 +26,7 @@ from aero_bayes.estimate.result import (
     estimates_frame,
     estimates_html,
     fixed_parameters,
+    named_estimate,
     noise_table,
 )
 from aero_bayes.estimate.target import JointTarget
@@ -37,6 +39,7 @@ from aero_bayes.simulation.interface import Outcome, Simulator
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from aero_bayes.predict import RecordingPrediction
@@ -141,6 +144,9 @@ class Posterior:
         unfinished = () if self.converged else (f"The sampling has not converged: {self.reason}.",)
         return unfinished + self.fit.warnings
 
+    def __getitem__(self, name: str) -> Estimate:
+        return named_estimate(self.parameters, name)
+
     def samples(self, name: str) -> FloatArray:
         """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
         return self.draws[:, :, self.names.index(name)].ravel()
@@ -164,7 +170,7 @@ class Posterior:
             if estimate.status is Status.AT_BOUND:
                 table[name] = estimate
                 continue
-            base = replace(estimate, value=q50, status=status_of(ratio), note="")
+            base = replace(estimate, value=q50, status=self.fit.identifiability.capped(name, status_of(ratio)), note="")
             if base.status is Status.UNIDENTIFIED:
                 table[name] = replace(
                     base, sd=None, q05=None, q50=None, q95=None, note="the data says no more of it than the prior"
@@ -213,11 +219,11 @@ class Posterior:
             "seconds": self.fit.seconds + self.seconds,
         }
 
-    def save(self, path: Path) -> Path:
+    def save(self, path: Path | str) -> Path:
         """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
         from aero_bayes.sample.inferencedata import save
 
-        return save(self, path)
+        return save(self, Path(path))
 
     @property
     def idata(self) -> Any:
@@ -276,7 +282,12 @@ class Posterior:
         return predict(self, inputs, draws=draws, seed=seed, workers=workers)
 
     def plot(
-        self, parameters: Sequence[str] | None = None, *, figure: Figure | None = None, dark: bool = False
+        self,
+        parameters: Sequence[str] | None = None,
+        *,
+        ax: Axes | None = None,
+        figure: Figure | None = None,
+        dark: bool = False,
     ) -> Figure:
         """Draw how the parameters hang together: marginals, 50 % and 90 % regions, rank correlations.
 
@@ -284,6 +295,8 @@ class Posterior:
         ----------
         parameters : sequence of str, optional
             Which; by default at most eight, those in the strongest correlations.
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -303,15 +316,19 @@ class Posterior:
 
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return pairs_figure(by_name, units, parameters, figure=figure, dark=dark)
+        return pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
 
-    def plot_bands(self, recording: str | None = None, *, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot_bands(
+        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
+    ) -> Figure:
         """Draw a fitted recording within the 90 % band of new readings.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
@@ -328,7 +345,7 @@ class Posterior:
         """
         from aero_bayes.plots import bands_figure
 
-        return bands_figure(self, recording, figure=figure, dark=dark)
+        return bands_figure(self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each parameter: median, standard deviation, quantiles (SI), unit, status, prior, bounds.
@@ -354,28 +371,30 @@ class Posterior:
 def sample(
     fit: Fit,
     *,
+    draws: int | None = None,
+    chains: int | None = None,
     settings: SampleSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
-    checkpoint: Checkpoint | Path | None = None,
+    checkpoint: Checkpoint | Path | str | None = None,
     progress: Progress | None = None,
-    simulator: Simulator | None = None,
 ) -> Posterior:
     """Draw from the posterior of physical parameters, nuisances and noise together.
 
     Parameters
     ----------
     fit : Fit
+    draws, chains : int, optional
+        Draws that each chain keeps, and how many chains, four at least; as ``settings`` say by default. A chain is an
+        ensemble of walkers.
     settings : SampleSettings, optional
     seed : int
     workers : int, optional
         Worker processes; all cores by default.
-    checkpoint : Checkpoint or Path, optional
+    checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
     progress : callable, optional
         Told a phase, how far it is (0 to 1), and a line of text.
-    simulator : Simulator, optional
-        Of the fit's problem, open; by default one with the fit's engine is opened and closed.
 
     Raises
     ------
@@ -392,12 +411,14 @@ def sample(
     from aero_bayes.simulation import open_simulator
 
     settings = settings or SampleSettings()
-    engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"
+    settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
+    if settings.ensembles < 4:
+        raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
+    engine: Literal["native", "fmpy"] = "fmpy" if one(fit, Fit, "fit").engine == "fmpy" else "native"
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        if simulator is None:
-            simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
+        simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
         return _sample(fit, settings, seed, checkpoint, progress, simulator)
 
 
@@ -405,7 +426,7 @@ def _sample(
     fit: Fit,
     settings: SampleSettings,
     seed: int,
-    checkpoint: Checkpoint | Path | None,
+    checkpoint: Checkpoint | Path | str | None,
     progress: Progress | None,
     simulator: Simulator,
 ) -> Posterior:

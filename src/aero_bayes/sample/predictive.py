@@ -32,9 +32,9 @@ class Predictive:
     draws : ndarray, shape (draws, k, m)
         Predicted readings: outputs plus one draw of the noise, correlation included.
     block_edges : ndarray, shape (b + 1,)
-        Times between the blocks.
+        Times between the blocks: of one sample each, in recordings of up to two thousand.
     log_likelihood : ndarray, shape (draws, b)
-        Log-density of each block's readings given all earlier ones.
+        Log-density of each block's readings given all earlier ones, by the likelihood that the posterior is made of.
     """
 
     time: FloatArray
@@ -58,7 +58,7 @@ def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatAr
 
 
 def predict(
-    joint: JointTarget, points: FloatArray, rng: np.random.Generator, *, stored: int = 600, blocks: int = 60
+    joint: JointTarget, points: FloatArray, rng: np.random.Generator, *, stored: int = 600, blocks: int = 2000
 ) -> tuple[Predictive, ...]:
     """Predictions of posterior draws for each recording.
 
@@ -83,12 +83,12 @@ def predict(
     collected: list[list[FloatArray]] = [[] for _ in experiments]
     densities: list[list[FloatArray]] = [[] for _ in experiments]
     kept_noise: list[FloatArray] = []
-    for rows, outputs in _simulated(joint, points[:, :free]):
+    for rows, outputs, likely in _simulated(joint, points[:, :free]):
         kept_noise.append(noise[rows])
         for e, experiment in enumerate(experiments):
             measured = np.asarray(experiment.measured)
             collected[e].append(outputs[e].astype(np.float32))
-            density = recording_log_density(experiment.time, measured - outputs[e], noise[rows])
+            density = recording_log_density(experiment.time, measured - likely[e], noise[rows])
             bounds = edges(experiment.time.size, blocks)
             densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
     if not kept_noise:
@@ -107,14 +107,18 @@ def edges(n: int, blocks: int) -> NDArray[np.int64]:
 
 def _simulated(
     joint: JointTarget, coordinates: FloatArray, size: int = 25
-) -> Iterator[tuple[NDArray[np.int64], tuple[FloatArray, ...]]]:
-    """Trajectories of a few draws at a time; draws that fail are left out."""
+) -> Iterator[tuple[NDArray[np.int64], tuple[FloatArray, ...], tuple[FloatArray, ...]]]:
+    """Trajectories of a few draws at a time, and those at which the likelihood is taken, which differ where it was
+    widened; draws that fail are left out."""
+    spread = joint.target.spread
     for first in range(0, len(coordinates), size):
         rows = np.arange(first, min(first + size, len(coordinates)))
-        result = joint.target.simulator.simulate(joint.target.values(coordinates[rows]))
-        good = np.all(result.outcomes == Outcome.OK, axis=1)
+        result = likely = joint.target.simulator.simulate(joint.target.values(coordinates[rows]))
+        if spread is not None:
+            likely = joint.target.simulator.simulate(joint.target.values(spread(coordinates[rows])))
+        good = np.all((result.outcomes == Outcome.OK) & (likely.outcomes == Outcome.OK), axis=1)
         if good.any():
-            yield rows[good], tuple(y[good] for y in result.outputs)
+            yield rows[good], tuple(y[good] for y in result.outputs), tuple(y[good] for y in likely.outputs)
 
 
 def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:

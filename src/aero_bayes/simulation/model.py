@@ -45,6 +45,15 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class ModelicaSource:
+    """What a model was built from: full name of its class, files and package folders, folders of libraries."""
+
+    name: str
+    files: tuple[Path, ...] = ()
+    libraries: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True)
 class Model:
     """An FMU on disk and its description.
 
@@ -78,6 +87,8 @@ class Model:
         Whether co-simulation takes the slope of an input over a step beside its value.
     declared : Declaration
         What the package that it is from declares of its rigs.
+    source : ModelicaSource, optional
+        What it was built from, where that is known.
 
     Examples
     --------
@@ -114,6 +125,7 @@ class Model:
     takes_any_step: bool = True
     interpolates_inputs: bool = False
     declared: Declaration = field(default=Declaration(), compare=False, repr=False)
+    source: ModelicaSource | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def load(cls, path: Path | str) -> Model:
@@ -231,14 +243,14 @@ class Model:
         rows = [(name, r["kind"], r["unit"], _number(r["start"]), r["description"]) for name, r in frame.iterrows()]
         return table_html(("name", "kind", "unit", "start", "description"), rows, repr(self).strip("<>"))
 
-    def unpack(self, folder: Path) -> Path:
+    def unpack(self, folder: Path | str) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
-        archive.unpack(self.path, folder)
+        archive.unpack(self.path, Path(folder))
         return self.binary_in(folder)
 
-    def binary_in(self, folder: Path) -> Path:
+    def binary_in(self, folder: Path | str) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
-        return folder / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+        return Path(folder) / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
 
 
 def _is_shared_library(header: bytes) -> bool:

@@ -12,15 +12,19 @@ import click
 
 from aero_bayes.bench import default_recordings
 from aero_bayes.checkpoint import Checkpoint
-from aero_bayes.config import load_config
+from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import read_recording, summarise
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.files import one_run_at_a_time
+from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.replay import Replay, replay_paper
 from aero_bayes.report import write_report
 from aero_bayes.sample.posterior import Posterior, sample
+from aero_bayes.scratch import ScratchFolder
+from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
     Series,
@@ -31,7 +35,16 @@ from aero_bayes.workflow.curves import (
     ripple_series,
 )
 from aero_bayes.workflow.describe import preamble, residual_table, verdict
-from aero_bayes.workflow.job import Job, RunOptions, built_model, columns_of, layout_of, open_job, which_model
+from aero_bayes.workflow.job import (
+    Job,
+    RunOptions,
+    built_model,
+    check_default,
+    columns_of,
+    layout_of,
+    open_job,
+    which_model,
+)
 from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
@@ -52,7 +65,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
             found = fit_job(job, progress, kept)
             doubts = _doubts(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, doubts, _closing(result)], series)
+        _finish(job, "fit", began, [result, doubts, _closing(result)], series, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -67,7 +80,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
         result = merge(result, sampled, doubts)
-        _finish(job, "posterior", began, [result, _closing(result)], series | bands)
+        _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
@@ -78,7 +91,8 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
         with ProgressBar(options.quiet) as progress:
             loop = run_loop(job, progress, kept)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
-        _finish(job, "close-loop", began, [preamble(job, "close-loop"), loop_part(job, loop)], series)
+        parts = [preamble(job, "close-loop"), loop_part(job, loop)]
+        _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *, paper: bool = True) -> None:
@@ -107,12 +121,13 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
         result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
         series = series | bands | (table.series if table is not None else {})
         if loop is None:
-            _finish(final, "all", began, [result, _closing(result)], series)
+            _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
             return
         story = loop_part(job, loop)
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        _finish(final, "all", began, [result, {"loop": story["loop"]}, closing], series)
+        parts = [result, {"loop": story["loop"]}, closing]
+        _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
 def _paper(job: Job, progress: ProgressBar) -> Replay:
@@ -179,6 +194,8 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     known = declared.systems or (named and not any(c.unit for c in section.columns.values()))
     model = None if known else built_model(config, name, fmu)
     layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
+    if config_path is None:
+        check_default(files, layout)
     summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
@@ -231,17 +248,65 @@ def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
     )
 
 
+def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
+    """The model with all values of a fit; none where it came as an FMU."""
+    return found.calibrated if job.modelica else None
+
+
 def _closing(result: Json) -> Json:
     return {"verdict": verdict(result["residual"], result.get("mcmc"))}
 
 
-def _finish(job: Job, command: str, began: float, parts: Sequence[Json], series: Series) -> None:
+def _finish(
+    job: Job,
+    command: str,
+    began: float,
+    parts: Sequence[Json],
+    series: Series,
+    calibrated: CalibratedModel | None,
+) -> None:
     """Write everything and say where."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    result |= context_part(job, result)
-    write_series(out, only_measured(series))
-    write_result(out, result)
-    page = write_report(out)
+    page = _page(job, result, series)
     click.echo(result["verdict"]["text"].replace("`", ""))
     click.echo(f"wrote {out / 'result.json'} and {page}")
+    if calibrated is not None:
+        written = calibrated.write(out)
+        try:
+            made = f"{written} and {calibrated.export_fmu(written.with_suffix('.fmu'))}"
+        except InputError as error:
+            click.echo(f"note: {written} cannot be compiled here: {error}", err=True)
+            made = f"{written}"
+        click.echo(f"wrote {made}: the model with all fitted values")
+
+
+def _page(job: Job, result: Json, series: Series) -> Path:
+    """Write the files of a run and draw its page."""
+    out = job.options.out
+    write_series(out, only_measured(series))
+    write_result(out, result | context_part(job, result))
+    return write_report(out)
+
+
+def write_page(found: Fit | Posterior, path: Path) -> Path:
+    """Write the page of a fit or a posterior that no command made."""
+    fit = found.fit if isinstance(found, Posterior) else found
+    calibration, model = fit.calibration, fit.calibration.model
+    source = model.source or ModelicaSource(model.name)
+    with ScratchFolder() as scratch:
+        config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
+        job = Job(
+            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.recordings, (),
+            calibration.parameters, dict(calibration.fixed),
+        )  # fmt: skip
+        result, series = fit_part(job, fit)
+        if isinstance(found, Posterior):
+            sampled, bands = _posterior_part(found)
+            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+            found.save(scratch / "posterior.nc")
+        page = _page(job, result | _closing(result), series)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            temporary.write_bytes(page.read_bytes())
+    return path

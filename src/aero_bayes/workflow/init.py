@@ -7,7 +7,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -23,7 +23,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import whole_file
 from aero_bayes.language.own_parameters import OwnClasses
-from aero_bayes.language.sources import read_classes_of
+from aero_bayes.language.sources import main_class, read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
 from aero_bayes.library import load_model
 from aero_bayes.simulation import Model, open_simulator
@@ -40,6 +40,8 @@ SAMPLES = 2000
 FELT = 1e-4
 #: Share of a parameter's effect that others do not imitate, below which it cannot be told from them.
 APART = 1e-3
+#: A temperature in K where nothing is known.
+ROOM = 293.15
 #: Why a parameter is left to what the data tell.
 CONFOUNDED = "the outputs cannot tell it from those above"
 
@@ -99,27 +101,6 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     click.echo(f"wrote {out}")
     for signal in matched.signals_left:
         click.echo(f"no column of {data.name} was matched to {signal}: see the comment in {out}")
-
-
-def main_class(source: Path) -> str:
-    """Full name of the one model of a source that no other class there uses.
-
-    Raises
-    ------
-    InputError
-        If there is none, or several; names them.
-    """
-    found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
-    words = {
-        c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}
-        for c in read_classes_of(source)
-    }
-    roots = [c for c in found if not any(c.name in own for name, own in words.items() if name != c.full_name)]
-    if len(roots) == 1:
-        return roots[0].full_name
-    if not found:
-        raise InputError(f"{source}: holds no model")
-    raise InputError(f"{source}: say which model with --model: {', '.join(c.full_name for c in roots or found)}")
 
 
 def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:
@@ -229,7 +210,17 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
         if v.name not in matched.columns
     ]
     given = f"{role} = [{', '.join(_text(v.name) for v in known)}]"
-    return [*lines, given if known or not variables else f"# {role} = [...]"]
+    lines.append(given if known or not variables else f"# {role} = [...]")
+    left = [v for v in variables if v.name not in matched.columns]
+    if role == "inputs" and left:
+        values = ", ".join(f"{_key(v.name)} = {_usual(v)!r}" for v in left)
+        lines.append(f"# constants = {{{values}}}  # an input without a column needs a value, in the unit above")
+    return lines
+
+
+def _usual(v: Variable) -> float:
+    """A value for an input that was not recorded: the model's own, else that of a room."""
+    return v.start or (ROOM if v.unit == "K" else 0.0)
 
 
 def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
@@ -270,7 +261,9 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     config = Config.model_validate(tomllib.loads(head))
     if config.data.outputs is None or (model.inputs and config.data.inputs is None):
         return None
-    recording = read_recording(data, layout=layout_of(config, model.declared, model), columns=columns_of(config))
+    layout = layout_of(config, model.declared, model)
+    left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
+    recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
     settings = CalibrationSettings(delay="none", start="estimated")
     calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLES)
     with open_simulator(calibration.problem()) as simulator:

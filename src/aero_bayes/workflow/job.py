@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import click
+
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
+from aero_bayes.data.checks import longest_gap
+from aero_bayes.data.read import column_names
 from aero_bayes.declared import Declaration
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.library import load_model
+from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import SolverSettings
-from aero_bayes.simulation.model import Model
-from aero_bayes.workflow.timescale import check_duration
+from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.workflow.timescale import check_duration, check_sampling
 
 Engine = Literal["native", "fmpy"]
+#: Where times are looked for unless the configuration says otherwise.
+TIME = ColumnMap("time")
 
 
 @dataclass(frozen=True)
@@ -101,6 +110,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         declared = model.declared
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
     columns = columns_of(config)
+    if options.config is None and options.model is None:
+        check_default([*files, *tests], layout)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
     held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
     if fmu is None:
@@ -109,16 +120,36 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             if model is not None:
                 with whole_file(built) as temporary:
                     shutil.copyfile(model.path, temporary)
+                model = replace(Model.load(built), source=ModelicaSource(name, sources, libraries))
             else:
-                export_fmu(name, built, sources=sources, libraries=libraries)
-        model = Model.load(built)
+                model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
+    check_plausible((*recordings, *held_out), model)
     parameters = parameters_of(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
+    elif columns.get("time", TIME).unit is None:
+        check_sampling(recordings, model, fixed)
+    for recording in recordings:
+        if gap := longest_gap(recording):
+            click.echo(f"note: {recording.path}: {gap}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+
+
+def check_default(files: Sequence[Path], layout: Layout) -> None:
+    """Say that no model was named, where a recording is none of the model that is worked on then."""
+    for path in files:
+        there = column_names(path) if path.is_file() else []
+        lacking = [q.name for q in layout.inputs if q.name not in there]
+        if there and lacking:
+            near = [p for p in sorted(path.absolute().parent.glob("*.toml")) if p.name != "pyproject.toml"]
+            which = " or ".join(f"--config {os.path.relpath(p)}" for p in near[:3]) or "--config FILE.toml"
+            raise InputError(
+                f"{path}: has no column {lacking[0]}, which the default model {DEFAULT_MODEL} needs (found "
+                f"{', '.join(there)}); name your model by {which}"
+            )
 
 
 def _different(files: Sequence[Path]) -> None:
@@ -153,22 +184,24 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
 
 def layout_of(config: Config, declared: Declaration, model: Model | None = None) -> Layout:
     """The columns that the configuration names, else those that the package declares, else the model's own."""
-    known = Layout.declared(declared)
+    known, constants = Layout.declared(declared), config.data.constants
     quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
     units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
     own = (model.inputs, model.outputs) if model is not None else ((), ())
 
     def columns(named: Sequence[str] | None, role: int) -> tuple[Quantity, ...]:
         usual = [q.name for q in (known.inputs, known.outputs)[role]] or [v.name for v in own[role]]
-        names = usual if named is None else named
+        names = [name for name in usual if name not in constants] if named is None else named
         return tuple(quantities.get(name, Quantity(name, units.get(name, ""))) for name in names)
 
-    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates)
+    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates, constants)
 
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
     return {
-        name: ColumnMap(section.source, section.unit, section.scale, section.offset, section.counts_per_revolution)
+        name: ColumnMap(
+            section.source or name, section.unit, section.scale, section.offset, section.counts_per_revolution
+        )
         for name, section in config.data.columns.items()
     }
 
@@ -179,12 +212,19 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
     known = {variable.name for variable in model.parameters}
     for name, section in config.parameters.items():
         if name not in known:
-            raise InputError(f"model {model.name} has no parameter {name}; it has {', '.join(sorted(known))}")
+            raise InputError(
+                f"{config.place(name)}model {model.name} has no parameter {name}{nearest(name, sorted(known))}"
+            )
         held = section.free in (False, "later")
         if held or (section.free is None and name not in overrides and section.value is not None):
             overrides.pop(name, None)
         else:
-            overrides[name] = _override(name, section, overrides.get(name, Override()))
+            try:
+                overrides[name] = _override(name, section, overrides.get(name, Override()))
+                parameters_from_model(model, overrides={name: overrides[name]})
+            except InputError as error:
+                which = "" if name in str(error) else f"{name}: "
+                raise InputError(f"{config.place(name)}{which}{error}") from None
     if not overrides:
         raise InputError(
             f"model {model.name} declares no parameters to fit: name them, "

@@ -13,7 +13,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.result import held_because
-from aero_bayes.export import export_fmu
+from aero_bayes.library import load_model
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import Series
@@ -123,11 +123,12 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
     if not added:
         return job
     out = job.options.out
-    fmu = out / f"{loop.model}.fmu"
+    section = job.config.model
     if job.modelica:
-        sources = [*job.config.model.sources, out / loop.modelica_path]
-        export_fmu(loop.model, fmu, sources=sources, libraries=job.config.model.libraries)
-    model = Model.load(fmu)
+        sources = [*section.sources, out / loop.modelica_path]
+        model = load_model(loop.model, sources=sources, libraries=section.libraries, folder=out)
+    else:
+        model = Model.load(out / f"{loop.model}.fmu")
     freed = [p for p in later_of(job) if p.name in loop.parameters]
     fixed = {name: value for name, value in job.fixed.items() if name not in loop.parameters}
     parameters = job.parameters.extended([*freed, *loop.added])

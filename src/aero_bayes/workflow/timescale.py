@@ -1,9 +1,10 @@
-"""Is a recording long enough? The slowest mode of the model that its outputs see, from the model's linearisation."""
+"""Do a recording and a model move at the same pace? The modes of the model, from its linearisation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import Experiment, Outcome, Problem, SolverSettings, StartTarget
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 
-#: Span over which the linearised model is propagated, in s, and rates below which a mode counts as an integrator.
-SPAN, STANDING = 1e-3, 1e-4
+#: Span over which the linearised model is propagated, in s.
+#: Rates in 1/s below which a mode counts as an integrator, and below which it counts as standing still.
+SPAN, INTEGRATING, STANDING = 1e-3, 1e-6, 1e-4
 #: Speed at which a model counts as moving, in its unit.
 SPEED, SPEED_UNITS = 1.0, ("rad/s", "m/s")
 #: Share of an eigenvector from which an output is taken to see the mode.
@@ -41,7 +43,7 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
     for recording in recordings:
         seen = [name for name, values in recording.outputs.items() if np.isfinite(values).any()]
         needed = min(
-            max((length for length, visible in modes if any(visible.get(name, True) for name in seen)), default=0.0)
+            max((m.length for m in modes if abs(m.rate) >= STANDING and m.seen_by(seen)), default=0.0)
             for modes in points
         )
         if recording.duration < needed:
@@ -51,13 +53,53 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
             )
 
 
-def _modes(model: Model, fixed: Mapping[str, float], start: FloatArray) -> list[tuple[float, dict[str, bool]]]:
-    """Length of each mode about a state (s,), and which states show it.
+def check_sampling(recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> None:
+    """Refuse times in ms that are read as s: between two samples every motion of the model is over.
 
-    The length in s is the period, or the time constant where the mode does not oscillate.
+    Raises
+    ------
+    InputError
+        Naming the recording, its interval and the slowest mode.
     """
+    recording = max(recordings, key=lambda r: r.interval)
+    signals = tuple(InputSignal(name, np.zeros(1), values[:1]) for name, values in recording.inputs.items())
+    rest = np.array([state.start or 0.0 for state in model.states])
+    try:
+        modes = _modes(model, fixed, rest, signals) if model.states else []
+    except InputError:
+        return  # a fit may begin elsewhere
+    slowest = max((m.length for m in modes), default=0.0)
+    if slowest and recording.interval > slowest:
+        raise InputError(
+            f"{recording.path or recording.name}, column time: a sample every {recording.interval:.3g} s, but the "
+            f"slowest motion of {model.name} takes {slowest:.3g} s: looks like ms; say so by [data.columns.time] "
+            'unit = "ms", or unit = "s" if it is right'
+        )
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode by its rate in 1/s, and which states and outputs show it."""
+
+    rate: complex
+    shown: Mapping[str, bool]
+
+    @property
+    def length(self) -> float:
+        """Its period in s, or its time constant where it does not oscillate."""
+        return 2.0 * math.pi / abs(self.rate) if abs(self.rate.imag) > STANDING else 1.0 / abs(self.rate)
+
+    def seen_by(self, outputs: Sequence[str]) -> bool:
+        """Whether one of the outputs shows it."""
+        return any(self.shown.get(name, True) for name in outputs)
+
+
+def _modes(
+    model: Model, fixed: Mapping[str, float], start: FloatArray, inputs: tuple[InputSignal, ...] = ()
+) -> list[Mode]:
+    """The modes about a state (s,) but for integrators, with inputs at zero where they are not given."""
     names = tuple(state.name for state in model.states)
-    experiment = Experiment(np.array([0.0, SPAN]), names)
+    experiment = Experiment(np.array([0.0, SPAN]), names, inputs)
     targets = tuple(StartTarget(name) for name in names)
     problem = Problem(model, (experiment,), (targets,), dict(fixed), SolverSettings(1e-10, 1e-10))
     with open_simulator(problem, workers=1) as simulator:
@@ -74,9 +116,9 @@ def _modes(model: Model, fixed: Mapping[str, float], start: FloatArray) -> list[
         if abs(value) < 1e-12:
             continue
         rate = np.log(complex(value)) / SPAN
-        if abs(rate) < STANDING:
+        if abs(rate) < INTEGRATING:
             continue
         shares = dict(zip(names, (np.abs(vector) > VISIBLE * np.abs(vector).max()).tolist(), strict=True))
         shares |= {output: shares[state] for output, state in aliases.items()}
-        modes.append((2.0 * math.pi / abs(rate) if abs(rate.imag) > STANDING else 1.0 / abs(rate), shares))
+        modes.append(Mode(rate, shares))
     return modes

@@ -1,0 +1,58 @@
+"""What callers give a function: one or several of a kind, each of the right type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from aero_bayes.errors import InputError
+
+Item = TypeVar("Item")
+#: What gives an object of a kind.
+FROM = {
+    "Fit": "aero_bayes.fit",
+    "Model": "aero_bayes.load_model",
+    "Recording": "aero_bayes.read_recording or Recording.from_frame",
+}
+#: One path, or several.
+Paths = str | Path | Sequence[str | Path]
+
+
+def several(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
+    """One object or a sequence of them as a tuple.
+
+    Raises
+    ------
+    InputError
+        For another type; says what was expected and what came.
+    """
+    items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    return tuple(one(item, kind, what) for item in items)
+
+
+def one(given: Item, kind: type[Item], what: str) -> Item:
+    """The same object, if it is of a kind; InputError otherwise."""
+    if not isinstance(given, kind):
+        source = f", as {FROM[kind.__name__]} gives one" if kind.__name__ in FROM else ""
+        raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
+    return given
+
+
+def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
+    """One path or a sequence of them; InputError for what is none."""
+    items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    for item in items:
+        if not isinstance(item, str | Path):
+            raise InputError(f"{what}: expected paths, got {_shown(item)}")
+    return tuple(map(Path, items))
+
+
+def names_of(given: str | Sequence[str], what: str) -> tuple[str, ...]:
+    """One name or a sequence of them; InputError for what is none."""
+    return several(given, str, what)
+
+
+def _shown(given: object) -> str:
+    text = repr(given)
+    return f"{type(given).__name__} {text}" if len(text) <= 60 else type(given).__name__

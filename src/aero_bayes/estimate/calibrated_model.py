@@ -1,0 +1,230 @@
+"""A model with all values of a fit: a Modelica class that extends it, and the FMU of that class."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.export import export_fmu
+from aero_bayes.files import whole_file
+from aero_bayes.scratch import ScratchFolder
+from aero_bayes.show import listed, with_unit
+from aero_bayes.simulation.interface import ParameterTarget, StartTarget
+from aero_bayes.simulation.model import Model, ModelicaSource
+
+#: Values of one element, or of the elements of an array.
+Values = float | list["Values"]
+#: Modifications by component: a value and what is said of it, or those inside.
+Tree = dict[str, "tuple[str, str] | Tree"]
+
+
+class Interval(Protocol):
+    """Central 90 % interval of a parameter, None where it has none."""
+
+    @property
+    def q05(self) -> float | None: ...
+
+    @property
+    def q95(self) -> float | None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedModel:
+    """A Modelica class that gives a model its fitted values.
+
+    Parameters
+    ----------
+    base : ModelicaSource
+        The class that it extends.
+    parameters : mapping of str to float
+        Every parameter that has another value than the model's own, in SI units; all elements of an array.
+    remarks : mapping of str to str
+        What stands beside a value.
+    header : tuple of str
+        What stands above all of them.
+    added : mapping of str to str
+        Modelica files that were written for it and are needed too: name and text.
+
+    Examples
+    --------
+    >>> fit.calibrated.name, round(fit.calibrated.parameters["k"])
+    ('Rig_fitted', 55)
+    >>> print(fit.calibrated.text.splitlines()[0])
+    within ;
+    """
+
+    base: ModelicaSource
+    parameters: Mapping[str, float]
+    remarks: Mapping[str, str] = field(default_factory=dict)
+    header: tuple[str, ...] = ()
+    added: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the class."""
+        return f"{self.base.name.rpartition('.')[2]}_fitted"
+
+    @property
+    def text(self) -> str:
+        """The Modelica file."""
+        lines = [f"  // {line}" for line in self.header]
+        modifiers = _modifiers(_tree(self.parameters, self.remarks))
+        extends = [f"  extends {self.base.name}(", *(f"    {m}" for m in modifiers), "  );"]
+        lines += extends if modifiers else [f"  extends {self.base.name};"]
+        title = f'model {self.name} "{self.base.name} with the values of a fit"'
+        return "\n".join(["within ;", title, *lines, f"end {self.name};", ""])
+
+    def write(self, folder: Path | str) -> Path:
+        """Write ``NAME.mo`` to a ``folder``, and beside it the files that were written for it; returns its path."""
+        target = Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        for name, text in {**self.added, f"{self.name}.mo": self.text}.items():
+            with whole_file(target / name) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        return target / f"{self.name}.mo"
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Compile the class to the FMU ``path``."""
+        with ScratchFolder() as scratch:
+            written = self.write(scratch)
+            sources = [*self.base.files, *(scratch / name for name in self.added), written]
+            return export_fmu(self.name, Path(path), sources=sources, libraries=self.base.libraries)
+
+
+def calibrated_model(
+    calibration: Calibration,
+    values: NDArray[np.float64],
+    intervals: Mapping[str, Interval],
+    *,
+    source: ModelicaSource | None = None,
+    added: Mapping[str, str] | None = None,
+) -> CalibratedModel:
+    """The class with the values (p,) of a calibration's parameters, and those that it holds.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    values : ndarray, shape (p,)
+        In SI units.
+    intervals : mapping
+        Of parameters by name.
+    source : ModelicaSource, optional
+        Of the model; by default what the model was built from.
+    added : mapping of str to str, optional
+        Modelica files that were written for it: name and text.
+
+    Raises
+    ------
+    InputError
+        For an FMU whose Modelica source is not known.
+    """
+    model = calibration.model
+    base = source or model.source
+    if base is None:
+        raise InputError(
+            f"{model.path.name}: a model with fitted values is compiled from its Modelica source, which is not known "
+            "of this FMU; set the values of fit.to_frame() where the FMU is used"
+        )
+    fitted = {p.target.name: (p.name, v) for p, v in zip(calibration.parameters, values.tolist(), strict=True)
+              if isinstance(p.target, ParameterTarget)}  # fmt: skip
+    units = {v.name: v.unit for v in model.parameters}
+    remarks = {name: "held" for name in calibration.fixed}
+    for target, (name, _) in fitted.items():
+        remarks[target] = _interval_text(intervals.get(name), units.get(target, ""))
+    given = {**calibration.fixed, **{target: value for target, (_, value) in fitted.items()}}
+    data = ", ".join(r.path.name if r.path is not None else r.name for r in calibration.recordings)
+    header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
+    needed = [*(file.name for file in base.files), *(added or {})]
+    header += [f"Load {listed(needed)} first."] if needed else []
+    return CalibratedModel(
+        base, _whole_arrays(model, given), remarks, (*header, *_beside(calibration, values)), dict(added or {})
+    )
+
+
+def _beside(calibration: Calibration, values: NDArray[np.float64]) -> list[str]:
+    """What belongs to the recordings and is not written into the model: initial values and delays."""
+    lines, estimated = [], set()
+    for p, value in zip(calibration.parameters, values.tolist(), strict=True):
+        if isinstance(p.target, StartTarget):
+            estimated.add(p.target.state)
+        if not isinstance(p.target, ParameterTarget):
+            lines.append(f"{p.name} = {with_unit(f'{value:.12g}', p.unit)}: {p.description}, not in the model")
+    for name, experiment in zip(calibration.names, calibration.experiments, strict=True):
+        held = {state: value for state, value in experiment.start.items() if state not in estimated}
+        lines += [f"{state} starts at {value:.12g} in {name}, not in the model" for state, value in held.items()]
+    return lines
+
+
+def _interval_text(found: Interval | None, unit: str) -> str:
+    if found is None or found.q05 is None or found.q95 is None:
+        return ", ".join(filter(None, (with_unit("", unit).strip(), "no interval")))
+    return with_unit(f"{found.q05:.6g} to {found.q95:.6g}", unit)
+
+
+def _parts(name: str) -> list[str]:
+    """The parts of a component's name, without what stands in brackets."""
+    return re.sub(r"\[[^\]]*\]", "", name).split(".")
+
+
+def _indices(name: str) -> tuple[int, ...]:
+    return tuple(int(n) for n in re.findall(r"\d+", ",".join(re.findall(r"\[([^\]]*)\]", name))))
+
+
+def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
+    """The values, with the model's own for the other elements of an array: Modelica sets an array as a whole."""
+    arrays = {tuple(_parts(name)) for name in given if "[" in name}
+    own = {v.name: v.start for v in model.parameters if v.start is not None and tuple(_parts(v.name)) in arrays}
+    return {**own, **given}
+
+
+def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> Tree:
+    """Values with their remarks, by components as they are nested; an array's elements are one value."""
+    arrays: dict[tuple[str, ...], dict[tuple[int, ...], float]] = {}
+    said: dict[tuple[str, ...], list[str]] = {}
+    for name, value in given.items():
+        path = tuple(_parts(name))
+        arrays.setdefault(path, {})[_indices(name)] = value
+        said.setdefault(path, []).extend([remarks[name]] if name in remarks else [])
+    tree: Tree = {}
+    for path in sorted(arrays):
+        node: Any = tree
+        for part in path[:-1]:
+            node = node.setdefault(part, {})
+        node[path[-1]] = _text(_array(arrays[path].items())), "; ".join(said[path])
+    return tree
+
+
+def _modifiers(tree: Tree, indent: str = "") -> list[str]:
+    """Lines of a class modification, a parameter a line."""
+    lines = []
+    for k, (name, node) in enumerate(tree.items(), 1):
+        comma = "," if k < len(tree) else ""
+        if isinstance(node, dict):
+            lines += [f"{indent}{name}(", *_modifiers(node, f"{indent}  "), f"{indent}){comma}"]
+        else:
+            value, about = node
+            lines.append(f"{indent}{name} = {value}{comma}{f'  // {about}' if about else ''}")
+    return lines
+
+
+def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> Values:
+    """Elements by their indices as nested lists."""
+    rows = sorted(elements)
+    if rows[0][0] == ():
+        return rows[0][1]
+    firsts = dict.fromkeys(index[0] for index, _ in rows)
+    return [_array((index[1:], value) for index, value in rows if index[0] == first) for first in firsts]
+
+
+def _text(value: Values) -> str:
+    """With as many digits as give the same trajectory again."""
+    return f"{{{', '.join(map(_text, value))}}}" if isinstance(value, list) else f"{value:.12g}"

@@ -1,0 +1,61 @@
+"""Is this a recording of that model? What can be told before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from aero_bayes.data import Recording
+from aero_bayes.data.read import column_names
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.starts import state_of
+from aero_bayes.simulation.model import Model, Variable
+
+#: A temperature in K that starts above the first is no reading below the second: those are degrees Celsius.
+WARM, COLD = 200.0, 150.0
+
+
+def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
+    """Refuse recordings that lack an input of the model, or whose temperatures are in another unit.
+
+    Raises
+    ------
+    InputError
+        Naming the recording and the column.
+    """
+    for recording in recordings:
+        _check_inputs(recording, model)
+        _check_temperatures(recording, model)
+
+
+def _check_inputs(recording: Recording, model: Model) -> None:
+    missing = [v.name for v in model.inputs if v.name not in recording.inputs]
+    if missing:
+        path = recording.path
+        there = column_names(path) if path is not None and path.is_file() else [*recording.inputs, *recording.outputs]
+        raise InputError(
+            f"{path or recording.name}: the input {missing[0]} of model {model.name} has no column (there are "
+            f"{', '.join(there)}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a value: "
+            f"[data] constants = {{{missing[0]} = ...}}"
+        )
+
+
+def _check_temperatures(recording: Recording, model: Model) -> None:
+    warm = max((s.start or 0.0 for s in model.states if s.unit == "K"), default=0.0)
+    for v in (*model.inputs, *model.outputs):
+        values = {**recording.inputs, **recording.outputs}.get(v.name)
+        if v.unit != "K" or values is None or not np.isfinite(values).any():
+            continue
+        start = _start(v, model) or warm
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        if start > WARM and high < COLD:
+            raise InputError(
+                f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
+                f'starts at {start:.4g} K: looks like degC; say so by [data.columns.{v.name}] unit = "degC"'
+            )
+
+
+def _start(v: Variable, model: Model) -> float | None:
+    state = state_of(model, v.name)
+    return v.start if state is None else state.start

@@ -1,0 +1,72 @@
+"""Calls of the library as one types them; ``test_calls.py`` runs every line in a copy of ``examples/cart``."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+import aero_bayes
+from aero_bayes import LoopSettings, Recording
+from aero_bayes.data import Layout
+from aero_bayes.estimate import LogNormal, Override
+
+model = aero_bayes.load_model("Rig.mo")
+model = aero_bayes.load_model(Path("Rig.mo"), folder="built")
+model = aero_bayes.load_model("Rig", sources=["Rig.mo"])
+model = aero_bayes.load_model("Rig", sources=Path("Rig.mo"))
+aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
+fmu = aero_bayes.load_model("Rig.fmu")
+layout = Layout.of(["F"], ["position"])
+train = aero_bayes.read_recording("train.csv", layout=layout)
+test = aero_bayes.read_recording(Path("test.csv"), layout=layout)
+frame = pd.read_csv("train.csv")
+train = Recording.from_frame(frame, inputs=["F"], outputs=["position"], name="train")
+train = Recording.from_frame(frame.set_index("time"), inputs="F", outputs="position", name="train")
+t, F, y = (frame[c].to_numpy() for c in ("time", "F", "position"))
+same = Recording("arrays", t, {"F": F}, {"position": y})
+lists = Recording("lists", t.tolist(), {"F": F.tolist()}, {"position": y.tolist()})
+early, late = train.split(0.7)
+print(aero_bayes.summarise(train))
+aero_bayes.data.write_csv(early, "early.csv")
+fit = aero_bayes.fit(train, model, parameters="k", workers=0)
+fit = aero_bayes.fit(train, model, parameters={"k": (10, 100), "d": None}, workers=0)
+fit = aero_bayes.fit(train, model, parameters={"k": 40, "d": Override(lower=0.1, upper=30)}, workers=0)
+fit = aero_bayes.fit(train, model, parameters={"k": LogNormal.tolerance(50.0, 0.2), "d": (0.1, 30.0)}, workers=0)
+fit = aero_bayes.fit([train, test], model, parameters=("k", "d"), workers=0)
+fit = aero_bayes.fit(train, model, parameters=["k", "d"], seed=2, workers=0)
+k = fit["k"].value
+k, sd, unit = float(fit["k"]), fit["k"].sd, fit["k"].unit
+low, high = fit["k"].q05, fit["k"].q95
+table = fit.to_frame()
+print(table.loc["k", "value"], fit.rms, fit.warnings)
+stiffer = fit.simulate(test, parameters={"k": 100.0})
+step = fit.simulate({"time": np.linspace(0.0, 2.0, 201), "F": 1.0})
+fit.export_fmu("fitted.fmu")
+fit.calibrated.write("fitted")
+aero_bayes.write_report(fit, "fit.html")
+short = aero_bayes.SampleSettings(max_steps=40)
+posterior = aero_bayes.sample(fit, draws=50, chains=4, seed=3, workers=0, settings=short)
+median = posterior["k"].value
+posterior.save("posterior.nc")
+draws = posterior.samples("k")
+unseen = posterior.predict(test, draws=20)
+print(unseen.rms, unseen.coverage, posterior.to_frame().loc["d", "q95"])
+aero_bayes.write_report(posterior, Path("posterior.html"))
+idata = posterior.idata
+print(idata.prior["k"].shape, idata.log_likelihood["train"].shape)
+settings = LoopSettings(free=["k", "d"], laws=["coulomb_friction", "gain"])
+loop = aero_bayes.close_loop(train, test, model=model, settings=settings, workers=0, out_dir="loop")
+print(loop.sentence, loop["F_c"].value, float(loop["k"]), loop.to_frame())
+loop.export_fmu(Path("loop.fmu"))
+loop.calibrated.write(Path("loop"))
+figure, places = plt.subplots(4, 2, figsize=(16, 20), layout="constrained")
+train.plot(ax=places[0, 0])
+fit.plot(ax=places[0, 1])
+posterior.plot(["k", "d"], ax=places[1, 0])
+posterior.plot_bands(ax=places[1, 1])
+unseen.plot(ax=places[2, 0])
+loop.plot(ax=places[2, 1])
+loop.plot_rounds(ax=places[3, 0])
+figure.savefig("all.png")
+again = aero_bayes.close_loop([train], [test], model="Rig.mo", settings=settings, workers=0)

@@ -1,0 +1,127 @@
+"""The library's calls as one types them, and what a wrong type is answered with."""
+
+from __future__ import annotations
+
+import contextlib
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import arviz
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot
+
+import aero_bayes
+from aero_bayes import InputError, LoopSettings, Recording
+from aero_bayes.estimate import Override
+
+SCRIPT = Path(__file__).with_name("calls_as_typed.py")
+
+
+@pytest.fixture(scope="module")
+def typed(cart: SimpleNamespace) -> dict[str, Any]:
+    """What the script leaves in its names."""
+    matplotlib.use("Agg")
+    with contextlib.chdir(cart.folder):
+        names = runpy.run_path(str(SCRIPT))
+    pyplot.close("all")
+    return names
+
+
+def test_every_call_does_as_typed(typed: dict[str, Any], cart: SimpleNamespace):
+    assert len([line for line in SCRIPT.read_text("utf-8").splitlines() if line and "import" not in line]) >= 60
+    assert typed["fit"].parameters["k"].value == typed["k"]
+    assert typed["lists"].sha256 == typed["same"].sha256
+    assert np.array_equal(typed["train"].time, typed["same"].time)
+    assert typed["posterior"].draws.shape[:2] == (4, 50)
+    assert typed["loop"].parameters["k"].value == pytest.approx(typed["again"].parameters["k"].value, rel=1e-9)
+    for name in ("fit.html", "posterior.html"):
+        assert "<svg" in (cart.folder / name).read_text("utf-8")
+    assert (cart.folder / "all.png").stat().st_size > 50_000
+
+
+def test_leave_one_out_counts_the_parameters(cart: SimpleNamespace):
+    """The likelihood of each reading is that of the posterior, also where a residual is no noise."""
+    posterior = aero_bayes.sample(cart.fit, chains=4, seed=1, workers=0)
+    found = arviz.loo(posterior.idata, var_name="train")
+    assert posterior.idata.log_likelihood["train"].shape[-1] == 2000
+    p_loo = found.p_loo if hasattr(found, "p_loo") else found.p
+    assert 0.5 < p_loo < 2.0 * len(cart.fit.free)
+    assert float(posterior.idata.prior["k"].std()) > 100.0 * float(posterior.idata.posterior["k"].std())
+
+
+MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
+    "recording by its file": (
+        lambda c: aero_bayes.fit("train.csv", c.model, parameters="k"),
+        "recordings: expected a Recording, as aero_bayes.read_recording or Recording.from_frame gives one; got str",
+    ),
+    "recording as a frame": (
+        lambda c: aero_bayes.fit(c.recording.to_frame(), c.model, parameters="k"), "got DataFrame",
+    ),
+    "model by its file": (
+        lambda c: aero_bayes.fit(c.recording, "Rig.mo", parameters="k"),
+        "model: expected a Model, as aero_bayes.load_model gives one; got str 'Rig.mo'",
+    ),
+    "nothing said of parameters": (lambda c: aero_bayes.fit(c.recording, c.model), "it has m, k, d"),
+    "a parameter that is none": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters=["kk"]), "model Rig has no parameter kk",
+    ),
+    "numbers for names": (lambda c: aero_bayes.fit(c.recording, c.model, parameters=[1, 2]), "expected a str"),
+    "three bounds": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": (1, 2, 3)}), "k: expected (lower, upper)",
+    ),
+    "bounds the wrong way round": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": (100, 10)}), "k: lower bound 100 is not below",
+    ),
+    "a start outside its bounds": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": Override(lower=60)}), "start 50 N/m lies",
+    ),
+    "fit without a parameter": (lambda c: c.fit["K"], "no parameter 'K', found k, d, position_start; did you mean k?"),
+    "sampling a recording": (lambda c: aero_bayes.sample(c.recording), "expected a Fit, as aero_bayes.fit gives"),
+    "one chain": (lambda c: aero_bayes.sample(c.fit, chains=1), "chains: 1 chains"),
+    "loop on a file": (lambda c: aero_bayes.close_loop("train.csv", model=c.model), "train: expected a Recording"),
+    "loop on a number": (lambda c: aero_bayes.close_loop(c.recording, model=3), "model: expected paths, got int 3"),
+    "loop with a dict": (
+        lambda c: aero_bayes.close_loop(c.recording, model=c.model, settings={"free": ["k"]}),
+        "settings: expected a LoopSettings; got dict",
+    ),
+    "loop without free parameters": (
+        lambda c: aero_bayes.close_loop(c.recording, model=c.model, workers=0), "say which are free; it has m, k, d",
+    ),
+    "sources that are none": (lambda c: LoopSettings(sources=3), "sources: expected paths, got int 3"),
+    "no model file": (lambda c: aero_bayes.load_model("none.mo"), "none.mo: no such file"),
+    "no FMU": (lambda c: aero_bayes.load_model("none.fmu"), "none.fmu: no such file"),
+    "a frame without the column": (
+        lambda c: Recording.from_frame(c.recording.to_frame(), inputs="f", outputs="position"),
+        "frame: no column f, found F, position; did you mean F?",
+    ),
+    "a frame that is none": (
+        lambda c: Recording.from_frame([1, 2], inputs="F", outputs="position"), "expected a data frame of pandas",
+    ),
+    "text in a frame": (
+        lambda c: Recording.from_frame(
+            pd.DataFrame({"time": range(5), "F": list("abcde"), "y": 1.0}), inputs="F", outputs="y"
+        ),
+        "column F holds something else than numbers",
+    ),
+    "arrays of two lengths": (
+        lambda c: Recording("short", [0, 1, 2], {"F": [1, 2]}, {}), "column F has shape (2,), expected (3,)",
+    ),
+    "a report of a number": (lambda c: aero_bayes.write_report(3), "expected a Fit, a Posterior or the folder"),
+    "a report without a place": (lambda c: aero_bayes.write_report(c.fit), "path: say where the page goes"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_that_says_what_is_expected(mistake: str, cart: SimpleNamespace):
+    call, words = MISTAKES[mistake]
+    with contextlib.chdir(cart.folder), pytest.raises(InputError) as refused:
+        call(cart)
+    line = str(refused.value)
+    assert words in line
+    assert "\n" not in line
