@@ -306,7 +306,7 @@ end Dropped;
 def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Nothing"):
         explicit_model("Aero.Systems.Nothing")
-    with pytest.raises(InputError, match=r"missing\.mo: expected a Modelica file"):
+    with pytest.raises(InputError, match=r"missing\.mo: no such file"):
         explicit_model("Missing", [tmp_path / "missing.mo"])
     with pytest.raises(InputError, match="not a Modelica model name"):
         explicit_model("Aero; quit()")

@@ -22,6 +22,7 @@ def test_draws_that_all_fail_are_one_line() -> None:
         calibration=SimpleNamespace(experiments=()),
         simulator=SimpleNamespace(simulate=simulate),
         values=lambda coordinates: coordinates,
+        spread=None,
     )
     joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
     with pytest.raises(CannotFinishError, match="no draw of the posterior could be simulated"):

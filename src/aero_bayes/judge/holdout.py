@@ -17,6 +17,8 @@ from aero_bayes.search.models import FittedModel
 
 FloatArray = NDArray[np.float64]
 
+#: Least curvature, as a share of what all readings tell.
+UNSEEN = 1e-12
 #: Blocks of a recording, and readings that one has at least.
 BLOCKS, FEWEST = 20, 4
 
@@ -101,12 +103,22 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
     slopes, residual = optimum.whitened.slopes[shared] / cold, optimum.whitened.residual / cold
     second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
-    curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
-    _, volume = np.linalg.slogdet(curvature)
+    prior = np.diag(np.maximum(-second, 1e-9))
+    own = [slopes[:, block] @ slopes[:, block].T for block in blocks]
+    whole = prior + sum(own)
+    unit = 1.0 / np.sqrt(np.diag(whole))
+    volume = float(np.log(_spectrum(whole, unit)[0]).sum())
     total = 0.0
-    for block in blocks:
-        here, r = slopes[:, block], residual[block]
-        rest, pull = curvature - here @ here.T, here @ r
-        _, without = np.linalg.slogdet(rest)
-        total -= 0.5 * float(r @ r + pull @ np.linalg.solve(rest, pull) + volume - without)
+    for k, block in enumerate(blocks):
+        r = residual[block]
+        # A sum over the other blocks: a difference would lose a direction that only this block tells.
+        values, vectors = _spectrum(prior + sum(own[:k] + own[k + 1 :]), unit)
+        pull = vectors.T @ (unit * (slopes[:, block] @ r))
+        total -= 0.5 * float(r @ r + pull @ (pull / values) + volume - np.log(values).sum())
     return total
+
+
+def _spectrum(curvature: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and eigenvectors of a curvature in units of its parameters; what is not seen is held by rounding."""
+    values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
+    return np.maximum(values, UNSEEN), vectors
