@@ -69,11 +69,7 @@ class ClimbSettings:
 
     def counting(self, temperature: float) -> ClimbSettings:
         """The same as exact in log-likelihood over ``temperature``: what counts less need not be found as closely."""
-        local = self.local
-        return replace(
-            self,
-            local=replace(local, tolerance=local.tolerance * temperature, worthwhile=local.worthwhile * temperature),
-        )
+        return replace(self, local=replace(self.local, tolerance=self.local.tolerance * temperature))
 
     def by_squares(self, outputs: Iterable[str]) -> ClimbSettings:
         """The same by the size of what is left."""
