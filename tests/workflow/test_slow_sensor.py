@@ -53,7 +53,10 @@ def test_a_lagging_sensor_and_radiation_are_found_and_written(
     arguments = ["--config", tmp_path / "rig.toml", "--train", tmp_path / "run.csv", "--out", out, "--workers", "1"]
     done = CliRunner().invoke(main, ["close-loop", *map(str, arguments), "--quiet"])
     assert done.exit_code == 0, done.output
-    loop = json.loads((out / "result.json").read_text())["loop"]
+    result = json.loads((out / "result.json").read_text())
+    assert set(result["fit"]["interpolation"].values()) <= {"hold", "linear"}
+    assert result["fit"]["interpolation"]
+    loop = result["loop"]
     found = {e["id"]: {k: p["value"] for k, p in e["parameters"].items()} for e in loop["effects"]}
     assert {*required, "lag@output_T"} <= set(found)
     assert found["lag@output_T"]["T_l"] == pytest.approx(SLOW, rel=0.1)

@@ -19,6 +19,7 @@ from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.steps import Step
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import nearest, table_html
+from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -151,6 +152,8 @@ class LoopResult:
     added : tuple of Parameter
     words : mapping of str to str
         What candidates are, by id.
+    interpolation : mapping of str to {"hold", "linear"}
+        What each input does between its samples.
     data_notes : tuple of str
     recordings : Recordings, optional
         What was fitted and predicted.
@@ -202,6 +205,7 @@ class LoopResult:
     seconds: Mapping[str, float]
     added: tuple[Parameter, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
+    interpolation: Mapping[str, Interpolation] = field(default_factory=dict)
     data_notes: tuple[str, ...] = ()
     recordings: Recordings | None = None
     plain: Model | None = None

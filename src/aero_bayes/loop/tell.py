@@ -69,6 +69,7 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         seconds=dict(bench.tally.seconds),
         words={id_: bench.family.summary(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
+        interpolation=conclusion.calibration.interpolation,
         recordings=bench.recordings,
         plain=bench.family.plain(),
         calibrated=_calibrated(bench.family.plain().source, conclusion, fitted),

@@ -141,7 +141,10 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
     interval = min(1.0 / recording.rate_hz for recording in job.recordings)
     return {
         "parameters": loop_parameters(job, loop),
-        "fit": {"rms": {role: loop.after.pooled(role) for role in ("train", "test")}},
+        "fit": {
+            "rms": {role: loop.after.pooled(role) for role in ("train", "test")},
+            "interpolation": dict(loop.interpolation),
+        },
         "residual": reports_table(loop.residual_after),
         "noise": {
             output: {
