@@ -16,9 +16,8 @@ import click
 
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.files import CHECKPOINT
 
-#: In the output folder: where a run goes on from with ``--resume``.
-CHECKPOINT = "checkpoint.npz"
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
 INTERRUPTED = 130

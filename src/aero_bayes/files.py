@@ -11,6 +11,9 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 
+#: In the output folder: where a run goes on from with ``--resume``.
+CHECKPOINT = "checkpoint.npz"
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:

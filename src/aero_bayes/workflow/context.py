@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from aero_bayes.export import modelica_root
-from aero_bayes.language.diagram import model_diagrams
 from aero_bayes.language.sources import modelica_files
+from aero_bayes.workflow.diagram import model_diagrams
 from aero_bayes.workflow.job import Job
 
 Json = dict[str, Any]

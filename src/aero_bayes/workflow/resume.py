@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from aero_bayes.checkpoint import Checkpoint, digest
-from aero_bayes.cli import CHECKPOINT
-from aero_bayes.files import one_run_at_a_time
+from aero_bayes.files import CHECKPOINT, one_run_at_a_time
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import versions
 
