@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test lint bench trial trial-quick rig-trial real-rigs ablation coverage docs lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs ablation coverage docs lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -80,10 +80,19 @@ check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), a
 	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --durations 10
 
-lint: $(VENV)/.tested ## ruff and mypy
+test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-coverage: $(VENV)/.tested ## which lines the tests run -> build/coverage/index.html
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check pytest-cov
+	$(BIN)/python -m pytest -n 2 --cov=aero_bayes --cov-report=term --cov-report=html:build/coverage
+
+lint: $(VENV)/.tested ## ruff, mypy, and the import contract where import-linter can be had
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
+	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
 bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and bench.svg
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
