@@ -211,8 +211,7 @@ class StructureSearch:
             if self._late(what):
                 break
             starts[structure] = look()
-            promise = max((s.promise for s in starts[structure]), default=0.0)
-            self._promised[structure] = promise / bases[structure].temperature
+            self._promised[structure] = max(_most(starts[structure]), 0.0) / bases[structure].temperature
         order = sorted(starts, key=lambda s: (-self._promise(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
         for wave in waves(order, self.settings.beam):
@@ -283,7 +282,7 @@ class StructureSearch:
     # what is worth a fit
 
     def _promise(self, base: FittedModel, starts: Sequence[Start]) -> float:
-        return base.log_evidence + (starts[0].promise / base.temperature if starts else -math.inf)
+        return base.log_evidence + _most(starts) / base.temperature
 
     def _least(self, tried: Sequence[FittedModel], size: int) -> float:
         """Log-evidence below which a structure of this level and size cannot matter.
@@ -304,7 +303,7 @@ class StructureSearch:
 
     def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
         """Whether any start promises enough: a line is no more than a hint, so that a small part of it will do."""
-        promise = starts[0].promise if starts else -math.inf
+        promise = _most(starts)
         needed = max(least - base.log_evidence, 0.0)
         likely = base.response.possible(promise) >= self.settings.promise
         return likely and promise / base.temperature >= self.settings.promise_share * needed
@@ -389,3 +388,8 @@ class StructureSearch:
         if self.work.late() and not self._ended:
             self._ended = what
         return bool(self._ended)
+
+
+def _most(starts: Sequence[Start]) -> float:
+    """The greatest gain in log-likelihood that any start promises."""
+    return max((s.promise for s in starts), default=-math.inf)

@@ -59,11 +59,17 @@ class StartRule(Protocol):
 
 
 def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: Structure) -> list[Start]:
-    """All starts of all rules, most promising first; looked for once, also in a search that was resumed."""
+    """All starts of all rules, looked for once, also in a search that was resumed.
+
+    The start with the best simulated gain comes first: a line may promise what a simulation at its end refutes. The
+    others follow by their promise.
+    """
 
     def look() -> dict[str, NDArray[np.generic]]:
         found = [start for rule in rules for start in rule.starts(fitted, structure)]
-        return pack_all(sorted(found, key=lambda s: -s.promise))
+        found.sort(key=lambda s: -s.promise)
+        confirmed = max(found, key=lambda s: s.simulated, default=None)
+        return pack_all(sorted(found, key=lambda s: s is not confirmed))
 
     candidates = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
     base = fitted.optimum
