@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -213,7 +214,9 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
         size, whole = candidate.columns[0], float(alone @ alone)
         if whole > 0.0:
             room = float(low[size] - origin[size]), float(high[size] - origin[size])
-            imitated = float(beyond[k] @ beyond[k]) < IMITATED * whole
+            # What changes less than the noise over all its room is not seen to first order: nothing imitates it.
+            seen = math.sqrt(whole) * max(-room[0], room[1]) > 1.0
+            imitated = seen and float(beyond[k] @ beyond[k]) < IMITATED * whole
             found.append(Direction(candidate.id, across, float(across @ response.left), room, imitated))
     return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -245,6 +245,30 @@ def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[Candidate]) ->
 
 
 @dataclass(frozen=True)
+class OffBounds:
+    """As :class:`NominalSizes`, parameters of the first model that ended on a bound put back to their starting values.
+
+    A fit that lacks a term may have led them to where the term shows nothing.
+    """
+
+    def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
+        model, base = fitted.model, fitted.optimum
+        if not fitted.parameters_on_bound:
+            return []
+        at = model.objective.parameters.revived(base.coordinates, model.own)
+        evaluation = model.objective.evaluate(at, base.free)
+        if evaluation is None:
+            return []
+        white = model.objective.whiten(evaluation.residual, evaluation.slopes, base.noise)
+        there = replace(
+            base, coordinates=at, evaluation=evaluation, whitened=white, log_likelihood=white.log_likelihood
+        )
+        behind = base.whitened.log_likelihood - white.log_likelihood
+        found = NominalSizes().starts(replace(fitted, optimum=there), structure)
+        return [Start(s.point, s.expected_gain - behind, s.simulated - behind) for s in found]
+
+
+@dataclass(frozen=True)
 class KnownTerms:
     """The new terms as they were in other fits.
 
@@ -267,4 +291,4 @@ class KnownTerms:
 
 
 #: The start rules of a search, in the order in which they are asked.
-START_RULES: tuple[StartRule, ...] = (NominalSizes(), Tangent())
+START_RULES: tuple[StartRule, ...] = (NominalSizes(), OffBounds(), Tangent())
