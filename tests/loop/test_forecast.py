@@ -13,10 +13,10 @@ from aero_bayes.loop import forecast
     ("run", "workers", "limit", "said"),
     [
         (0.001, 1, 20.0, ""),
-        (0.06, 1, 20.0, "2 to 8 min (40 terms, 60 ms a run"),
-        (0.06, 2, 20.0, "1 to 4 min"),
-        (0.06, 1, 5.0, "2 to 5 min"),
-        (6.0, 1, 20.0, "will take 20 min"),
+        (0.06, 1, 20.0, "may take 8 min (40 terms, 60 ms a run"),
+        (0.06, 2, 20.0, "may take 4 min"),
+        (0.06, 1, 5.0, "may take 5 min"),
+        (6.0, 1, 20.0, "may take 20 min"),
     ],
 )
 def test_a_long_search_says_how_long(
