@@ -126,6 +126,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return MARK.sub(lambda found: GENERATORS[found[1]](), markdown)
 
 
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """A page asks nothing of the network: it is read from disk."""
+    for tag in re.findall(r"<(?:script|img|iframe|link)\b[^>]*https?://[^>]*>", output):
+        log.warning("%s asks the network: %s", page.file.src_uri, tag)
+    return output
+
+
 def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[str, ...]]) -> str:
     lines = [head, tuple("---" for _ in head), *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)

@@ -67,6 +67,11 @@ class OneLineErrors(click.Group):
             if threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, before)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Each command with the whole of what it does: click cuts it to a line, and at the point of an abbreviation."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, " ".join((c.help or "").split())) for name, c in self.commands.items()])
+
 
 def _of_the_system(error: OSError | sqlite3.Error) -> str:
     """What the operating system refused, in one line: a full disk, a folder that may not be written to."""

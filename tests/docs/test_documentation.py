@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def cart(tmp_path: Path) -> Path:
     """A copy of the example's folder, without what a run left there."""
-    return Path(shutil.copytree(ROOT / "examples" / "cart", tmp_path / "cart", ignore=shutil.ignore_patterns("out*")))
+    left = shutil.ignore_patterns("out*", "my.toml", "other.toml", "fmu.toml", "*.fmu")
+    return Path(shutil.copytree(ROOT / "examples" / "cart", tmp_path / "cart", ignore=left))
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -35,7 +36,9 @@ def typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_tutorials_commands_find_the_friction(cart: Path):
-    """Every command of the tutorial runs, and every line of text output that it promises is printed."""
+    """Every command of the tutorial runs, also where it was walked before, and prints every line that it promises."""
+    for left in ("my.toml", "other.toml"):
+        (cart / left).write_text("# of the first walk", encoding="utf-8")
     printed = ""
     for command in blocks("docs/tutorial.md", "bash"):
         done = typed(command, cart)
@@ -109,3 +112,14 @@ def test_public_names_are_what_they_say_after_their_rooms_are_imported():
     assert callable(aero_bayes.sample)
     for name in aero_bayes.__all__:
         assert callable(getattr(aero_bayes, name)), name
+
+
+def test_the_help_gives_whole_sentences():
+    from click.testing import CliRunner
+
+    from aero_bayes.cli import main
+
+    said = " ".join(CliRunner().invoke(main, ["--help"], terminal_width=80).output.split())
+    assert "..." not in said.partition("Commands:")[2]
+    for command in main.commands.values():
+        assert " ".join(str(command.help).split()) in said

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
+from aero_bayes.cli import main
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.simulation import Experiment, InputSignal, Problem, SolverSettings, open_simulator
 
@@ -75,3 +78,26 @@ def test_with_the_current_each_is(drive: tuple[aero_bayes.Model, Recording]):
     for name in FREE:
         assert str(fit[name].status) == "identified"
         assert fit[name].value == pytest.approx(TRUTH[name], abs=5.0 * fit[name].sd)
+
+
+def test_the_loops_page_says_it_too(drive: tuple[aero_bayes.Model, Recording], tmp_path: Path):
+    _, whole = drive
+    columns = np.column_stack([whole.time, whole.inputs["u"], whole.outputs["w"]])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="time,u,w", comments="")
+    (tmp_path / "Drive.mo").write_text(DRIVE)
+    free = "\n".join(f"{name} = {{free = true}}" for name in FREE)
+    (tmp_path / "drive.toml").write_text(
+        f"""[model]\nsources = ["Drive.mo"]\nname = "Drive"\n[data]\ninputs = ["u"]\noutputs = ["w"]
+interpolation = "hold"\n[loop]\nlaws = ["cubic_stiffness"]\n[parameters]\n{free}\n"""
+    )
+    arguments = ["--config", tmp_path / "drive.toml", "--train", tmp_path / "run.csv", "--out", tmp_path / "out"]
+    done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["verdict"]["level"] == "warning"
+    (sentence,) = result["identifiability"]["flat"]
+    assert "which `b = 0.001`, held, decides." in sentence
+    assert sentence in result["verdict"]["text"]
+    members = [name for name in FREE if f"`{name}`" in sentence]
+    assert {"R", "F_c", "J_l"} <= set(members)
+    assert {result["parameters"][name]["status"] for name in members} == {"weak"}

@@ -114,7 +114,7 @@ def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str
         "swarm: 25% after 40 s, about 120 s left (12.5)",
         "swarm: 50% after 60 s, about 60 s left (12.5)",
         "loop: round 1 ...",
-        "loop: round 2 ...",
+        "loop: round 2 ... about 90 s left",
         "loop: round 2: 60% after 50 s, about 50 s left",
     ]
 
@@ -129,6 +129,21 @@ def test_what_an_earlier_run_did_says_nothing_of_the_speed(
             progress("rigs", share)
             clock[0] += then
     assert capsys.readouterr().err.splitlines() == ["rigs ...", "rigs: 60% after 100 s, about 401 s left"]
+
+
+def test_the_first_estimate_comes_soon_and_a_sentence_stays(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with ProgressBar(quiet=False) as progress:
+        progress("swarm", 0.0)
+        progress("it will take 2 min.", 0.0)
+        for share in (0.01, 0.04, 0.05):
+            clock[0] += 2.0
+            progress("swarm", share)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["swarm ...", "it will take 2 min.", "swarm: 4% after 4 s, about 96 s left"]
 
 
 def test_quiet_says_the_phases_only(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

@@ -169,7 +169,8 @@ def fit(
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
         found = _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
-        return name_held_guesses(found, opened)
+        judged = name_held_guesses(found.identifiability, found.calibration, found.optimum, opened)
+        return replace(found, identifiability=judged)
 
 
 def _with_sensors(
@@ -306,7 +307,7 @@ def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: fl
     point[list(blind)] = calibration.parameters.to_search(calibration.parameters.start)[list(blind)]
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
     _, here = judge(objective, replace(here, coordinates=point), sampled)
-    verdict = _with_bounds(verdict, part, point[list(sampled)])
+    verdict = with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
     rest = [j for j in range(len(values)) if j not in sampled]
     values[rest] = calibration.parameters.start[rest]
@@ -346,7 +347,7 @@ def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: fl
     )
 
 
-def _with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
+def with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
     """The verdict with parameters that ended on a bound marked as such."""
     on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, part.on_bound(point), strict=True) if at}
     return replace(verdict, status=verdict.status | on_bound)

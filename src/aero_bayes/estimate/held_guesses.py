@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.growing import OpenSimulator
-from aero_bayes.estimate.identifiability import collinear
+from aero_bayes.estimate.identifiability import Identifiability, collinear
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
-from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
@@ -20,22 +21,23 @@ from aero_bayes.simulation.model import Model
 DECIDES = 0.01
 
 
-def name_held_guesses(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """The fit, its flat directions with the held parameters that decide them; a fit without any is as it was."""
-    if not fit.identifiability.flat:
-        return fit
-    held = _held(fit)
-    calibration = fit.calibration
+def name_held_guesses(
+    found: Identifiability, calibration: Calibration, optimum: Optimum, open_simulator: OpenSimulator
+) -> Identifiability:
+    """The flat directions at an optimum with the held parameters that decide them; without any it is as it was."""
+    if not found.flat:
+        return found
+    held = _held(calibration)
+    values = calibration.parameters.from_search(optimum.coordinates)
     wider = replace(calibration, parameters=calibration.parameters.extended(held.items))
     with open_simulator(wider.problem()) as simulator:
         objective = Objective(wider, simulator)
-        at = wider.parameters.to_search(np.concatenate([fit.values, held.start]))
-        new = range(len(fit.values), len(at))
-        found = objective.evaluate(at, [*fit.free, *new])
-        if found is None or found.slopes is None:
-            return fit
-        slopes = objective.whiten(found.residual, found.slopes, fit.noise).slopes
-    own = len(fit.free)
+        at = wider.parameters.to_search(np.concatenate([values, held.start]))
+        run = objective.evaluate(at, [*optimum.free, *range(len(values), len(at))])
+        if run is None or run.slopes is None:
+            return found
+        slopes = objective.whiten(run.residual, run.slopes, optimum.noise).slopes
+    own = len(optimum.free)
     alone = collinear(slopes[:own] @ slopes[:own].T)[0][0]
     guesses = []
     for k, item in enumerate(held):
@@ -43,14 +45,13 @@ def name_held_guesses(fit: Fit, open_simulator: OpenSimulator) -> Fit:
         sizes, vectors = collinear(rows @ rows.T)
         if sizes[0] < DECIDES * alone and abs(vectors[-1, 0]) > DECIDES:
             guesses.append(f"{item.name} = {item.start:.4g}")
-    flat = tuple(replace(direction, held=tuple(guesses)) for direction in fit.identifiability.flat)
-    return replace(fit, identifiability=replace(fit.identifiability, flat=flat))
+    return replace(found, flat=tuple(replace(direction, held=tuple(guesses)) for direction in found.flat))
 
 
-def _held(fit: Fit) -> ParameterSet:
+def _held(calibration: Calibration) -> ParameterSet:
     """Parameters of the model that were not searched, with a value that can change."""
-    model, fixed = fit.calibration.model, fit.calibration.fixed
-    searched = {p.target.name for p in fit.calibration.parameters if isinstance(p.target, ParameterTarget)}
+    model, fixed = calibration.model, calibration.fixed
+    searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
     items: list[Parameter] = []
     for v in model.parameters:
         value = fixed.get(v.name, v.start)

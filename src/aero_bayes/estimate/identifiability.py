@@ -97,6 +97,17 @@ class Identifiability:
             lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
         return tuple(lines)
 
+    def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
+        """The ``identifiability`` entry of result.json; ``held`` as in :meth:`sentences`."""
+        return {
+            "combinations": [
+                {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd} for c in self.combinations
+            ],
+            "unidentified": [n for n, s in self.status.items() if s is Status.UNIDENTIFIED or n in held],
+            "flat": [direction.sentence for direction in self.flat],
+            "text": list(self.sentences(held)),
+        }
+
 
 def status_of(ratio: float) -> Status:
     """Verdict from the ratio of posterior to prior standard deviation."""

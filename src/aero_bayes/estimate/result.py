@@ -325,14 +325,7 @@ class Fit:
                 },
                 "local": {"iterations": self.iterations, "reason": self.reason.value},
             },
-            "identifiability": {
-                "combinations": [
-                    {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd}
-                    for c in self.identifiability.combinations
-                ],
-                "unidentified": [n for n, e in self.parameters.items() if e.status is Status.UNIDENTIFIED],
-                "text": list(self.identifiability.sentences(self.held)),
-            },
+            "identifiability": self.identifiability.to_dict(self.held),
             "failures": self.failures,
             "warnings": list(self.warnings),
             "seconds": self.seconds,

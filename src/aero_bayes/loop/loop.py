@@ -23,6 +23,7 @@ from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
 from aero_bayes.loop.conclude import checks_of, conclude
+from aero_bayes.loop.forecast import tell_time
 from aero_bayes.loop.held_values import doubts
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
@@ -67,7 +68,7 @@ def close_loop(
     out_dir : path, optional
         Where the extended model's Modelica file is written.
     progress : callable, optional
-        Told what happens and how far it is (0 to 1).
+        Told what happens and how far it is (0 to 1); a sentence with a full stop is for the reader to keep.
     checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
 
@@ -128,6 +129,7 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
     bench.progress("trying every term", 0.15)
     model = cache.of(Structure(), library.groups[0])
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
+    tell_time(bench, root, len(library.terms))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
     parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)

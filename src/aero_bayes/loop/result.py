@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from aero_bayes.check.structure import ResidualReport, reports_table
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
@@ -141,6 +142,8 @@ class LoopResult:
         How far parameters moved when the effects came in.
     parameters : mapping of str to NewParameter
         Of the model that came out; ``added`` are the new ones as they were searched.
+    identifiability : Identifiability
+        What the data say of each of them.
     noise : mapping of str to OutputNoise
     modelica, modelica_path, diff : str
         The extended model's source, the name of its file, and the change.
@@ -194,6 +197,7 @@ class LoopResult:
     steps: tuple[Step, ...]
     shifts: tuple[Shift, ...]
     parameters: Mapping[str, NewParameter]
+    identifiability: Identifiability
     noise: Mapping[str, OutputNoise]
     modelica: str
     modelica_path: str

@@ -12,6 +12,10 @@ from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.fit import judge, with_bounds
+from aero_bayes.estimate.held_guesses import name_held_guesses
+from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
@@ -58,6 +62,7 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         steps=conclusion.steps,
         shifts=moved,
         parameters=fitted,
+        identifiability=_identifiability(bench, conclusion.calibration, conclusion.refit),
         noise=conclusion.refit.noise,
         modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
@@ -74,6 +79,15 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         plain=bench.family.plain(),
         calibrated=_calibrated(bench.family.plain().source, conclusion, fitted),
     )
+
+
+def _identifiability(bench: Workbench, calibration: Calibration, refit: Optimum) -> Identifiability:
+    """What the data say of each parameter of the model that came out."""
+    with bench.open(calibration.problem()) as simulator:
+        found, _ = judge(bench.objective(calibration, simulator), refit, refit.free)
+    part = ParameterSet(tuple(calibration.parameters.items[j] for j in refit.free))
+    found = with_bounds(found, part, refit.coordinates[list(refit.free)])
+    return name_held_guesses(found, calibration, refit, bench.open)
 
 
 def _calibrated(

@@ -121,6 +121,7 @@ class Identifiability(Part):
 
     combinations: list[Combination] = []
     unidentified: list[str] = []
+    flat: list[str] = []
     text: list[str] = []
     profiles: dict[str, Profile] = {}
     profile_drop_90: Number = None

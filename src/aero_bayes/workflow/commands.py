@@ -254,7 +254,7 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
 
 
 def _closing(result: Json) -> Json:
-    return {"verdict": verdict(result["residual"], result.get("mcmc"))}
+    return {"verdict": verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
 
 
 def _finish(

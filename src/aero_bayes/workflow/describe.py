@@ -71,8 +71,10 @@ def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
     return reports_table(inspect(fit.calibration, fit.series, fit.optimum, floors))
 
 
-def verdict(residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None) -> Json:
-    """One sentence that says what a reader may rely on."""
+def verdict(
+    residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
+) -> Json:
+    """What a reader may rely on, in words; ``flat`` says which parameters are known up to a common change only."""
     structured = sorted(
         {o for outputs in residual.values() for o, entry in outputs.items() if entry["verdict"] == "structured"}
     )
@@ -86,4 +88,5 @@ def verdict(residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mappi
             "so the model lacks something there.",
         }
     sampled = ", and the posterior has converged" if mcmc is not None else ""
-    return {"level": "good", "text": f"The model explains the recordings down to their noise{sampled}."}
+    text = " ".join([f"The model explains the recordings down to their noise{sampled}.", *flat])
+    return {"level": "warning" if flat else "good", "text": text}

@@ -10,8 +10,7 @@ import numpy as np
 from aero_bayes.check.structure import reports_table, those_structured
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.identifiability import Status, status_of
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
+from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.result import held_because
 from aero_bayes.library import load_model
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
@@ -159,7 +158,11 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "loop": loop.to_dict(),
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
-        "verdict": {"level": _level(loop), "text": loop.sentence},
+        "identifiability": loop.identifiability.to_dict(),
+        "verdict": {
+            "level": _level(loop),
+            "text": " ".join([loop.sentence, *(direction.sentence for direction in loop.identifiability.flat)]),
+        },
     }
 
 
@@ -169,11 +172,14 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
     table: Json = {}
     for name, estimate in loop.parameters.items():
         item = job.parameters[name] if name in job.parameters else new.get(name)
-        entry: Json = estimate.to_dict() | {"status": "identified"}
+        entry: Json = estimate.to_dict() | {"status": str(loop.identifiability.status[name])}
         if item is not None:
-            entry |= _judged(item, estimate.value, estimate.sd)
-            if entry["status"] in ("unidentified", "at_bound"):
-                entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
+            entry |= {
+                "description": item.description, "prior": item.prior.describe(item.unit), "start": item.start,
+                "lower": item.lower, "upper": item.upper,
+            }  # fmt: skip
+        if entry["status"] in ("unidentified", "at_bound"):
+            entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
         table[name] = entry
     reasons = held_because(job.model, job.fixed)
     for variable in job.model.parameters:
@@ -191,25 +197,10 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
     return table
 
 
-def _judged(item: Parameter, value: float, sd: float) -> Json:
-    """What is known of a parameter beside its estimate, and how far the data narrowed its prior."""
-    alone = ParameterSet((item,))
-    inside = np.array([min(max(value, item.lower), item.upper)])
-    ratio = sd / float(alone.jacobian(inside)[0]) / float(alone.prior_sd()[0])
-    on_bound = bool(alone.on_bound(alone.to_search(inside))[0])
-    return {
-        "status": str(Status.AT_BOUND if on_bound else status_of(ratio)),
-        "description": item.description,
-        "prior": item.prior.describe(item.unit),
-        "start": item.start,
-        "lower": item.lower,
-        "upper": item.upper,
-    }
-
-
 def _level(loop: LoopResult) -> str:
-    """Good only if nothing is left: an effect that was found may be half of what is missing."""
-    left = bool(those_structured(loop.residual_after))
+    """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
+    value decides what the parameters are."""
+    left = bool(those_structured(loop.residual_after)) or bool(loop.identifiability.flat)
     return "warning" if left or loop.outcome == "unexplained" else "good"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from types import TracebackType
@@ -10,8 +11,8 @@ from typing import Self
 from tqdm import tqdm
 
 RESOLUTION = 1000
-#: Seconds between lines where nobody watches a bar.
-LINE_EVERY = 15.0
+#: Seconds between lines where nobody watches a bar, and after which the first says how long it will take.
+LINE_EVERY, FIRST_AFTER = 15.0, 3.0
 #: Seconds within which what is done was done before, by a run that this one resumes.
 AT_ONCE = 0.5
 _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
@@ -21,23 +22,28 @@ class ProgressBar:
     """One bar a piece of work; called with its phase, how far it is (0 to 1), and what to show beside it.
 
     Phases with a common beginning before a colon (``loop: round 1``) are one piece of work. Where standard error is no
-    terminal, a line a phase, and one now and then; where it is to be quiet, nothing but the phases.
+    terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing but the phases.
+    A sentence, with its full stop, gets a line that stays.
     """
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
-        self._lines = quiet or not sys.stderr.isatty()
+        self._lines = quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb"
         self._phase, self._work = "", ""
         self._began = self._told = 0.0
         self._first = 0.0
+        self._estimated = False
         self._bar: tqdm[None] | None = None
 
     def __call__(self, phase: str, share: float, value: float | str = "") -> None:
+        if phase.endswith("."):
+            tqdm.write(phase, file=sys.stderr)
+            return
         share = min(max(share, 0.0), 1.0)
         work = phase.partition(":")[0]
         if work != self._work:
             self.close()
-            self._work, self._began = work, time.monotonic()
+            self._work, self._began, self._estimated = work, time.monotonic(), False
         if time.monotonic() - self._began < AT_ONCE:
             self._first = share
         beside = value if isinstance(value, str) else f"{value:.6g}"
@@ -49,15 +55,19 @@ class ProgressBar:
 
     def _line(self, phase: str, share: float, beside: str) -> None:
         now = time.monotonic()
+        spent, done = now - self._began, share - self._first
+        left = spent * (1.0 - share) / done if done > 0.0 and share < 1.0 else 0.0
+        text = f"about {left:.0f} s left" if left else ""
+        soon = not self._estimated and left > LINE_EVERY and spent > FIRST_AFTER
         if phase != self._phase:
-            print(f"{phase} ...", file=sys.stderr, flush=True)
-        elif self._quiet or now - self._told < LINE_EVERY:
+            print(f"{phase} ...{f' {text}' if text and not self._quiet else ''}", file=sys.stderr, flush=True)
+        elif self._quiet or (now - self._told < LINE_EVERY and not soon):
             return
         else:
-            spent, done = now - self._began, share - self._first
-            left = f", about {spent * (1.0 - share) / done:.0f} s left" if done > 0.0 and share < 1.0 else ""
             words = f" ({beside})" if beside else ""
-            print(f"{phase}: {share:.0%} after {spent:.0f} s{left}{words}", file=sys.stderr, flush=True)
+            until = f"{share:.0%} after {spent:.0f} s{', ' if text else ''}{text}"
+            print(f"{phase}: {until}{words}", file=sys.stderr, flush=True)
+        self._estimated |= bool(left)
         self._told = now
 
     def _draw(self, phase: str, share: float, beside: str) -> None:
