@@ -9,6 +9,18 @@ from numpy.random import Generator
 from aero_bayes.laws.compose import Models, law_models
 from aero_bayes.laws.law import Law, general_laws
 
+#: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
+SLOW = {
+    "benchmarks", "design", "docs", "estimate", "export", "fleet", "judge", "known_answers", "library", "loop", "predict", "replay",
+    "report", "sample", "search", "workflow",
+}  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if SLOW & set(item.path.parent.parts):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture(scope="session")
 def laws() -> tuple[Law, ...]:
