@@ -26,10 +26,10 @@ from aero_bayes.report import (
     replay,
     residual_figures,
 )
-from aero_bayes.report.diagram_figure import diagram_plate
+from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
 from aero_bayes.report.drawing import FloatArray
 from aero_bayes.report.embed import embedded
-from aero_bayes.report.figure import Plate
+from aero_bayes.report.figure import WIDE, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table
@@ -166,13 +166,17 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     model = (result.loop.base if result.loop else "") or result.model.name or run.path.name
     scene = curves.opening_scene(run)
+    equations = loop_story.changed_equations(result.loop) if result.loop else None
+    plates = [diagram_plate(d) for d in result.diagrams if not (equations and is_all_equations(d))]
+    diagrams = [plate for plate in plates if plate]
     return {
         "title": f"{_TITLES.get(result.command, 'Run')}: {model}",
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": overview.verdict(result), "simulated": result.simulated,
-        "opening": curves.scene_plate(run, scene) if scene else None,
+        "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
+        "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
-        "diagrams": [plate for diagram in result.diagrams if (plate := diagram_plate(diagram))],
+        "diagrams": diagrams,
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "parameters": parameter_table(result.parameters) if result.parameters else None,
         "identifiability": result.identifiability, "profiles": profile_figures.profile_plates(run),
