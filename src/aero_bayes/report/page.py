@@ -223,7 +223,7 @@ def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
     return {
         "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
         "effects": loop_story.effects(loop, run.result.parameters),
-        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
+        "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
         "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
