@@ -140,7 +140,7 @@ def test_the_verdict_stands_first_then_the_picture_then_the_numbers(pages: dict[
     text = pages["loop"].partition("</style>")[2]
     places = [
         text.index(mark)
-        for mark in ('class="verdict', "unseen, not fitted", "<svg", "The model</h2>", 'class="readings"', "<nav")
+        for mark in ("<nav", 'class="verdict', "unseen, not fitted", "<svg", "The model</h2>", 'class="readings"')
     ]
     assert places == sorted(places)
     opening = text[text.index('class="verdict') : text.index('class="readings"')]
@@ -271,7 +271,7 @@ def test_page_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytes
     page.write_text("the page before", "utf-8")
 
     def refuse(*_: object) -> None:
-        raise OSError("disk full")
+        raise OSError(28, "disk full")
 
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(OSError, match="disk full"):

@@ -40,7 +40,7 @@ _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
     "design": "The next experiment", "all": "From model to posterior",
 }  # fmt: skip
-SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "start")
+SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
 _OUTCOMES = {
     "adequate": "nothing is missing: the residual is noise",
     "extended": "the model was extended",
