@@ -276,7 +276,9 @@ def test_every_figure_is_saved_as_picture_and_numbers(loop: Browser, runs: Path,
         assert [float(row[column]) for row in rows[1:]] == pytest.approx(
             series["measured/train/omega_m"].tolist(), abs=2e-3
         )
-    without = "[...document.querySelectorAll('figure')].filter(f => f.querySelector('.plot') && !f.querySelector('.save'))"
+    without = (
+        "[...document.querySelectorAll('figure')].filter(f => f.querySelector('.plot') && !f.querySelector('.save'))"
+    )
     assert loop.evaluate(f"{without}.length") == 0
 
 

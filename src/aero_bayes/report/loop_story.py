@@ -90,7 +90,8 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         if moved.before and moved.after is not None:
             share = 100 * (moved.after - moved.before) / abs(moved.before)
         rows.append((
-            symbol(name), f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
+            Markup("{}<small>{}</small>").format(symbol(name), stated.description if stated else ""),
+            f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
             NOTHING if share is None else f"{signed(share, 1)} %",
             significant(moved.in_sd, 2),
         ))  # fmt: skip

@@ -32,7 +32,7 @@ from aero_bayes.report.embed import embedded
 from aero_bayes.report.figure import WIDE, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
-from aero_bayes.report.tables import generic_cell, parameter_table
+from aero_bayes.report.tables import generic_cell, parameter_table, status_words
 from aero_bayes.report.text import named_effect, sentence, symbol
 from aero_bayes.schema import LoopPart, RunResult
 
@@ -179,7 +179,8 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "diagrams": diagrams,
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "parameters": parameter_table(result.parameters) if result.parameters else None,
-        "identifiability": result.identifiability, "profiles": profile_figures.profile_plates(run),
+        "statuses": status_words(result.parameters), "identifiability": result.identifiability,
+        "profiles": profile_figures.profile_plates(run),
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "curve_words": curves.MEANING,
