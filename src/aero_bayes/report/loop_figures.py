@@ -56,7 +56,7 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
     )
     left_out = len(ids) - len(shown)
     rest = Markup.escape(f"{left_out} candidates that gain nothing are left out." if left_out else "")
-    plates = []
+    plates: list[Plate] = []
     for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
         if part:
             wide, narrow = (_rounds_drawing(steps, part, words, width, about) for width in (WIDE, NARROW))
