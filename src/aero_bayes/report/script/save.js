@@ -59,7 +59,7 @@ class Saver {
       const draws = await Promise.all(names.map((name) => load(`draws/${name}`)));
       rows = [names, ...Array.from(draws[0], (_, i) => draws.map((values) => values[i]))];
     } else {
-      const text = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).join(" ").replaceAll("−", "-").replaceAll("\u202f", "");
+      const text = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).join(" ").replaceAll("−", "-").replaceAll("\u202f", "").replace(/^–$/, "");
       rows = [...this.box.querySelectorAll(".numbers tr")].map((row) => [...row.children].map(text));
     }
     const cell = (value) => (typeof value === "number" ? (Number.isFinite(value) ? String(+value.toPrecision(7)) : "") : /[",\n]/.test(value) ? `"${value.replaceAll('"', '""')}"` : value);
