@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -240,3 +242,57 @@ def test_print_shows_the_still_picture_and_no_tools(browser: Browser, runs: Path
         assert set(browser.evaluate(shown.format(".wide"))) == {"block"}
     finally:
         browser.tab("Emulation.setEmulatedMedia", media="")
+
+
+def test_a_tap_reads_values_and_does_not_move_the_figure(loop: Browser) -> None:
+    at = show(loop, STACK)
+    touch = f"""(kind, x, y) => look.seen({STACK}).dispatchEvent(new PointerEvent(kind, {{
+        pointerId: 7, pointerType: 'touch', clientX: x, clientY: y, bubbles: true}}))"""
+    x, y = at(0.5, 0.5)
+    for kind in ("pointerdown", "pointerup", "pointerleave"):
+        loop.evaluate(f"({touch})('{kind}', {x}, {y})")
+    until(loop, f"look.readouts({STACK})[1].length > 1")
+    assert loop.evaluate(f"look.still({STACK})")
+
+
+def test_every_figure_is_saved_as_picture_and_numbers(loop: Browser, runs: Path, tmp_path: Path) -> None:
+    loop.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    show(loop, STACK)
+    for kind in ("PNG", "SVG", "CSV"):
+        loop.evaluate(f"[...{STACK}.querySelectorAll('.save button')].find(b => b.textContent === '{kind}').click()")
+        for _ in range(200):
+            if found := list(tmp_path.glob(f"*.{kind.lower()}")):
+                break
+            time.sleep(0.05)
+        assert found, kind
+    assert next(tmp_path.glob("*.png")).read_bytes()[:4] == b"\x89PNG"
+    drawing = next(tmp_path.glob("*.svg")).read_text("utf-8")
+    assert ElementTree.fromstring(drawing).tag.endswith("svg")
+    assert "var(--" not in drawing
+    rows = list(csv.reader(next(tmp_path.glob("*.csv")).open(encoding="utf-8")))
+    with np.load(runs / "loop" / "series.npz") as series:
+        assert [float(row[0]) for row in rows[1:]] == pytest.approx(series["time/train"].tolist())
+        column = next(k for k, head in enumerate(rows[0]) if head.startswith("ω") and head.endswith(": measured"))
+        assert [float(row[column]) for row in rows[1:]] == pytest.approx(
+            series["measured/train/omega_m"].tolist(), abs=2e-3
+        )
+    without = (
+        "[...document.querySelectorAll('figure')].filter(f => f.querySelector('.plot') && !f.querySelector('.save'))"
+    )
+    assert loop.evaluate(f"{without}.length") == 0
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_section_bar_stays_and_tells_where_the_reader_is(loop: Browser, runs: Path, width: int) -> None:
+    loop.open(runs / "loop" / "report.html", width=width)
+    loop.evaluate("document.querySelector('#parameters').scrollIntoView({behavior: 'instant'})")
+    until(loop, "document.querySelector('nav [aria-current]')?.hash === '#parameters'")
+    assert loop.evaluate("document.querySelector('nav').getBoundingClientRect().top") == 0
+
+
+def test_the_interval_of_a_parameter_is_in_view_on_a_phone(browser: Browser, runs: Path) -> None:
+    browser.open(runs / "loop" / "report.html", width=390)
+    beyond = browser.evaluate("""[...document.querySelectorAll('#parameters tbody tr')].map(row =>
+        row.children[2].getBoundingClientRect().right - row.closest('.scroll').getBoundingClientRect().right)""")
+    assert beyond
+    assert max(beyond) <= 0

@@ -137,14 +137,14 @@ def test_drawings_take_their_colours_from_the_page(pages: dict[str, str]) -> Non
             '<script type="application/json"')[0])) == set()  # fmt: skip
 
 
-def test_the_picture_stands_first_then_the_sentence_then_the_numbers(pages: dict[str, str]) -> None:
+def test_the_verdict_stands_first_then_the_picture_then_the_numbers(pages: dict[str, str]) -> None:
     text = pages["loop"].partition("</style>")[2]
     places = [
         text.index(mark)
-        for mark in ("unseen, not fitted", "<svg", "The model</h2>", 'class="verdict', 'class="readings"', "<nav")
+        for mark in ("<nav", 'class="verdict', "unseen, not fitted", "<svg", "The model</h2>", 'class="readings"')
     ]
     assert places == sorted(places)
-    opening = text[: text.index('class="verdict')]
+    opening = text[text.index('class="verdict') : text.index('class="readings"')]
     assert "before" in opening
     assert "An effect was added at bodyEffect." in opening
 

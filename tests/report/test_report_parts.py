@@ -194,7 +194,8 @@ def test_ticks_are_round_and_within_the_ends() -> None:
 def drawn_points(svg: str) -> list[np.ndarray]:
     """The polylines of a drawing's paths, each of shape (n, 2)."""
     pieces = [piece for data in re.findall(r' d="([^"]*)"', svg) for piece in data.split("M") if piece]
-    return [np.array([pair.split() for pair in piece.split("L")], dtype=float) for piece in pieces]
+    numbers = [np.array(re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece), dtype=float) for piece in pieces]
+    return [np.cumsum(steps.reshape(-1, 2), axis=0) for steps in numbers]
 
 
 def test_curves_pass_every_point_with_no_more_points_than_needed() -> None:

@@ -87,19 +87,19 @@ def opening_scene(run: RunDirectory) -> Scene | None:
 
 
 def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
-    """The curve of the opening picture, and what is left."""
-    return _output_panels(run, scene.recording, scene.output, (190.0, 110.0), scene.stretch)
+    """The curves, small since they hide each other, and what the model leaves, large."""
+    return _output_panels(run, scene.recording, scene.output, (85.0, 210.0), scene.stretch)
 
 
-def scene_plate(run: RunDirectory, scene: Scene) -> Plate:
-    """The opening picture: the curve above, what is left below."""
-    panels = scene_panels(run, scene)
+def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
+    """The opening picture: what the model leaves, and below it the curves."""
+    panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
     where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
     alt = f"{plain_name(scene.output)}, measured and modelled, and what the model leaves; recording {where}, {unseen}."
-    return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=700)
+    return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
@@ -128,7 +128,7 @@ def recording_panels(
         title = signal_title(name, unit, run.result.description(name))
         panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
     for name in _outputs(run, recording, without) if outputs is None else outputs:
-        panels += _output_panels(run, recording, name, (130.0, 78.0))
+        panels += _output_panels(run, recording, name, (80.0, 130.0))
     return panels
 
 
@@ -148,7 +148,7 @@ def _output_panels(
     run: RunDirectory, recording: str, name: str, heights: tuple[float, float],
     stretch: tuple[float, float] | None = None,
 ) -> list[Panel]:  # fmt: skip
-    """The curve and, below, what is left of it."""
+    """The curve and, below, what the model leaves of it."""
     time = run.time(recording)
     final = "after" if f"{BASE}/{recording}/{name}" in run.series else "fitted"
     shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),
@@ -177,7 +177,7 @@ def _output_panels(
             Line(time, factor * pair[0], colour, 1.1, label=label, source=pair[1], cloud=opacity, trend=True, rms=True)
             for colour, label, opacity, pair in found
         )
-        words = f"what is left of {plain_name(name)} ({unit})" if unit else f"what is left of {plain_name(name)}"
+        words = f"residual of {plain_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
         panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch, factor=factor))
     return panels
 

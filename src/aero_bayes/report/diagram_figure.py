@@ -20,6 +20,11 @@ _LETTER = 5.6
 Place = Callable[[float, float], tuple[float, float]]
 
 
+def is_all_equations(diagram: Diagram) -> bool:
+    """Whether it shows a model without components: a box with its states, inputs and outputs."""
+    return bool(diagram.components) and diagram.components[0].type == "model"
+
+
 def diagram_plate(diagram: Diagram) -> Plate | None:
     """A diagram as a figure; None for an empty one."""
     if not diagram.components:

@@ -23,8 +23,10 @@ _MOST_ROWS = 24
 LEAST_ODDS = 1e-3
 #: Width of a digit of a tick, and the least between two ticks.
 TICK = 6.0
-#: Room that a gain takes with its odds.
-TEXT_WITH_ODDS = 104.0
+#: Candidates that are seen at once; the others are folded.
+SHOWN = 5
+#: Width of a letter beside a bar.
+LETTER = 6.3
 
 
 def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
@@ -40,20 +42,27 @@ def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
-    """All rounds in one figure: a row for each candidate, a column for each round, bars of log-evidence gained."""
+def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
+    """A row for each candidate, a column for each round, bars of log-evidence gained: the best, then all others."""
     steps, ids, shown = rounds(loop)
     if not steps:
-        return None
+        return []
     alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} steps. " + " ".join(
         f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
         "Log-evidence that each candidate gains in each step, all parameters refitted, on a logarithmic scale. "
-        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
-    ).format(f"{len(ids) - len(shown)} candidates that gain nothing are left out." if len(ids) > len(shown) else "")
-    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW))
-    return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
+        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts."
+    )
+    left_out = len(ids) - len(shown)
+    rest = Markup.escape(f"{left_out} candidates that gain nothing are left out." if left_out else "")
+    plates: list[Plate] = []
+    for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
+        if part:
+            wide, narrow = (_rounds_drawing(steps, part, words, width, about) for width in (WIDE, NARROW))
+            table = None if plates else _rounds_table(steps, ids, words)
+            plates.append(Plate(wide, narrow, about, below, (), table))
+    return plates
 
 
 def _rounds_drawing(
@@ -65,8 +74,11 @@ def _rounds_drawing(
     row = _ROW if wide else 2 * _ROW
     canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
     column = (width - label - 10) / len(steps)
-    most = max(10.0, *(c.delta_evidence or 0.0 for step in steps for c in step.candidates))
-    beside = TEXT_WITH_ODDS if column > 2.0 * TEXT_WITH_ODDS else 48.0
+    found = [c for step in steps for c in step.candidates]
+    most = max(10.0, *(c.delta_evidence or 0.0 for c in found))
+    longest, short = (8 + LETTER * max(len(_beside(c, odds=odds)) for c in found) for odds in (True, False))
+    with_odds = column > 2.0 * longest
+    beside = longest if with_odds else short
 
     def across(gain: float) -> float:
         return (column - beside) * math.log1p(max(gain, 0.0)) / math.log1p(most)
@@ -74,8 +86,8 @@ def _rounds_drawing(
     for index, id_ in enumerate(ids):
         y = _TOP + row * index
         canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
-        text = words.get(id_, id_)
-        canvas.text(0, y + 13, text if len(text) < 45 or not wide else f"{text[:43]}…", INK, 11.5)
+        text, fits = words.get(id_, id_), 52 - (len(ports.get(id_, "")) if wide else 0)
+        canvas.text(0, y + 13, text if len(text) <= fits else f"{text[: fits - 1]}…", INK, 11.5)
         if wide:
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):
@@ -95,25 +107,29 @@ def _rounds_drawing(
         for index, id_ in enumerate(ids):
             if id_ in by_id:
                 y = _TOP + row * index + (0 if wide else _ROW - 3)
-                _bar(canvas, by_id[id_], step, (left, left + column), y, across(by_id[id_].delta_evidence or 0.0))
+                length = max(across(by_id[id_].delta_evidence or 0.0), 1.5)
+                _bar(canvas, by_id[id_], step, (left, y, length), _beside(by_id[id_], odds=with_odds))
     return canvas.svg()
 
 
 def _bar(
-    canvas: Canvas, found: CandidateResult, step: StepResult, ends: tuple[float, float], y: float, length: float
+    canvas: Canvas, found: CandidateResult, step: StepResult, place: tuple[float, float, float], text: str
 ) -> None:
-    """A candidate's gain in a column that ends where it does; its odds where they have room."""
-    left, right = ends
+    """A candidate's gain as a bar (left, top, length), with its text where it gains anything."""
+    left, y, length = place
     chosen = found.id == step.chosen
     colour, opacity = (WARM, 1.0) if chosen else (ACCENT, 0.45)
     alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM});stroke-width:1.6"
-    outline = f"M{left:.1f} {y + 4:.1f}h{max(length, 1.5):.1f}v10h-{max(length, 1.5):.1f}Z"
+    outline = f"M{left:.1f} {y + 4:.1f}h{length:.1f}v10h-{length:.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
-        odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= LEAST_ODDS else ""
-        fits = left + length + TEXT_WITH_ODDS <= right
-        text = f"{gain_text(found.delta_evidence)}{odds if fits else ''}"
         canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
+
+
+def _beside(found: CandidateResult, *, odds: bool) -> str:
+    """What stands beside a bar: the gain, and the odds where they say anything."""
+    stated = odds and found.odds is not None and found.odds >= LEAST_ODDS
+    return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
 
 def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:

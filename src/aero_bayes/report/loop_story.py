@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from aero_bayes.report.figure import Plate
 from aero_bayes.report.loop_figures import curve_plate, gain_text
@@ -88,7 +90,8 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         if moved.before and moved.after is not None:
             share = 100 * (moved.after - moved.before) / abs(moved.before)
         rows.append((
-            symbol(name), f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
+            Markup("{}<small>{}</small>").format(symbol(name), stated.description if stated else ""),
+            f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
             NOTHING if share is None else f"{signed(share, 1)} %",
             significant(moved.in_sd, 2),
         ))  # fmt: skip
@@ -99,6 +102,46 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         Column("in standard deviations", "right"),
     )  # fmt: skip
     return html_table(columns, rows, "How far the base parameters moved")
+
+
+def changed_equations(loop: LoopPart) -> Markup | None:
+    """Equations of the extended model that the base model has not, with what is new in them marked; None if there are
+    none.
+    """
+    section, own = False, set()
+    for text in loop.modelica_source.splitlines():
+        head = text.strip().removeprefix("initial ")
+        section = (section or head == "equation") and not head.startswith(("end ", "public", "protected", "algorithm"))
+        own |= {head} if section else set()
+    old: list[str] = []
+    found = []
+    for text in loop.diff.splitlines():
+        kind, line = _diff_kind(text), text[1:].strip()
+        if kind == "add" and line in own and not line.startswith(("//", "annotation")):
+            found.append(_marked(old.pop(0) if old else "", line))
+        elif kind != "add":
+            old = [*old, line] if kind == "del" else []
+    return Markup("\n").join(found) if found else None
+
+
+def _marked(old: str, new: str) -> Markup:
+    """A line with what an older one has not between marks."""
+    before, after = (re.findall(r"[\w.]+|\s+|.", text) for text in (old, new))
+    shown = Markup("")
+    for kind, _, _, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
+        text = "".join(after[start:stop])
+        shown += escape(text) if kind == "equal" or not text else Markup("<mark>{}</mark>").format(text)
+    return shown
+
+
+def new_values(loop: LoopPart) -> Markup:
+    """Name, value and interval of each parameter that was added, in a line."""
+    texts = []
+    for name, stated in ((n, p) for effect in loop.effects for n, p in effect.parameters.items()):
+        shown, sure = parameter_quantity(stated)
+        interval = f" ({shown.low} … {shown.high})" if sure else ""
+        texts.append(Markup("{} = {}{} {}").format(symbol(name), shown.value, interval, shown.unit))
+    return Markup("; ").join(texts)
 
 
 def diff_lines(loop: LoopPart) -> list[tuple[str, str]]:

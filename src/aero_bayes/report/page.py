@@ -26,13 +26,13 @@ from aero_bayes.report import (
     replay,
     residual_figures,
 )
-from aero_bayes.report.diagram_figure import diagram_plate
+from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
 from aero_bayes.report.drawing import FloatArray
 from aero_bayes.report.embed import embedded
-from aero_bayes.report.figure import Plate
+from aero_bayes.report.figure import WIDE, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
-from aero_bayes.report.tables import generic_cell, parameter_table
+from aero_bayes.report.tables import generic_cell, parameter_table, status_words
 from aero_bayes.report.text import named_effect, sentence, symbol
 from aero_bayes.schema import LoopPart, RunResult
 
@@ -40,7 +40,7 @@ _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
     "design": "The next experiment", "all": "From model to posterior",
 }  # fmt: skip
-SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "start")
+SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
 _OUTCOMES = {
     "adequate": "nothing is missing: the residual is noise",
     "extended": "the model was extended",
@@ -166,16 +166,21 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     model = (result.loop.base if result.loop else "") or result.model.name or run.path.name
     scene = curves.opening_scene(run)
+    equations = loop_story.changed_equations(result.loop) if result.loop else None
+    plates = [diagram_plate(d) for d in result.diagrams if not (equations and is_all_equations(d))]
+    diagrams = [plate for plate in plates if plate]
     return {
         "title": f"{_TITLES.get(result.command, 'Run')}: {model}",
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": overview.verdict(result), "simulated": result.simulated,
-        "opening": curves.scene_plate(run, scene) if scene else None,
+        "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
+        "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
-        "diagrams": [plate for diagram in result.diagrams if (plate := diagram_plate(diagram))],
+        "diagrams": diagrams,
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "parameters": parameter_table(result.parameters) if result.parameters else None,
-        "identifiability": result.identifiability, "profiles": profile_figures.profile_plates(run),
+        "statuses": status_words(result.parameters), "identifiability": result.identifiability,
+        "profiles": profile_figures.profile_plates(run),
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "curve_words": curves.MEANING,
@@ -219,7 +224,7 @@ def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
     return {
         "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
         "effects": loop_story.effects(loop, run.result.parameters),
-        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
+        "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
         "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,

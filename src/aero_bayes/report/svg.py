@@ -134,15 +134,19 @@ def _rounded(values: FloatArray) -> list[str]:
 
 
 def _polyline(x: FloatArray, y: FloatArray) -> str:
-    """Path data of every piece between gaps, without points that change nothing at a tenth of a pixel."""
+    """Path data of every piece between gaps: its first point, then steps from point to point, in tenths of a pixel.
+
+    Points that change nothing are left out.
+    """
     points = np.asarray(np.round(np.column_stack([x, y]), 1), dtype=np.float64)
     known = np.isfinite(points).all(axis=1)
     path = []
     for piece in np.split(points, np.flatnonzero(np.diff(known)) + 1):
         if len(piece) and np.isfinite(piece[0]).all():
             kept = _turning_points(piece)
-            pairs = zip(_rounded(kept[:, 0]), _rounded(kept[:, 1]), strict=True)
-            path.append("M" + "L".join(f"{a} {b}" for a, b in pairs))
+            path.append("M" + " ".join(_rounded(kept[0])))
+            steps = " ".join(_rounded(np.diff(kept, axis=0).ravel()))
+            path.append(f"l{re.sub(r'(?<![0-9])0[.]', '.', steps).replace(' -', '-')}" if steps else "")
     return "".join(path)
 
 

@@ -126,6 +126,12 @@ def status_pill(status: str) -> Markup:
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
+def status_words(parameters: Mapping[str, ParameterResult]) -> list[tuple[str, str]]:
+    """The statuses that parameters have, and what each means."""
+    found = {entry.status for entry in parameters.values()}
+    return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
+
+
 def interval_glyph(stated: ParameterResult, name: str) -> Markup:
     """The 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
     low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper

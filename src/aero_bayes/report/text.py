@@ -175,7 +175,7 @@ def role_words(role: str) -> str:
 
 def signal_title(name: str, unit: str, meaning: str = "") -> str:
     """Title of a panel: symbol, meaning, unit."""
-    title = f"{plain_name(name)}  {meaning}" if meaning else plain_name(name)
+    title = f"{plain_name(name)}: {meaning}" if meaning else plain_name(name)
     return f"{title} ({unit})" if unit else title
 
 

@@ -77,13 +77,14 @@ class Drawing {
       const before = [...fingers.values()];
       fingers.set(event.pointerId, share);
       const now = [...fingers.values()];
+      start.moved ||= now.length === 2 || Math.abs(share - start.share) > 0.02;
       if (now.length === 2) {
         const [gap, was] = [Math.abs(now[0] - now[1]), Math.abs(before[0] - before[1])];
         if (gap > 0.02 && was > 0.02) figure.link.zoom(was / gap, value(0.5 * (now[0] + now[1])));
-      } else if (start.pan) {
+      } else if (start.pan && start.moved) {
         const shift = (start.share - share) * (start.range[1] - start.range[0]);
         figure.link.show([start.range[0] + shift, start.range[1] + shift]);
-      } else {
+      } else if (!start.pan) {
         const ends = [start.share, share].sort((a, b) => a - b);
         this.mark.setAttribute("x", this.left + ends[0] * this.width);
         this.mark.setAttribute("width", (ends[1] - ends[0]) * this.width);
@@ -95,11 +96,12 @@ class Drawing {
         const ends = [start.share, this.at(event)].sort((a, b) => a - b);
         if (ends[1] - ends[0] > 0.01) figure.link.show(ends.map(value));
       }
+      if (start?.pan && !start.moved && event.type === "pointerup") figure.link.point(value(this.at(event)));  // a tap
       this.mark.setAttribute("width", 0);
       if (!fingers.size) start = null;
     };
     for (const name of ["pointerup", "pointercancel"]) svg.addEventListener(name, stop);
-    svg.addEventListener("pointerleave", () => { if (!start) figure.link.point(null); });
+    svg.addEventListener("pointerleave", (event) => { if (!start && event.pointerType !== "touch") figure.link.point(null); });
     svg.addEventListener("dblclick", () => figure.link.show(null));
     svg.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && !figure.element.contains(document.activeElement)) return;

@@ -1,0 +1,47 @@
+"""The loop on the page: its candidates, and the equation with the term that was added."""
+
+from __future__ import annotations
+
+import re
+
+from aero_bayes.report.diagram_figure import is_all_equations
+from aero_bayes.report.loop_figures import rounds_plates
+from aero_bayes.report.loop_story import changed_equations
+from aero_bayes.schema import CandidateResult, Component, Diagram, LoopPart, StepResult
+
+
+def rounds_of(gains: dict[str, float]) -> LoopPart:
+    candidates = [CandidateResult(id=id_, port="v", delta_evidence=gain, odds=0.123) for id_, gain in gains.items()]
+    return LoopPart(outcome="extended", steps=[StepResult(round=1, candidates=candidates, threshold=7.0, chosen="a")])
+
+
+def test_five_candidates_are_seen_and_the_others_folded() -> None:
+    first, others = rounds_plates(rounds_of({name: 100.0 - rank for rank, name in enumerate("abcdefgh")}), {})
+    names = [re.findall(r">([a-h])</text>", str(drawing)) for drawing in (first.wide, others.wide, first.narrow)]
+    assert names == [list("abcde"), list("fgh"), list("abcde")]
+    assert first.table is not None
+    assert others.table is None
+    assert len(rounds_plates(rounds_of({"a": 9.0}), {})) == 1
+
+
+def test_the_label_of_the_longest_bar_ends_within_the_drawing() -> None:
+    for gain in (9.0, 1e3, 123456789.0):
+        (plate,) = rounds_plates(rounds_of({"a": gain, "b": 1.0}), {})
+        for drawing, width in ((plate.wide, 980), (plate.narrow, 350)):
+            texts = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="start"[^>]*>([^<]*)<', str(drawing))
+            assert max(float(x) + 6.0 * len(text) for x, text in texts) < width
+
+
+def test_the_added_term_is_marked_in_its_equation() -> None:
+    source = "model R\n  Real f;\nequation\n  der(x) = v;\n  m*der(v) = F - d*v - f;\n  f = c*sign(v);\nend R;\n"
+    diff = "@@ -2 +2 @@\n-  Real x;\n+  Real f;\n equation\n   der(x) = v;\n-  m*der(v) = F - d*v;\n" \
+        "+  m*der(v) = F - d*v - f;\n+  f = c*sign(v);\n"  # fmt: skip
+    loop = LoopPart(outcome="extended", diff=diff, modelica_source=source)
+    assert changed_equations(loop) == "m*der(v) = F - d*v<mark> - f</mark>;\n<mark>f = c*sign(v);</mark>"
+    assert changed_equations(LoopPart(outcome="adequate")) is None
+
+
+def test_a_diagram_of_states_gives_way_to_the_equation_and_one_of_components_stays() -> None:
+    box = Component(name="R", type="model", extent=(0, 0, 1, 1))
+    assert is_all_equations(Diagram(components=[box]))
+    assert not is_all_equations(Diagram(components=[box.model_copy(update={"type": "Mass"})]))
