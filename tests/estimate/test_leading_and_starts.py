@@ -20,8 +20,8 @@ from aero_bayes.estimate import (
     fit_calibration,
     parameters_from_model,
 )
-from aero_bayes.estimate.climb import ClimbSettings, climb
 from aero_bayes.estimate.coarse import leading
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.simulation import open_simulator
 
@@ -103,10 +103,10 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
         assert valleys.size > 3
 
         objective = Objective(calibration, simulator)
-        white = ClimbSettings(kinds={"x": "white"})
+        white = LocalFitSettings(kinds={"x": "white"})
         ends = [
             calibration.parameters.from_search(
-                climb(objective, calibration.parameters.to_search(grid[[k]]), (0,), settings=white).coordinates
+                local_fit(objective, calibration.parameters.to_search(grid[[k]]), (0,), settings=white).coordinates
             )[0]
             for k in valleys[np.argsort(costs[valleys])[:3]]
         ]

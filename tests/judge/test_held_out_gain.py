@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.judge.holdout import BLOCKS, blocks_of, held_out_gain
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Structure
@@ -20,7 +20,7 @@ from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 
-EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0
 TIME = np.arange(200) * 0.05
 

@@ -11,11 +11,11 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import NoiseModel
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.search import LocalSettings, Stop
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import StructureSearch
@@ -34,7 +34,7 @@ BASIS = np.stack(
     [np.ones(600), TIME / 30.0, np.sin(TIME), np.sign(np.sin(1.7 * TIME)), np.sin(TIME) + 1e-9 * np.cos(TIME)]
 )
 NOISE = OutputNoise(0.3, 0.2, 0.2)
-EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
 
 
 class LinearSimulator:
@@ -106,7 +106,7 @@ def searched(cache, settings=None, refines=None, parts=None, work=None, floors=N
     refines = refines or {}
     library = Library([tuple(cache.model.candidates)], refines, ())
     search = StructureSearch(
-        cache, library, settings or StructureSettings(), ClimbSettings(), FLOORS if floors is None else floors,
+        cache, library, settings or StructureSettings(), LocalFitSettings(), FLOORS if floors is None else floors,
         parts or Parts(restarts=()), work or Work(),
     )  # fmt: skip
     return search.run(cache.root(**root))
@@ -316,26 +316,26 @@ def test_a_fit_that_converges_to_another_optimum_goes_on_whatever_is_known():
     measured = damped(TIME, np.array([1.0, 3.7, 0.0]))[:, 0] + 0.1 * np.random.default_rng(4).normal(size=600)
     objective = formula_cache(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,))).model.objective
     right, wrong = (objective.parameters.to_search(np.array([0.8, w, 0.0, 0.0, 0.0])) for w in (3.72, 4.15))
-    best = climb(objective, right, (0, 1), noise={"y": noise})
-    alone, beside = (climb(objective, wrong, (0, 1), noise={"y": noise}, known=known) for known in ([], [best]))
+    best = local_fit(objective, right, (0, 1), noise={"y": noise})
+    alone, beside = (local_fit(objective, wrong, (0, 1), noise={"y": noise}, known=known) for known in ([], [best]))
     assert alone.log_likelihood < best.log_likelihood - 100.0
-    assert beside.reason is not Stop.MET
+    assert beside.reason is not Stop.KNOWN_OPTIMUM
     np.testing.assert_array_equal(beside.coordinates, alone.coordinates)
 
 
 def test_an_optimum_under_another_noise_is_what_a_fit_under_it_finds():
     """Where there is one output and hardly a prior, another noise moves no optimum."""
     objective = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
-    one = climb(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.3)}, settings=EXACT)
-    other = climb(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.9)}, settings=EXACT)
-    moved = one.under(objective, {"y": OutputNoise(0.9)})
+    one = local_fit(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.3)}, settings=EXACT)
+    other = local_fit(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.9)}, settings=EXACT)
+    moved = one.with_noise(objective, {"y": OutputNoise(0.9)})
     assert moved.log_evidence == pytest.approx(other.log_evidence, abs=1e-3)
     np.testing.assert_allclose(moved.covariance, other.covariance, rtol=1e-6)
 
 
 def test_climb_has_the_exact_posterior_and_evidence():
     held = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
-    found = climb(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)
+    found = local_fit(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)
     design, inner = BASIS[:2], np.linalg.inv(covariance())
     precision = design @ inner @ design.T + np.eye(2) / 9.0
     measured = held.series[0].measured
@@ -350,9 +350,9 @@ def test_climb_has_the_exact_posterior_and_evidence():
 
 def test_a_second_climb_into_the_same_valley_is_given_up_at_once():
     held = study([1.0, 2.0, 0.6, 0.0, 0.0], 2)
-    first = climb(held, np.zeros(5), (0, 1, 2), noise={"y": NOISE})
+    first = local_fit(held, np.zeros(5), (0, 1, 2), noise={"y": NOISE})
     far = held.parameters.to_search(np.array([5.0, -3.0, 4.0, 0.0, 0.0]))
     before = held.simulations
-    again = climb(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
-    assert again.reason is Stop.MET
+    again = local_fit(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
+    assert again.reason is Stop.KNOWN_OPTIMUM
     assert held.simulations - before == 1

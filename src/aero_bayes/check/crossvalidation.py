@@ -18,9 +18,9 @@ from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import FitSettings, fit_calibration
 from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.levenberg_marquardt import levenberg_marquardt
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.search import search
 from aero_bayes.estimate.target import NoiseLayout, Target
 from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.simulation.interface import DelayTarget
@@ -238,9 +238,9 @@ def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:
         for k in delays:
             trial[:, k] = np.linspace(low[k], high[k], _DELAYS)
         start = trial[int(np.argmin(target.cost(trial, noise[None])))]
-    found = search(target.at(noise[None]), start, low, high)
-    if found.ground is None:
+    found = levenberg_marquardt(target.at(noise[None]), start, low, high)
+    if found.quadratic is None:
         return -math.inf, target.values(start[None])[0]
-    determinant = float(np.linalg.slogdet(found.ground.hessian)[1])
+    determinant = float(np.linalg.slogdet(found.quadratic.hessian)[1])
     volume = 0.5 * (len(target.free) * math.log(2.0 * math.pi) - determinant)
     return volume - found.cost, target.values(found.point[None])[0]

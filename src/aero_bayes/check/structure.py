@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import OutputNoise, whiten
 from aero_bayes.sensors.ripple import is_rotor

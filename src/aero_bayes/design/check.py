@@ -13,7 +13,7 @@ from aero_bayes.design.optimise import Progress
 from aero_bayes.design.propose import Design
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -139,13 +139,13 @@ def fit_again(
     known = (centre, precision)
     with forecaster.open(forecaster.problem([experiment])) as simulator:
 
-        def ground(point: FloatArray) -> Ground | None:
+        def quadratic(point: FloatArray) -> QuadraticModel | None:
             return _posterior(simulator, free, point, known, rows, forecaster.delay_value)
 
         start = centre.copy()
         if forecaster.delay is not None:
             start = _best_delay(simulator, free, centre, rows)
-        result = search(Plain(ground), start, *free.box, LocalSettings(tolerance=1e-4))
+        result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=1e-4))
     return (result.point[:count], result.cost) if result.reason.converged else None
 
 
@@ -165,7 +165,7 @@ def _posterior(
     known: tuple[FloatArray, FloatArray],
     noise: FloatArray,
     delay: float,
-) -> Ground | None:
+) -> QuadraticModel | None:
     """Negative log-posterior at a point (p,), from the centre and the precision of what was ``known``."""
     centre, precision = known
     values = free.from_search(point[None])
@@ -177,7 +177,7 @@ def _posterior(
     if not np.isfinite(cost):
         return None
     hessian = data.hessian[0] * np.outer(slope, slope) + precision
-    return Ground(cost, data.gradient[0] * slope + away @ precision, hessian)
+    return QuadraticModel(cost, data.gradient[0] * slope + away @ precision, hessian)
 
 
 def draw_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:

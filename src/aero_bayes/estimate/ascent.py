@@ -18,13 +18,13 @@ from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb, noise_of
 from aero_bayes.estimate.coarse import hurried, leading
 from aero_bayes.estimate.delays import best_valleys, delay_columns, scan_delays
 from aero_bayes.estimate.growing import OpenSimulator, grown, over_floor
 from aero_bayes.estimate.interpolation import LEAST_GAIN, moving_inputs, read_as, with_lines
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.target import Target
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
@@ -116,18 +116,18 @@ class Climber:
         return "white" if self.settings.cost == "weighted" or wanted == "white" else "auto"
 
     @property
-    def climbing(self) -> ClimbSettings:
+    def climbing(self) -> LocalFitSettings:
         eq6 = self.settings.cost == "eq6"
-        local = replace(self.settings.local, renewal=0.02, rejections=15, worthwhile=0.005)
-        return ClimbSettings(
+        local = replace(self.settings.local, min_noise_gain=0.02, max_rejections=15, min_decrease=0.005)
+        return LocalFitSettings(
             local, self.kinds, self.objective.calibration.floors,
             self.settings.longest, hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
     @property
-    def by_squares(self) -> ClimbSettings:
+    def by_squares(self) -> LocalFitSettings:
         """As climbing, by the size of what is left."""
-        return self.climbing.by_squares(self.kinds)
+        return self.climbing.least_squares(self.kinds)
 
     def first_noise(self) -> dict[str, OutputNoise]:
         """Weights before anything is known; those of Eq. 6 for good."""
@@ -155,7 +155,7 @@ class Climber:
         if self.settings.swarm is not None:
             start, swarm = self._valley(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]
-        rough = self.climbing.rough(12, 1.0)
+        rough = self.climbing.with_limits(12, 1.0)
         self.progress("local", 0.0, 0.0)
         eq6 = self.first_noise() if self.settings.cost == "eq6" else None
         here = self._climb(start, steady, eq6, rough)
@@ -210,7 +210,7 @@ class Climber:
     def _rms(self, found: Optimum, objective: Objective | None = None) -> dict[str, float]:
         white = replace(self.by_squares, floors={})
         residual = found.evaluation.residual
-        return {o: n.sd_white for o, n in noise_of(objective or self.objective, residual, white).items()}
+        return {o: n.sd_white for o, n in fit_noise(objective or self.objective, residual, white).items()}
 
     def _estimated(self, here: Optimum) -> dict[str, OutputNoise]:
         """The noise by its exact likelihood; that of outputs which are held by their residual's size."""
@@ -235,10 +235,10 @@ class Climber:
         start: FloatArray,
         free: Sequence[int],
         noise: Mapping[str, OutputNoise] | None,
-        settings: ClimbSettings,
+        settings: LocalFitSettings,
         objective: Objective | None = None,
     ) -> Optimum:
-        found = climb(objective or self.objective, start, free, noise=noise, settings=settings)
+        found = local_fit(objective or self.objective, start, free, noise=noise, settings=settings)
         self.iterations += found.steps
         return found
 
@@ -278,7 +278,7 @@ class Climber:
                     at[list(free)] = x
                     starts.append(at)
             if self.settings.cost != "eq6":
-                point, steps = grown(few, start, free, self.by_squares.rough(12, 0.1), open_simulator)
+                point, steps = grown(few, start, free, self.by_squares.with_limits(12, 0.1), open_simulator)
                 starts.append(point)
                 self.iterations += steps
             best = self._best(few, starts, free, first, near)
@@ -289,7 +289,7 @@ class Climber:
         if self.settings.enough <= 0.0 or self.settings.cost == "eq6":
             return None
         with suppress(CannotFinishError):
-            return self._climb(start, free, None, self.by_squares.rough(25, 0.1), objective)
+            return self._climb(start, free, None, self.by_squares.with_limits(25, 0.1), objective)
         return None
 
     def _best(
@@ -301,7 +301,9 @@ class Climber:
         found = [near] if near is not None else []
         for at in starts:
             with suppress(CannotFinishError):
-                found.append(self._climb(at, free, noise if eq6 else None, self.by_squares.rough(25, 0.1), objective))
+                found.append(
+                    self._climb(at, free, noise if eq6 else None, self.by_squares.with_limits(25, 0.1), objective)
+                )
         if not found:
             raise CannotFinishError(
                 f"model {objective.calibration.model.name} could not be simulated at any starting point: "
@@ -335,7 +337,7 @@ class Climber:
         if not own or not part.series:
             return point
         eq6 = self.first_noise() if self.settings.cost == "eq6" else None
-        found = self._climb(point, own, eq6, self.climbing.rough(20, 0.5), part)
+        found = self._climb(point, own, eq6, self.climbing.with_limits(20, 0.5), part)
         self.stages.append(StageEnd(stage, -found.log_likelihood - found.log_prior, found))
         return found.coordinates
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.cost_shape import cost_shape
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, QuadraticModel, SearchResult, levenberg_marquardt
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.search import Found, Ground, LocalSettings, search
-from aero_bayes.estimate.shape import shape_of
 from aero_bayes.estimate.target import Target
 from aero_bayes.simulation.interface import DelayTarget
 
@@ -96,13 +96,15 @@ def best_valleys(
         Whether that is another one.
     """
     valleys = valleys or Valleys()
-    terrain, (low, high) = target.at(noise), target.box
+    cost_function, (low, high) = target.at(noise), target.box
     intervals = target.calibration.intervals
-    shape = shape_of(target.parameters, range(len(target.free)), intervals)
+    shape = cost_shape(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):
         starts = _starts(target, point, noise, k, item, intervals, valleys.most)
-        found = [search(terrain, start, low, high, valleys.settings, shape=shape) for start in starts]
+        found = [
+            levenberg_marquardt(cost_function, start, low, high, valleys.settings, shape=shape) for start in starts
+        ]
         scores = [log_mass(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + LEAST_GAIN:
@@ -128,9 +130,9 @@ def _starts(
     return [point, *trial[order]]
 
 
-def log_mass(found: Found[Ground]) -> float:
+def log_mass(found: SearchResult[QuadraticModel]) -> float:
     """Log-probability about the end of a search but for a constant; minus infinity where it failed."""
-    if found.ground is None:
+    if found.quadratic is None:
         return -np.inf
-    sign, determinant = np.linalg.slogdet(found.ground.hessian)
+    sign, determinant = np.linalg.slogdet(found.quadratic.hessian)
     return float(-found.cost - 0.5 * determinant) if sign > 0 else -np.inf

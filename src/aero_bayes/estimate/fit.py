@@ -20,16 +20,16 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, Progress, straighter
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.held_guesses import name_held_guesses
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, Wish, chosen_parameters
 from aero_bayes.estimate.result import Fit, stage_report, structure_warnings
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import Arrays
 from aero_bayes.data import floors_of
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.simulation.interface import Problem, Simulator
 
@@ -32,7 +32,7 @@ def grown(
     whole: Objective,
     start: FloatArray,
     free: Sequence[int],
-    settings: ClimbSettings,
+    settings: LocalFitSettings,
     open_simulator: OpenSimulator,
     known: FloatArray | None = None,
 ) -> tuple[FloatArray, int]:
@@ -40,7 +40,7 @@ def grown(
 
     ``known`` are coordinates of a fit of the whole: a way that does not follow the beginning better ends there.
     """
-    by_squares = settings.by_squares(whole.outputs)
+    by_squares = settings.least_squares(whole.outputs)
 
     def growing() -> Arrays:
         point, steps = start, 0
@@ -48,7 +48,7 @@ def grown(
             part = whole.calibration.beginning(share)
             with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
                 objective = whole.on(part, simulator)
-                found = climb(objective, point, free, settings=by_squares)
+                found = local_fit(objective, point, free, settings=by_squares)
                 point, steps = found.coordinates, steps + found.steps
                 if share >= PROVEN and known is not None:
                     (there,) = objective.residuals(known[np.newaxis, :])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.target import NoiseLayout, Spread
 from aero_bayes.sensors.noise import OutputNoise, log_density

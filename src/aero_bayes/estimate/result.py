@@ -16,12 +16,12 @@ from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.ascent import StageEnd
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.identifiability import Identifiability, Status
 from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.search import Stop
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target

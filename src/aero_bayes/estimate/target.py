@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.search import Ground, Plain
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
 
@@ -193,16 +193,16 @@ class Target:
         cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
         return Products(cost, gradient, hessian)
 
-    def at(self, noise: FloatArray) -> Plain:
-        """The ground that a search walks over at given noise, one reduced run a step."""
+    def at(self, noise: FloatArray) -> FixedCost:
+        """The cost function at given noise; each evaluation is one simulation, reduced in the engine."""
 
-        def ground(point: FloatArray) -> Ground | None:
+        def quadratic(point: FloatArray) -> QuadraticModel | None:
             found = self.products(point[None], noise)
             if not np.isfinite(found.cost[0]):
                 return None
-            return Ground(float(found.cost[0]), found.gradient[0], found.hessian[0])
+            return QuadraticModel(float(found.cost[0]), found.gradient[0], found.hessian[0])
 
-        return Plain(ground)
+        return FixedCost(quadratic)
 
     def fitted(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
         """Outputs at one point, shape (n, m) for each experiment."""

@@ -89,7 +89,7 @@ class LeaveBlockOut:
         for id_ in case.fitted.terms:
             rival = fits.get(case.fitted.structure.minus(id_))
             if rival is not None:
-                found = held_out_gain(case.fitted.under(noise), rival.under(noise))
+                found = held_out_gain(case.fitted.with_noise(noise), rival.with_noise(noise))
                 if found.in_errors < STANDARD_ERRORS:
                     weak.append(f"{id_} by {found.in_errors:.1f} standard errors over {found.blocks} {found.by}")
         reason = f"readings that were left out are not surely predicted better: {listed(weak)}" if weak else ""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import autocorrelation
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.show import with_unit

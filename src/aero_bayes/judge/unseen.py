@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.starts import loosened
@@ -187,8 +187,8 @@ class Unseen:
             objective = Objective(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):
                 with suppress(CannotFinishError):
-                    held = ClimbSettings(hold_noise=True)
-                    ends.append(climb(objective, at, starts, noise=fit.noise, settings=held))
+                    held = LocalFitSettings(hold_noise=True)
+                    ends.append(local_fit(objective, at, starts, noise=fit.noise, settings=held))
                     settled[k] = whole.parameters.from_search(ends[-1].coordinates)
         return settled, ends
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from aero_bayes.declared import Declaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.candidates import Candidate, candidates

@@ -17,8 +17,8 @@ import numpy as np
 from aero_bayes.declared import Declaration
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.compose import TRUE
 from aero_bayes.export.embedded import export_flat

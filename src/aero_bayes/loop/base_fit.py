@@ -13,9 +13,9 @@ from aero_bayes.data import floors_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import Explored
@@ -83,7 +83,7 @@ def _in_place_of(
     return found
 
 
-def _freed(here: FittedModel, name: str, fit: ClimbSettings) -> FittedModel:
+def _freed(here: FittedModel, name: str, fit: LocalFitSettings) -> FittedModel:
     freed = replace(here.model, own=(*here.model.own, here.model.objective.parameters.index(name)))
     return freed.fit(here.structure, here.optimum.coordinates, here.noise, fit)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from aero_bayes.arguments import names_of, paths_of
 from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.judge.checks import Check
 from aero_bayes.search.parts import Parts
@@ -76,7 +76,7 @@ class LoopSettings(Settings):
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
-    climb: ClimbSettings = field(default_factory=ClimbSettings)
+    climb: LocalFitSettings = field(default_factory=LocalFitSettings)
     ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(

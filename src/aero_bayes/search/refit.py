@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
-from aero_bayes.estimate.search import Stop
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import Start
@@ -23,7 +23,7 @@ def aim_at(like: FittedModel, log_evidence: float) -> float:
 
 
 def refit(
-    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: ClimbSettings
+    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: LocalFitSettings
 ) -> FittedModel | None:
     """The best local fit of a structure on the model of ``base``.
 
@@ -34,11 +34,11 @@ def refit(
     ends: list[FittedModel] = []
     for start in starts[: settings.starts]:
         try:
-            end = climb(
+            end = local_fit(
                 objective, start.point, free, noise=base.optimum.noise, settings=fit, known=[e.optimum for e in ends]
             )
         except CannotFinishError:
             continue
-        if end.reason is not Stop.MET:
+        if end.reason is not Stop.KNOWN_OPTIMUM:
             ends.append(replace(base, structure=structure, optimum=end))
     return max(ends, key=lambda e: e.log_evidence, default=None)

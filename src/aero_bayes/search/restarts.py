@@ -13,8 +13,8 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.ascent import AscentSettings, Climber
-from aero_bayes.estimate.climb import ClimbSettings
 from aero_bayes.estimate.growing import grown
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.search.models import CandidateModel, FittedModel
 
 #: Gives the model that has a structure's terms at hand and no others.
@@ -24,7 +24,7 @@ ModelOf = Callable[[FittedModel], CandidateModel]
 class Restart(Protocol):
     """Looks for a better optimum of the same structure."""
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         """A fit from elsewhere under the same noise, whether better or not; None where there is none."""
         ...
 
@@ -36,12 +36,12 @@ class GrowingHorizon:
     Parameters of the first model that ended on a bound begin at their starting values.
     """
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         model, known = fitted.model, fitted.optimum.coordinates
         start = model.objective.parameters.revived(known, model.own)
         try:
             free = model.free(fitted.terms)
-            point, _ = grown(model.objective, start, free, settings.rough(25, 0.01), model.open, known)
+            point, _ = grown(model.objective, start, free, settings.with_limits(25, 0.01), model.open, known)
             return model.fit(fitted.structure, point, fitted.noise, settings)
         except CannotFinishError:
             return None
@@ -60,7 +60,7 @@ class Swarm:
     def __init__(self, settings: AscentSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         if self._settings.swarm is None:
             return None
         model = fitted.model

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
-from aero_bayes.estimate.climb import ClimbSettings, noise_of
+from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FittedModel, Noise
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 
@@ -98,7 +98,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}
     floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
     # No longer correlated than a sensor's noise may be: what lasts is the model's fault.
-    estimated = noise_of(objective, optimum.evaluation.residual, ClimbSettings(kinds=white, floors=floors_of))
+    estimated = fit_noise(objective, optimum.evaluation.residual, LocalFitSettings(kinds=white, floors=floors_of))
     reports = inspect(calibration, objective.series, replace(optimum, noise=estimated), floors)
     left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}

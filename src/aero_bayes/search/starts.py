@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search.models import FittedModel
@@ -182,12 +182,14 @@ def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line])
 
 def _with_term_held(response: LinearResponse, lines: Sequence[Line]) -> list[Start]:
     """The likeliest nominal parameters that act, all else refitted in a few steps."""
-    settings = ClimbSettings(hold_noise=True).rough(6, 0.5)
+    settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
     acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
     present, found = response.base.whitened.log_likelihood, []
     for line in acting[:LINES]:
         with suppress(CannotFinishError):
-            end = climb(response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings)
+            end = local_fit(
+                response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings
+            )
             found.append(Start(end.coordinates, line.best_gain, end.log_likelihood - present))
     return found
 

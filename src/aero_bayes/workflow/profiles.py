@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.check.profile import DROP_90, profile
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.job import Job
