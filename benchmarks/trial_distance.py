@@ -17,7 +17,7 @@ from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
-from aero_bayes.estimate.ascent import Climber
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.laws.rig_family import RigFamily
@@ -85,8 +85,8 @@ def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequ
     plain = replace(read, experiments=(experiment,))
     with _here(plain.problem()) as simulator:
         every = range(len(plain.parameters))
-        climber = Climber(Objective(plain, simulator), loop.ascent)
-        first = climber.to_optimum(every, _here, np.random.default_rng(1)).optimum
+        search = GlobalSearch(Objective(plain, simulator), loop.global_search)
+        first = search.run(every, _here, np.random.default_rng(1)).optimum
     family.prepare(plain, first, _here)
     listed = [k for k in known if k in family.declared.effects]
     calibration, extra = plain, []

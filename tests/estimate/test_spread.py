@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.estimate import Normal, OutputNoise
-from aero_bayes.estimate.laplace import spread_of
+from aero_bayes.estimate.laplace import curvature_adjustment
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
@@ -35,7 +35,7 @@ def fitted(y: np.ndarray, noise: OutputNoise) -> tuple[np.ndarray, np.ndarray | 
     objective = Objective(problem, closed_form.FormulaSimulator(problem.problem(), line))
     found = local_fit(objective, np.zeros(2), (0, 1), noise={"y": noise}, settings=EXACT)
     values = objective.parameters.from_search(found.coordinates)
-    spread = spread_of(objective.series, found, np.full(2, 3.0 / 20.0))
+    spread = curvature_adjustment(objective.series, found, np.full(2, 3.0 / 20.0))
     if spread is None:
         return values, None
     information = spread.map.T @ found.whitened.slopes @ found.whitened.slopes.T @ spread.map

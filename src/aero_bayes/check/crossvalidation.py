@@ -17,9 +17,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import FitSettings, fit_calibration
-from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.levenberg_marquardt import levenberg_marquardt
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout, Target
 from aero_bayes.sample.evidence import importance_posterior
@@ -238,7 +238,7 @@ def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:
         for k in delays:
             trial[:, k] = np.linspace(low[k], high[k], _DELAYS)
         start = trial[int(np.argmin(target.cost(trial, noise[None])))]
-    found = levenberg_marquardt(target.at(noise[None]), start, low, high)
+    found = levenberg_marquardt(target.cost_function(noise[None]), start, low, high)
     if found.quadratic is None:
         return -math.inf, target.values(start[None])[0]
     determinant = float(np.linalg.slogdet(found.quadratic.hessian)[1])

@@ -85,7 +85,7 @@ def profile(
     if column not in fit.free:
         raise InputError(f"{name} was not fitted, so it has no profile")
     target = fit.target(simulator)
-    cost_function = target.at(Objective(fit.calibration, simulator).noise_rows(fit.noise))
+    cost_function = target.cost_function(Objective(fit.calibration, simulator).noise_rows(fit.noise))
     j = fit.free.index(column)
     centre, sd = fit.laplace.mean[: len(fit.free)], fit.laplace.sd[j]
     low, high = target.box

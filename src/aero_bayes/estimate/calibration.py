@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
-from aero_bayes.estimate.starts import StartPolicy, start_parameters
 from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings

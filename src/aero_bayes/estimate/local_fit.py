@@ -325,7 +325,7 @@ def local_fit(
         return _pack(results[0])
 
     key = cost_function.base, tuple(free), noise, settings, [end.coordinates for end in known]
-    kept = objective.once("climb", key, search)
+    kept = objective.cached("local_fit", key, search)
     found = results[0] if results else cost_function.restore(kept)
     if found.quadratic is None:
         raise CannotFinishError(

@@ -9,7 +9,7 @@ import numpy as np
 from aero_bayes.data import Recording
 from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.starts import state_of
+from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.model import Model, Variable
 
 #: A temperature in K that starts above the first is no reading below the second: those are degrees Celsius.

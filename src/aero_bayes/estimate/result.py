@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
-from aero_bayes.estimate.ascent import StageEnd
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.global_search import FittedStage
 from aero_bayes.estimate.identifiability import Identifiability, Status
 from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.levenberg_marquardt import Stop
@@ -24,7 +24,7 @@ from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmResult
-from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
+from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
 from aero_bayes.show import nearest, table_html, with_unit
@@ -106,7 +106,7 @@ class Fit:
     identifiability : Identifiability
     laplace : Laplace
         Gaussian approximation of the posterior of free and noise parameters in search coordinates.
-    spread : Spread, optional
+    spread : CurvatureAdjustment, optional
         How much wider than its likelihood the posterior is, where a residual is no noise.
     log_posterior : float
     fitted, residuals : tuples of ndarray, shape (n, m)
@@ -160,7 +160,7 @@ class Fit:
     series: tuple[Series, ...]
     identifiability: Identifiability
     laplace: Laplace
-    spread: Spread | None
+    spread: CurvatureAdjustment | None
     log_posterior: float
     fitted: tuple[FloatArray, ...]
     residuals: tuple[FloatArray, ...]
@@ -502,7 +502,7 @@ def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> d
     }
 
 
-def stage_report(end: StageEnd, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
+def stage_report(end: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
     """A stage of an ascent as a reader sees it."""
     squares: dict[str, list[FloatArray]] = {}
     own = [s for s in series if s.output in end.stage.outputs]

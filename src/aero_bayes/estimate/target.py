@@ -85,7 +85,7 @@ class NoiseLayout:
 
 
 @dataclass(frozen=True, eq=False)
-class Products:
+class QuadraticModels:
     """Cost, gradient and Gauss-Newton Hessian at a batch of points: shapes (k,), (k, p), (k, p, p).
 
     The cost is not finite where the evaluation failed.
@@ -97,7 +97,7 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class CurvatureAdjustment:
     """How much wider the posterior is than a likelihood that takes every reading for independent (Ribatet, Cooley &
     Davison, 2012, Statistica Sinica 22, 813).
 
@@ -127,7 +127,7 @@ class Target:
         Columns that are searched.
     prior : bool
         Whether the priors count; without them it is the negative log-likelihood that a search minimises.
-    spread : Spread, optional
+    spread : CurvatureAdjustment, optional
         Widens the likelihood where the residual is no noise.
     """
 
@@ -139,7 +139,7 @@ class Target:
         free: Sequence[int],
         *,
         prior: bool = True,
-        spread: Spread | None = None,
+        spread: CurvatureAdjustment | None = None,
     ) -> None:
         self.calibration, self.simulator, self.prior, self.spread = calibration, simulator, prior, spread
         self.objective = Objective(calibration, simulator)
@@ -174,7 +174,9 @@ class Target:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
 
-    def products(self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True) -> Products:
+    def quadratic_models(
+        self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
+    ) -> QuadraticModels:
         """Negative log-posterior at given noise with its gradient and Gauss-Newton Hessian in search coordinates."""
         at = coordinates if self.spread is None else self.spread(coordinates)
         result = self.objective.gauss_newton(self.values(at), noise, self.free)
@@ -191,20 +193,20 @@ class Target:
             hessian[:, range(len(self.free)), range(len(self.free))] += np.maximum(-second, 0.0)
         failed = ~np.isfinite(cost)
         cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
-        return Products(cost, gradient, hessian)
+        return QuadraticModels(cost, gradient, hessian)
 
-    def at(self, noise: FloatArray) -> FixedCost:
+    def cost_function(self, noise: FloatArray) -> FixedCost:
         """The cost function at given noise; each evaluation is one simulation, reduced in the engine."""
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
-            found = self.products(point[None], noise)
+            found = self.quadratic_models(point[None], noise)
             if not np.isfinite(found.cost[0]):
                 return None
             return QuadraticModel(float(found.cost[0]), found.gradient[0], found.hessian[0])
 
         return FixedCost(quadratic)
 
-    def fitted(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
+    def predict(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
         """Outputs at one point, shape (n, m) for each experiment."""
         return tuple(y[0] for y in self.objective.simulate(self.values(coordinates[None])).outputs)
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.starts import loosened
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.family import Family
@@ -162,7 +162,7 @@ class Unseen:
         known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
         starts = known_as.parameters
         if not close:
-            starts = loosened(starts, known_as.experiments, plain)
+            starts = with_free_starts(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
         whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)

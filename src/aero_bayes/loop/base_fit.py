@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.data import floors_of
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.starts import loosened
+from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
@@ -82,7 +83,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
-    plain = replace(close, parameters=loosened(close.parameters, close.experiments, close.model))
+    plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
     floors = floors_of([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
@@ -105,7 +106,9 @@ def best_fit(bench: Workbench, calibration: Calibration, values: FloatArray, las
     left."""
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        found = Climber(study, bench.settings.ascent).again(study.parameters.to_search(values), last.free, last.noise)
+        found = GlobalSearch(study, bench.settings.global_search).refit(
+            study.parameters.to_search(values), last.free, last.noise
+        )
         bench.tally.count(study)
     return found
 
@@ -116,7 +119,7 @@ def for_search(bench: Workbench, plain: Calibration) -> Calibration:
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
         return plain
     with bench.open(plain.problem()) as simulator:
-        return leading(plain, simulator, samples, CLOSE)
+        return with_few_samples(plain, simulator, samples, CLOSE)
 
 
 def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
@@ -139,11 +142,15 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        climber = Climber(study, settings.ascent)
+        climber = GlobalSearch(study, settings.global_search)
         rng = np.random.default_rng(settings.seed)
-        ascent = climber.to_optimum(_seen(study), bench.open, rng)
+        ascent = climber.run(_seen(study), bench.open, rng)
         found = ascent.optimum
-        lines = straighter(climber, ascent, bench.open, rng) if settings.calibration.interpolation == "auto" else None
+        lines = (
+            choose_interpolation(climber, ascent, bench.open, rng)
+            if settings.calibration.interpolation == "auto"
+            else None
+        )
         fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
         bench.tally.count(study)
     if lines is not None:

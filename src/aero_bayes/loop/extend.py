@@ -10,8 +10,8 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.ascent import Climber
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
@@ -58,7 +58,7 @@ def extend(
         study = bench.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = Climber(study, bench.settings.ascent).again(start, free, base.fit.noise)
+        fit = GlobalSearch(study, bench.settings.global_search).refit(start, free, base.fit.noise)
         reports = inspect(calibration, study.series, fit, base.floors)
         bench.tally.count(study)
     after = bench.unseen.predict(calibration, fit)

@@ -10,7 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import one, paths_of, several
-from aero_bayes.checkpoint import Answers, Checkpoint
+from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -98,8 +98,8 @@ def close_loop(
         family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
-        answers = Checkpoint.at(checkpoint) or Answers()
-        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), answers)
+        result_cache = Checkpoint.at(checkpoint) or ResultCache()
+        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
         base = fit_as_it_stands(bench)
         cache, choice = search(bench, base)
         conclusion = conclude(bench, base, choice)
@@ -123,14 +123,14 @@ def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
     )
     cache, curves = ModelCache(source), tuple(family.learned())
     library = Library(family.groups(), family.finer(), curves)
-    fit = replace(settings.climb, floors=plain.floors)
+    fit = replace(settings.local_fit, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)
     model = cache.of(Structure(), library.groups[0])
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
-    parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    parts = settings.parts or Parts.of(settings.global_search, settings.seed, settings.leave_out)
 
     def chosen(explored: Explored) -> Choice:
         return choose(explored, checks_of(settings), settings.structures.require, searching.complete)

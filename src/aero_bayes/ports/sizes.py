@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel

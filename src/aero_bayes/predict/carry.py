@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording, noise_of
 from aero_bayes.data.beginning import Beginning, first_level
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.starts import state_of
+from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.interface import StartTarget, Target
 
 FloatArray = NDArray[np.float64]

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.growing import OpenSimulator
-from aero_bayes.estimate.interpolation import read_otherwise
+from aero_bayes.estimate.interpolation import with_other_interpolation
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.laws.family import Candidate, Family
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
@@ -226,7 +226,7 @@ class ModelCache:
     @property
     def reading_is_open(self) -> bool:
         """Whether the inputs may be read the other way between their samples."""
-        return self.source.reading_is_open and read_otherwise(self.source.plain) is not None
+        return self.source.reading_is_open and with_other_interpolation(self.source.plain) is not None
 
     @property
     def ports(self) -> dict[str, str]:
@@ -256,7 +256,7 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
         If the inputs cannot be read the other way.
     """
     if structure.other_reading:
-        other = read_otherwise(plain)
+        other = with_other_interpolation(plain)
         if other is None:
             raise CannotFinishError("the inputs cannot be read otherwise between their samples")
         plain = other

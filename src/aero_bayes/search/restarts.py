@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.ascent import AscentSettings, Climber
-from aero_bayes.estimate.growing import grown
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
 from aero_bayes.search.models import CandidateModel, FittedModel
 
 #: Gives the model that has a structure's terms at hand and no others.
@@ -41,7 +41,9 @@ class GrowingHorizon:
         start = model.objective.parameters.revived(known, model.own)
         try:
             free = model.free(fitted.terms)
-            point, _ = grown(model.objective, start, free, settings.with_limits(25, 0.01), model.open, known)
+            point, _ = fit_progressive_horizon(
+                model.objective, start, free, settings.with_limits(25, 0.01), model.open, known
+            )
             return model.fit(fitted.structure, point, fitted.noise, settings)
         except CannotFinishError:
             return None
@@ -52,12 +54,12 @@ class Swarm:
 
     Parameters
     ----------
-    settings : AscentSettings
+    settings : GlobalSearchSettings
         Of the search; without a swarm there is no restart.
     seed : int
     """
 
-    def __init__(self, settings: AscentSettings, seed: int) -> None:
+    def __init__(self, settings: GlobalSearchSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
 
     def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
@@ -66,12 +68,12 @@ class Swarm:
         model = fitted.model
         start = model.objective.parameters.from_search(fitted.optimum.coordinates)
         items = model.objective.parameters.with_start(start)
-        objective = model.objective.on(
+        objective = model.objective.with_calibration(
             replace(model.objective.calibration, parameters=items), model.objective.simulator
         )
-        search = replace(self._settings, cost="weighted", staged=False, settle=False)
+        search = replace(self._settings, cost="weighted", staged=False, check_noise=False)
         try:
-            found = Climber(objective, search).to_optimum(
+            found = GlobalSearch(objective, search).run(
                 model.free(fitted.terms), model.open, np.random.default_rng(self._seed)
             )
             return model.fit(fitted.structure, found.optimum.coordinates, fitted.noise, settings)

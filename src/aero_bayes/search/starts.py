@@ -68,7 +68,7 @@ def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: 
     candidates = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
     base = fitted.optimum
     asked = base.coordinates, base.free, base.noise, candidates, structure, list(rules)
-    return unpack_all(Start, fitted.model.objective.once("starts", asked, look))
+    return unpack_all(Start, fitted.model.objective.cached("starts", asked, look))
 
 
 def _one_new(fitted: FittedModel, structure: Structure) -> Candidate | None:

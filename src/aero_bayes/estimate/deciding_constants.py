@@ -1,4 +1,4 @@
-"""Which held parameter decides a combination of parameters that the data hardly determine."""
+"""Find fixed parameters that decide a combination of free parameters which the data hardly determine."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.identifiability import collinear
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
-#: A held parameter decides a direction if, were it free, the outputs would show so much less of it (squared).
-DECIDES = 0.01
+#: A fixed parameter decides a direction if freeing it would reduce the information about the direction to this share.
+MAX_REMAINING_INFORMATION = 0.01
 
 
-def name_held_guesses(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """The fit, its flat directions with the held parameters that decide them; a fit without any is as it was."""
+def name_deciding_constants(fit: Fit, open_simulator: OpenSimulator) -> Fit:
+    """The fit with its flat directions completed by the fixed parameters that decide them."""
     if not fit.identifiability.flat:
         return fit
-    held = _held(fit)
+    held = _fixed_parameters(fit)
     calibration = fit.calibration
     wider = replace(calibration, parameters=calibration.parameters.extended(held.items))
     with open_simulator(wider.problem()) as simulator:
@@ -41,13 +41,13 @@ def name_held_guesses(fit: Fit, open_simulator: OpenSimulator) -> Fit:
     for k, item in enumerate(held):
         rows = slopes[[*range(own), own + k]]
         sizes, vectors = collinear(rows @ rows.T)
-        if sizes[0] < DECIDES * alone and abs(vectors[-1, 0]) > DECIDES:
+        if sizes[0] < MAX_REMAINING_INFORMATION * alone and abs(vectors[-1, 0]) > MAX_REMAINING_INFORMATION:
             guesses.append(f"{item.name} = {item.start:.4g}")
     flat = tuple(replace(direction, held=tuple(guesses)) for direction in fit.identifiability.flat)
     return replace(fit, identifiability=replace(fit.identifiability, flat=flat))
 
 
-def _held(fit: Fit) -> ParameterSet:
+def _fixed_parameters(fit: Fit) -> ParameterSet:
     """Parameters of the model that were not searched, with a value that can change."""
     model, fixed = fit.calibration.model, fit.calibration.fixed
     searched = {p.target.name for p in fit.calibration.parameters if isinstance(p.target, ParameterTarget)}

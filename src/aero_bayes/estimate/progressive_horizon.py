@@ -1,6 +1,7 @@
-"""A climb that fits the beginning of the recordings first, then ever more of them.
+"""Fit the beginning of the recordings first, then ever longer horizons.
 
-A motion that turns over, or anything that forgets its past slowly, has a wide valley only while it is short.
+The likelihood of a long recording of an oscillating or unstable system has many local optima; that of its beginning has
+few. Multiple shooting is another remedy (Voss, Timmer and Kurths, 2004, Int. J. Bifurcation and Chaos 14, 1905).
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from aero_bayes.simulation.interface import Problem, Simulator
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
 
-#: Shares of the recordings that are fitted one after the other where the whole has many valleys.
-HORIZONS = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
-#: From which share on the way must follow the recordings better than what is known already, and by which factor.
-PROVEN, BETTER = 0.17, 0.8
+#: Shares of the recordings that are fitted one after the other.
+HORIZON_SHARES = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
+#: From this share on, the residuals must be at most this many times those of a fit that is known already.
+MIN_CHECKED_SHARE, MAX_RESIDUAL_RATIO = 0.17, 0.8
 
 
-def grown(
+def fit_progressive_horizon(
     whole: Objective,
     start: FloatArray,
     free: Sequence[int],
@@ -36,36 +37,37 @@ def grown(
     open_simulator: OpenSimulator,
     known: FloatArray | None = None,
 ) -> tuple[FloatArray, int]:
-    """Where a start leads if the beginning is fitted first, by least squares, and the steps that it took.
+    """Fit ever longer horizons by least squares; the coordinates (p,) at the end and the number of steps.
 
-    ``known`` are coordinates of a fit of the whole: a way that does not follow the beginning better ends there.
+    ``known`` are coordinates of a fit to the whole recordings: the fit stops if it is not clearly better on the
+    beginning.
     """
     by_squares = settings.least_squares(whole.outputs)
 
-    def growing() -> Arrays:
+    def fit_horizons() -> Arrays:
         point, steps = start, 0
-        for share in HORIZONS:
+        for share in HORIZON_SHARES:
             part = whole.calibration.beginning(share)
             with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
-                objective = whole.on(part, simulator)
+                objective = whole.with_calibration(part, simulator)
                 found = local_fit(objective, point, free, settings=by_squares)
                 point, steps = found.coordinates, steps + found.steps
-                if share >= PROVEN and known is not None:
-                    (there,) = objective.residuals(known[np.newaxis, :])
-                    if there is not None and _size(found.evaluation.residual, there) > BETTER:
+                if share >= MIN_CHECKED_SHARE and known is not None:
+                    (reference,) = objective.residuals(known[np.newaxis, :])
+                    if (
+                        reference is not None
+                        and _residual_ratio(found.evaluation.residual, reference) > MAX_RESIDUAL_RATIO
+                    ):
                         break
         return {"point": point, "steps": np.array(steps)}
 
-    asked = (start, tuple(free), by_squares, known)
-    end = whole.once("grown", asked, growing)
+    key = (start, tuple(free), by_squares, known)
+    end = whole.cached("progressive_horizon", key, fit_horizons)
     return end["point"].astype(np.float64), int(end["steps"])
 
 
-def over_floor(objective: Objective, residual: Sequence[FloatArray]) -> float:
-    """How many times the noise floor of the recordings the output that is followed worst is off.
-
-    Infinite where a floor is unknown: nothing then says that a fit has come down to it.
-    """
+def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
+    """The largest ratio of an output's RMS residual to its noise floor; infinite where a noise floor is unknown."""
     recordings, worst = objective.calibration.recordings, 0.0
     floors = floors_of(recordings, objective.outputs)
     if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):
@@ -77,8 +79,8 @@ def over_floor(objective: Objective, residual: Sequence[FloatArray]) -> float:
     return worst
 
 
-def _size(these: Sequence[FloatArray], those: Sequence[FloatArray]) -> float:
-    """Residuals over others, each output in its own unit: the mean of the logarithms' difference, as a factor."""
+def _residual_ratio(these: Sequence[FloatArray], those: Sequence[FloatArray]) -> float:
+    """Geometric mean over all series of the ratio of their RMS residuals."""
     logs = [
         0.5 * math.log(max(float(one @ one), 1e-300) / max(float(other @ other), 1e-300))
         for one, other in zip(these, those, strict=True)
