@@ -27,7 +27,7 @@ from aero_bayes.simulation.worker_main import watch_parent
 T = TypeVar("T")
 Task = Callable[[], object]
 #: Seconds that a helper may take to end.
-PATIENCE = 5.0
+HELPER_EXIT_TIMEOUT = 5.0
 
 
 def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
@@ -73,7 +73,7 @@ class Ahead:
             for line in crew:
                 line.close()
             for helper in crew.values():
-                helper.join(PATIENCE)
+                helper.join(HELPER_EXIT_TIMEOUT)
                 helper.kill()
                 helper.join()
 

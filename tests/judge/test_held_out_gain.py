@@ -12,7 +12,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.judge.holdout import BLOCKS, blocks_of, held_out_gain
+from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
 from aero_bayes.laws.family import Candidate
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
@@ -81,7 +81,7 @@ def test_blocks_of_time_are_foretold_as_by_refits_without_them(size):
     found = held_out_gain(model, rival)
     gain, error = gain_and_error(x / 0.1, y / 0.1, blocks_of(model)[0], 2)
     assert found.by == "blocks"
-    assert found.blocks == BLOCKS
+    assert found.blocks == BLOCK_COUNT
     assert found.gain == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert found.standard_error == pytest.approx(error, rel=1e-6)
     assert found.in_errors == pytest.approx(gain / error, rel=1e-6, abs=1e-6)

@@ -19,7 +19,7 @@ from aero_bayes.simulation.workers import WorkerPool
 FloatArray = NDArray[np.float64]
 
 #: Difference in log-evidence from which two models count as told apart (odds of 20 to 1).
-DECISIVE = 3.0
+MIN_LOG_EVIDENCE_DIFFERENCE = 3.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SeparationCheck:
     @property
     def told_apart(self) -> float:
         """Share of repetitions in which the true model was ahead by the decisive difference."""
-        return float(np.mean(np.array([*self.first_true, *self.second_true]) > DECISIVE))
+        return float(np.mean(np.array([*self.first_true, *self.second_true]) > MIN_LOG_EVIDENCE_DIFFERENCE))
 
     def to_dict(self) -> dict[str, object]:
         return {
@@ -49,7 +49,7 @@ class SeparationCheck:
             "second_true": float(np.mean(self.second_true)),
             "achieved": self.achieved,
             "told_apart": self.told_apart,
-            "decisive": DECISIVE,
+            "decisive": MIN_LOG_EVIDENCE_DIFFERENCE,
             "repeats": len(self.first_true) + len(self.second_true) + self.failures,
             "failures": self.failures,
         }

@@ -25,8 +25,8 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 DelayPolicy = Literal["auto", "free", "none"]
 
-#: Steps of a simulation that are allowed for each change of an input.
-STEPS_A_CHANGE = 60
+#: Largest number of solver steps for each change of an input.
+MAX_STEPS_PER_CHANGE = 60
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Calibration:
         )
         changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
         # An engine starts anew wherever an input changes.
-        steps = max(self.solver.max_steps, STEPS_A_CHANGE * changes)
+        steps = max(self.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
         return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
 
     def beginning(self, share: float) -> Calibration:

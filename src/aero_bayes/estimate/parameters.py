@@ -18,14 +18,14 @@ from aero_bayes.simulation.interface import ParameterTarget, Target
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
-#: How far a parameter that nobody bounded may lie from its start, as a factor.
-WIDE = 1e3
-#: A bound of a model that is a smaller share of the start than this says no more than the parameter's sign.
-BEYOND_MEASURE = 1e-12
+#: Default bounds of a parameter: its start over and times this factor.
+DEFAULT_BOUND_FACTOR = 1e3
+#: A model's lower bound below this share of the start only says that the parameter is positive.
+MIN_BOUND_RATIO = 1e-12
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
-ON_BOUND = 1e-6
-#: Share of its upper bound that a parameter which may be zero is lifted to where a slope is asked for.
-HAIR = 1e-9
+BOUND_TOLERANCE = 1e-6
+#: Share of its upper bound to which a parameter at zero is moved where its sensitivity is needed.
+ZERO_OFFSET = 1e-9
 Scale = Literal["log", "linear"]
 
 
@@ -145,7 +145,7 @@ class ParameterSet:
     def on_bound(self, coordinates: FloatArray) -> NDArray[np.bool_]:
         """Which search coordinates (p,) lie on a bound."""
         low, high = self.box
-        return np.asarray(np.minimum(coordinates - low, high - coordinates) <= ON_BOUND * (high - low))
+        return np.asarray(np.minimum(coordinates - low, high - coordinates) <= BOUND_TOLERANCE * (high - low))
 
     def revived(self, coordinates: FloatArray, columns: Sequence[int]) -> FloatArray:
         """Search coordinates (p,) with those of ``columns`` that lie on a bound back at their start.
@@ -180,7 +180,7 @@ class ParameterSet:
         for j in active:
             item = self.items[j]
             if item.lower == 0.0:
-                lifted[..., j] = np.maximum(lifted[..., j], HAIR * item.upper)
+                lifted[..., j] = np.maximum(lifted[..., j], ZERO_OFFSET * item.upper)
         return lifted
 
     def jacobian(self, values: FloatArray) -> FloatArray:
@@ -370,7 +370,7 @@ def parameters_from_model(
 
 def _meant(bound: float | None, start: float) -> float | None:
     """A bound of the model; one that is small beyond measure (``Modelica.Constants.small``) only says a sign."""
-    return 0.0 if bound is not None and abs(bound) < BEYOND_MEASURE * abs(start) else bound
+    return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
 
 
 def _bounds(start: float, lower: float | None, upper: float | None, nominal: float | None) -> tuple[float, float]:
@@ -378,13 +378,13 @@ def _bounds(start: float, lower: float | None, upper: float | None, nominal: flo
     low = lower if lower is not None and math.isfinite(lower) else None
     high = upper if upper is not None and math.isfinite(upper) else None
     if start > 0.0 and (low is None or low == 0.0):
-        low = start / WIDE
+        low = start / DEFAULT_BOUND_FACTOR
     if start < 0.0 and (high is None or high == 0.0):
-        high = start / WIDE
+        high = start / DEFAULT_BOUND_FACTOR
     size = abs(start) or abs(nominal or 0.0) or 1.0
     return (
-        low if low is not None else start - WIDE * size,
-        high if high is not None else start + (WIDE - 1.0) * size,
+        low if low is not None else start - DEFAULT_BOUND_FACTOR * size,
+        high if high is not None else start + (DEFAULT_BOUND_FACTOR - 1.0) * size,
     )
 
 

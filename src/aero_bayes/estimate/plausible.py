@@ -12,8 +12,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.model import Model, Variable
 
-#: A temperature in K that starts above the first is no reading below the second: those are degrees Celsius.
-WARM, COLD = 200.0, 150.0
+#: If the model starts above the first temperature in K, readings that stay below the second must be degrees Celsius.
+MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
 
 
 def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
@@ -49,7 +49,7 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
             continue
         start = _start(v, model) or warm
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if start > WARM and high < COLD:
+        if start > MIN_KELVIN_START and high < MAX_CELSIUS_READING:
             raise InputError(
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
                 f'starts at {start:.4g} K: looks like degC; say so by [data.columns.{v.name}] unit = "degC"'

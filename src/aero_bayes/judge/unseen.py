@@ -26,7 +26,7 @@ from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator,
 FloatArray = NDArray[np.float64]
 
 #: Share of a recording that was not fitted from which its initial states are estimated.
-SETTLING = 0.05
+INITIAL_STATE_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Unseen:
 
     A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
     readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`SETTLING` share.
+    are estimated from its first :data:`INITIAL_STATE_SHARE` share.
     """
 
     recordings: Recordings
@@ -182,7 +182,7 @@ class Unseen:
         if not starts:
             return rows, []
         settled, ends = rows.copy(), []
-        beginning = whole.beginning(SETTLING)
+        beginning = whole.beginning(INITIAL_STATE_SHARE)
         with self.open_simulator(beginning.problem()) as simulator:
             objective = Objective(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):

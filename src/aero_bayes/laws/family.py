@@ -20,8 +20,8 @@ from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator,
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 
-#: An effect's magnitude is expected within so many of its typical scales (one standard deviation).
-SPREAD = 3.0
+#: Prior standard deviation of an effect's magnitude, in typical scales.
+MAGNITUDE_PRIOR_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def magnitude(
     target = ParameterTarget(name)
     if low > 0.0:
         return Parameter(name, unit, default, low, high, LogUniform(low, high), "log", description, target)
-    prior = Normal(0.0, SPREAD * scale)
+    prior = Normal(0.0, MAGNITUDE_PRIOR_FACTOR * scale)
     return Parameter(name, unit, default, low, high, prior, "linear", description, target)
 
 

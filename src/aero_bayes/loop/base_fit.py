@@ -29,12 +29,12 @@ from aero_bayes.simulation.interface import StartTarget
 FloatArray = NDArray[np.float64]
 Floors = Mapping[tuple[str, str], float]
 
-#: Error of an output, as a share of its range, that a search on fewer samples may make.
-CLOSE = 0.005
-#: Largest change of an output by a parameter's whole range, over that of the strongest, at which it is not seen at all.
-UNSEEN = 1e-12
-#: Standard deviations that an estimated initial value may be off its reading before it is said to imitate a term.
-FAR_FROM_READING = 5.0
+#: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
+MAX_AVERAGING_ERROR = 0.005
+#: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it counts as none.
+MIN_RELATIVE_EFFECT = 1e-12
+#: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
+MAX_READING_DEVIATIONS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def for_search(bench: Workbench, plain: Calibration) -> Calibration:
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
         return plain
     with bench.open(plain.problem()) as simulator:
-        return with_few_samples(plain, simulator, samples, CLOSE)
+        return with_few_samples(plain, simulator, samples, MAX_AVERAGING_ERROR)
 
 
 def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
@@ -168,7 +168,9 @@ def _seen(study: Objective) -> tuple[int, ...]:
     if found is None or found.slopes is None:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
-    return tuple(j for j, own in zip(every, size, strict=True) if own > UNSEEN * float(size.max(initial=0.0)))
+    return tuple(
+        j for j, own in zip(every, size, strict=True) if own > MIN_RELATIVE_EFFECT * float(size.max(initial=0.0))
+    )
 
 
 def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
@@ -178,7 +180,7 @@ def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[s
     for p, value in zip(close.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
             off = abs(value - p.prior.mean) / p.prior.sd
-            if off > FAR_FROM_READING:
+            if off > MAX_READING_DEVIATIONS:
                 said.append(
                     f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations off its reading: it may "
                     "imitate what is missing."

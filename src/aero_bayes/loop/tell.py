@@ -29,8 +29,8 @@ from aero_bayes.simulation.model import ModelicaSource
 
 FloatArray = NDArray[np.float64]
 
-#: How far a loop looks for an experiment, among signals of few jumps; the command for designs looks further.
-EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
+#: Search for a separating experiment within the loop: few signals, of few jumps; the command ``design`` tries more.
+EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
 def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]) -> LoopResult:
@@ -203,7 +203,7 @@ def _separating_experiments(
         try:
             apart = separating_experiment(
                 _Rival.of(chosen), _Rival.of(rival), workers=bench.pool.size,
-                settings=replace(EFFORT, seed=bench.settings.seed),
+                settings=replace(EXPERIMENT_SEARCH, seed=bench.settings.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
             continue

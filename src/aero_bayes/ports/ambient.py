@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from aero_bayes.language.syntax import Expression, Name, children, names_in
 from aero_bayes.ports.equal_variables import Structure, derived_names
-from aero_bayes.ports.port import KELVIN, MINUS, Port
+from aero_bayes.ports.port import DIFFERENCE_SIGN, KELVIN, Port
 from aero_bayes.ports.quantities import unit_in
 from aero_bayes.ports.relative_motion import differences, taken_apart
 
@@ -36,7 +36,7 @@ def ambient_differences(s: Structure, balances: Sequence[Port]) -> Iterator[Port
                 signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
                 for signal, own in port.signals.items()
             }
-            signals = {n: f"{port.signals[n]}{MINUS}{name}" for n, name in other.items() if name}
+            signals = {n: f"{port.signals[n]}{DIFFERENCE_SIGN}{name}" for n, name in other.items() if name}
             if signals:
                 units = {n: unit for n, unit in port.units.items() if n in (*signals, "f")}
                 name = other.get("v") or other["x"]

@@ -27,8 +27,8 @@ Driver = Callable[[Expression], bool]
 Factors = tuple[tuple[str, Expression], ...]
 #: Of a vector equation: the number of a row, from one, and of how many.
 Row = tuple[int, int]
-#: Rows up to which a vector with one term is written out.
-WRITTEN_OUT = 6
+#: Largest number of rows of a vector that is written out.
+MAX_WRITTEN_ROWS = 6
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Entry:
 def in_vector(text: str, row: Row) -> str:
     """A vector that is zero but for one row."""
     k, of = row
-    if of > WRITTEN_OUT:
+    if of > MAX_WRITTEN_ROWS:
         return f"{{if row_k == {k} then {text} else 0 for row_k in 1:{of}}}"
     return f"{{{', '.join(text if i == k else '0' for i in range(1, of + 1))}}}"
 

@@ -10,7 +10,7 @@ from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Expression, Name, walk
 from aero_bayes.ports.connections import joined
 from aero_bayes.ports.equal_variables import Structure, is_derivative
-from aero_bayes.ports.port import MINUS, Port
+from aero_bayes.ports.port import DIFFERENCE_SIGN, Port
 from aero_bayes.ports.quantities import owner_of, relative, unit_in
 
 
@@ -37,7 +37,9 @@ def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
             coupled = coupled and all(p.via == "equation" and not _inside(s, p) for p in (one, other))
         if not alike or not coupled:
             continue
-        signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
+        signals = {
+            name: f"{one.signals[name]}{DIFFERENCE_SIGN}{other.signals[name]}" for name in one.signals if name in shared
+        }
         units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
         if distance and "x" not in signals:
             signals["x"], units["x"] = distance[0], unit_in(s, s.of(distance[0]))

@@ -10,17 +10,17 @@ from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, tick_text
-from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
-from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM, Canvas
+from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
+from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
+from aero_bayes.report.text import NO_VALUE, count, minus, plain_name, scaled_unit, significant
 from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Odds below which the number says no more.
-LEAST_ODDS = 1e-3
+MIN_PRINTED_ODDS = 1e-3
 #: Width of a digit of a tick, and the least between two ticks.
 TICK = 6.0
 #: Room that a gain takes with its odds.
@@ -52,7 +52,7 @@ def rounds_plate(loop: LoopPart, words: Mapping[str, str]) -> Plate | None:
         "Log-evidence that each candidate gains in each step, all parameters refitted, on a logarithmic scale. "
         "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts. {}"
     ).format(f"{len(ids) - len(shown)} candidates that gain nothing are left out." if len(ids) > len(shown) else "")
-    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE, NARROW))
+    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
 
 
@@ -105,12 +105,12 @@ def _bar(
     """A candidate's gain in a column that ends where it does; its odds where they have room."""
     left, right = ends
     chosen = found.id == step.chosen
-    colour, opacity = (WARM, 1.0) if chosen else (ACCENT, 0.45)
-    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM});stroke-width:1.6"
+    colour, opacity = (WARM_COLOUR, 1.0) if chosen else (ACCENT, 0.45)
+    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM_COLOUR});stroke-width:1.6"
     outline = f"M{left:.1f} {y + 4:.1f}h{max(length, 1.5):.1f}v10h-{max(length, 1.5):.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
-        odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= LEAST_ODDS else ""
+        odds = f", {odds_text(found.odds)}" if found.odds is not None and found.odds >= MIN_PRINTED_ODDS else ""
         fits = left + length + TEXT_WITH_ODDS <= right
         text = f"{gain_text(found.delta_evidence)}{odds if fits else ''}"
         canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
@@ -121,7 +121,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
     rows = []
     for id_ in ids:
         name = Markup("<code>{}</code><small>{}</small>").format(id_, words.get(id_, ""))
-        port = next((by_id[id_].port for by_id in cells if id_ in by_id), NOTHING)
+        port = next((by_id[id_].port for by_id in cells if id_ in by_id), NO_VALUE)
         rows.append(
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
@@ -131,7 +131,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
 
 def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
     if found is None:
-        return Markup(NOTHING)
+        return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
         "" if found.refitted else "promised too little to be refitted",
@@ -142,12 +142,12 @@ def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
 
 def odds_text(odds: float) -> str:
     """Odds among all that a round tried; what is beyond belief is not counted out."""
-    return f"odds {significant(odds, 3)}" if odds >= LEAST_ODDS else f"odds below {LEAST_ODDS:g}"
+    return f"odds {significant(odds, 3)}" if odds >= MIN_PRINTED_ODDS else f"odds below {MIN_PRINTED_ODDS:g}"
 
 
 def gain_text(value: float | None) -> str:
     """A gain in log-evidence."""
-    return NOTHING if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
+    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
 def curve_plate(effect: EffectResult) -> Plate | None:

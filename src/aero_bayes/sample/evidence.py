@@ -15,8 +15,8 @@ from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
 
-#: Shape of the weights' tail below which no further round is worth its draws.
-GOOD = 0.6
+#: Pareto k of the importance weights below which no further round is made.
+MAX_PARETO_K = 0.6
 
 
 def laplace_evidence(fit: Fit) -> float:
@@ -55,7 +55,7 @@ def importance_posterior(
     first = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, dof)
 
     def enough(found: Weighted) -> bool:
-        return found.pareto_k < GOOD and found.ess > 0.2 * size
+        return found.pareto_k < MAX_PARETO_K and found.ess > 0.2 * size
 
     return adaptive_importance_sample(
         fit.joint_target(simulator), first, -(-size // 2), rng, enough=enough, rounds=rounds

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from aero_bayes.sample.mcmc import SampleSettings
 
 FloatArray = NDArray[np.float64]
-#: Fewest steps that are judged, and fewest autocorrelation times of a chain whose walkers move by each other.
-FIRST, COUPLED = 50, 50.0
+#: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
+MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class Verdict:
 def judge(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> Verdict:
     """The stop rule, for kept points of shape (ensembles, steps, walkers, d), and whether walkers meet each other."""
     # What walkers share is seen in the mean of each ensemble only, so in a few series; walkers that go alone are many.
-    length, dimension = max(settings.lengths, COUPLED if coupled else 0.0), points.shape[-1]
+    length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
     if points.shape[1] < 8:
         nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
-        return Verdict(False, "hardly any step was kept", (nothing,) * dimension, FIRST)
+        return Verdict(False, "hardly any step was kept", (nothing,) * dimension, MIN_STEPS)
     steps = points.shape[1]
     diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
     tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)

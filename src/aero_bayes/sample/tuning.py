@@ -12,17 +12,18 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 
 from aero_bayes.sample.moves import HeavyTail, Surrogate, Warp
-from aero_bayes.sample.moves.warp import SCORES
+from aero_bayes.sample.moves.warp import KNOT_SCORES
 
 FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
-#: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
-GOOD, STICKY = 0.7, 40.0
+#: Tuning ends when the surrogate overlaps the target at least this much and a walker stays at its worst points for at
+#: most this many steps.
+MIN_OVERLAP, MAX_STICKY_STEPS = 0.7, 40.0
 #: Logarithm of the proposal's share in a stand-in.
-_SHARE = float(np.log(0.2))
+_LOG_PROPOSAL_SHARE = float(np.log(0.2))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
-_NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
+_FIRST_DISTANCES, _DISTANCE_RATIO, _MAX_FURTHER_POINTS, _MAX_DEPTH = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class StandIn:
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
-        least = self.surrogate.coordinates.log_density(some) + self.level + _SHARE
+        least = self.surrogate.coordinates.log_density(some) + self.level + _LOG_PROPOSAL_SHARE
         total[inside] = np.logaddexp(total[inside] + self.surrogate(some), least)
         return total / temperature
 
@@ -71,7 +72,7 @@ class Tuned:
     @property
     def good(self) -> bool:
         """Whether more tuning would hardly pay."""
-        return self.overlap >= GOOD and self.sticky <= STICKY
+        return self.overlap >= MIN_OVERLAP and self.sticky <= MAX_STICKY_STEPS
 
 
 def log_prior_of(density: Density) -> Density:
@@ -87,7 +88,7 @@ def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
     twenty evaluations an axis. The proposal is given back as it is if its middle has no density.
     """
     d = proposal.mean.size
-    first = np.array([-t for t in _NEAR[::-1]] + list(_NEAR))
+    first = np.array([-t for t in _FIRST_DISTANCES[::-1]] + list(_FIRST_DISTANCES))
     places = np.insert((np.eye(d)[:, None, :] * first[None, :, None]).reshape(-1, d), 0, 0.0, axis=0)
     values = density(proposal.points(places))
     if not np.isfinite(values[0]):
@@ -96,12 +97,12 @@ def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
     for cut in cuts:
         cut[0.0] = float(values[0])
     going = [(k, side) for k in range(d) for side in (-1.0, 1.0)]
-    reach = _NEAR[-1]
-    for _ in range(_FURTHER):
-        going = [(k, s) for k, s in going if cuts[k][s * reach] > max(cuts[k].values()) - _DEEP]
+    reach = _FIRST_DISTANCES[-1]
+    for _ in range(_MAX_FURTHER_POINTS):
+        going = [(k, s) for k, s in going if cuts[k][s * reach] > max(cuts[k].values()) - _MAX_DEPTH]
         if not going:
             break
-        reach *= _RATIO
+        reach *= _DISTANCE_RATIO
         found = density(proposal.points(np.array([s * reach * np.eye(d)[k] for k, s in going])))
         for (k, s), value in zip(going, found.tolist(), strict=True):
             cuts[k][s * reach] = value
@@ -109,14 +110,14 @@ def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
 
 
 def _quantiles(cut: dict[float, float]) -> FloatArray:
-    """Quantiles of the density along a cut, at the normal probabilities of ``SCORES``."""
+    """Quantiles of the density along a cut, at the normal probabilities of ``KNOT_SCORES``."""
     place = np.array(sorted(cut))
     level = np.array([cut[t] for t in place.tolist()])
-    level = np.where(np.isfinite(level), level - level.max(), -3.0 * _DEEP)
+    level = np.where(np.isfinite(level), level - level.max(), -3.0 * _MAX_DEPTH)
     fine = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(place.tolist())]))
     density = np.exp(np.interp(fine, place, level))
     mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
-    return np.asarray(np.interp(ndtr(SCORES), mass / mass[-1], fine))
+    return np.asarray(np.interp(ndtr(KNOT_SCORES), mass / mass[-1], fine))
 
 
 def retuned(

@@ -22,7 +22,7 @@ from aero_bayes.sample.moves import (
     ScreenedWalkMove,
     StretchMove,
 )
-from aero_bayes.sample.stopping import FIRST
+from aero_bayes.sample.stopping import MIN_STEPS
 from aero_bayes.sample.tuning import Density, Tuned, log_prior_of, retuned, scout
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Walk:
         self.dimension = proposal.mean.size
         self.walkers = settings.walkers or 2 * self.dimension + 2
         self.rounds, self._left, self.evaluations, self.seconds = 0, settings.burn_in[0], 0, 0.0
-        self.next_check = FIRST
+        self.next_check = MIN_STEPS
         self.visited: list[FloatArray] = []
         self._levels: list[FloatArray] = []
         self._seen: list[FloatArray] = []

@@ -26,10 +26,10 @@ from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
 
-#: How many of the best structures give the terms that are tried in place of others.
-RIVALS = 10
-#: How many renewals of the noise may follow one another.
-RENEWALS = 3
+#: Number of the best structures whose terms are tried in place of others.
+MAX_RIVALS = 10
+#: Largest number of noise updates in a row.
+MAX_NOISE_UPDATES = 3
 
 
 @dataclass(eq=False)
@@ -269,7 +269,7 @@ class StructureSearch:
 
     def _rivals(self) -> tuple[str, ...]:
         """Terms of the best structures so far."""
-        best = ranked(self._fits.values(), self._price)[:RIVALS]
+        best = ranked(self._fits.values(), self._price)[:MAX_RIVALS]
         return tuple(dict.fromkeys(t for f in best for t in f.terms))
 
     def _known(self) -> dict[str, dict[str, float]]:
@@ -319,7 +319,7 @@ class StructureSearch:
 
     def _renew(self) -> None:
         """Take the noise from the best structure under its own noise, and score all structures under it."""
-        for _ in range(RENEWALS):
+        for _ in range(MAX_NOISE_UPDATES):
             last = self._noise
             self._noise = self._own_noise()
             if self._noise.noise == last.noise:

@@ -13,13 +13,13 @@ from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import Start
 from aero_bayes.search.structure import Structure
 
-#: How far below what it has to reach a fit is still worth its steps, in log-evidence.
-SLACK = 20.0
+#: Distance below the evidence that a fit has to reach up to which the fit is continued, in log-evidence.
+TARGET_SLACK = 20.0
 
 
 def aim_at(like: FittedModel, log_evidence: float) -> float:
     """The cost at which a fit with the Occam factor of another has a log-evidence."""
-    return like.temperature * (like.log_evidence - log_evidence + SLACK) - like.optimum.log_likelihood
+    return like.temperature * (like.log_evidence - log_evidence + TARGET_SLACK) - like.optimum.log_likelihood
 
 
 def refit(

@@ -18,8 +18,8 @@ FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and its residuals by series.
 Tried = tuple[FloatArray, tuple[FloatArray, ...]]
 
-#: Least and greatest step along a line, as multiples of the step that was tried.
-SHORTEST, LONGEST = 0.05, 3.0
+#: Smallest and largest step along a line, as multiples of the step that was simulated.
+MIN_STEP_RATIO, MAX_STEP_RATIO = 0.05, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Line:
     @property
     def within(self) -> float:
         """The best step within reason."""
-        return float(np.clip(self.along, SHORTEST, LONGEST))
+        return float(np.clip(self.along, MIN_STEP_RATIO, MAX_STEP_RATIO))
 
     def gain(self, step: float) -> float:
         """Gain in log-likelihood that a step foretells."""

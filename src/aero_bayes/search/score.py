@@ -24,9 +24,9 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 FloatArray = NDArray[np.float64]
 
 #: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
-UNCORRELATED, WINDOW = 0.05, 5.0
-#: Prior probability that what is missing is something that no candidate is.
-UNLISTED = 0.02
+MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
+#: Prior probability that the missing effect is none of the candidates.
+UNLISTED_PROBABILITY = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class CommonNoise:
 def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
-    The sum runs over the autocorrelation up to where it falls below :data:`UNCORRELATED`, or to a lag of
-    :data:`WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
+    The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
+    :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
     """
     total = sum(r.size for r in residuals)
     return sum(r.size * _one_time(r) for r in residuals) / max(total, 1)
@@ -80,7 +80,7 @@ def _one_time(residual: FloatArray) -> float:
         return 1.0
     acf = acf / acf[0]
     times = 2.0 * np.cumsum(acf) - 1.0
-    ends = np.flatnonzero((acf < UNCORRELATED) | (np.arange(acf.size) >= WINDOW * times))
+    ends = np.flatnonzero((acf < MIN_AUTOCORRELATION) | (np.arange(acf.size) >= AUTOCORRELATION_WINDOW * times))
     return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
 
 
@@ -168,11 +168,11 @@ class Price:
 def odds(gains: Sequence[float]) -> tuple[list[float], float]:
     """Probabilities of rival terms with these gains in log-evidence, and of no term at all.
 
-    Half of the prior is with no term, half is shared; :data:`UNLISTED` is kept for what no candidate is.
+    Half of the prior is with no term, half is shared; :data:`UNLISTED_PROBABILITY` is kept for what no candidate is.
     """
     if not gains:
-        return [], 1.0 - UNLISTED
+        return [], 1.0 - UNLISTED_PROBABILITY
     logs = np.array([math.log(0.5), *(math.log(0.5 / len(gains)) + g if math.isfinite(g) else -np.inf for g in gains)])
     shares = np.exp(logs - logs.max())
-    shares *= (1.0 - UNLISTED) / shares.sum()
+    shares *= (1.0 - UNLISTED_PROBABILITY) / shares.sum()
     return shares[1:].tolist(), float(shares[0])

@@ -23,15 +23,15 @@ from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Magnitudes that make a grid, how often it is halved about its best, and of how many lines both ends are simulated.
-GRID, HALVINGS, LINES = 6, 3, 3
-#: Change of the outputs, as a share of the residual, of a magnitude at which a line is still straight.
-SMALL = 0.3
-#: Gain in log-likelihood below which a line is not followed: half of what a start must promise for a fit.
-LEAST_GAIN = 1.0
-#: Share of a promise that a simulation must confirm; else the other parameters are refitted, if the promise is so much
-#: in tempered log-likelihood, or such a share of all that is left.
-CONFIRMED, WORTH_REFIT, GREAT_SHARE = 0.3, 6.0, 0.1
+#: Magnitudes in a grid, halvings of the grid about its best point, and lines of which both ends are simulated.
+GRID_POINTS, GRID_HALVINGS, MAX_LINES = 6, 3, 3
+#: Change of the outputs, as a share of the residual, up to which the response to a magnitude counts as linear.
+LINEAR_RESPONSE_SHARE = 0.3
+#: Gain in log-likelihood below which a line is not followed: half of the gain that a start must predict for a fit.
+MIN_LINE_GAIN = 1.0
+#: Share of a predicted gain that a simulation must confirm. Else the other parameters are refitted, if the predicted
+#: gain is this large in tempered log-likelihood, or this share of the whole residual.
+MIN_CONFIRMED_SHARE, MIN_REFIT_GAIN, MIN_REFIT_SHARE = 0.3, 6.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +91,13 @@ class NominalSizes:
             return []
         response = fitted.response
         lines = nominal_lines(response, candidate)
-        if response.possible(_foretold(lines)) < LEAST_GAIN:
+        if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
             lines += [response.line(*tried) for tried in _smaller(response, candidate, lines)]
         starts = _ends(response, candidate, lines)
         promise = max((s.promise for s in starts), default=0.0)
-        much = 0.5 * float(response.left @ response.left) * GREAT_SHARE
-        worth = promise > min(WORTH_REFIT * fitted.temperature, much)
-        if worth and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise:
+        much = 0.5 * float(response.left @ response.left) * MIN_REFIT_SHARE
+        worth = promise > min(MIN_REFIT_GAIN * fitted.temperature, much)
+        if worth and max((s.simulated for s in starts), default=0.0) < MIN_CONFIRMED_SHARE * promise:
             starts += _with_term_held(response, lines)
         return starts
 
@@ -105,8 +105,8 @@ class NominalSizes:
 def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
     """Lines through a candidate's nominal parameters."""
     columns, lines = candidate.columns, [response.line(*tried) for tried in _first_look(response, candidate)]
-    if len(columns) == 1 and len(candidate.starts) >= GRID:
-        for _ in range(HALVINGS):
+    if len(columns) == 1 and len(candidate.starts) >= GRID_POINTS:
+        for _ in range(GRID_HALVINGS):
             between = _between(response.objective.parameters, candidate, lines)
             if not between:
                 break
@@ -117,7 +117,7 @@ def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
 def _first_look(response: LinearResponse, candidate: Candidate) -> list[Tried]:
     """A candidate at its nominal parameters; of a grid only every second one if all of these go the wrong way."""
     columns, starts = candidate.columns, candidate.starts
-    if len(columns) > 1 or len(starts) < GRID:
+    if len(columns) > 1 or len(starts) < GRID_POINTS:
         return response.simulate(columns, starts)
     ordered = sorted(starts)
     tried = response.simulate(columns, ordered[::2])
@@ -145,14 +145,14 @@ def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[Lin
 
 
 def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Tried]:
-    """Each shape of a candidate at a magnitude that changes :data:`SMALL` of the residual."""
+    """Each shape of a candidate at a magnitude that changes :data:`LINEAR_RESPONSE_SHARE` of the residual."""
     columns = list(candidate.columns)
     least: dict[tuple[float, ...], Line] = {}
     for line in lines:
         shape = tuple(line.row[columns[1:]])
         if shape not in least or line.alone < least[shape].alone:
             least[shape] = line
-    aim = SMALL * math.sqrt(float(response.left @ response.left))
+    aim = LINEAR_RESPONSE_SHARE * math.sqrt(float(response.left @ response.left))
     values: list[tuple[float, ...]] = []
     for line in least.values():
         if line.alone > aim:
@@ -166,9 +166,9 @@ def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line])
     acting = [line for line in lines if line.power > 0.0]
     ends: list[tuple[Line, float]] = []
     for steps in ([1.0] * len(acting), [line.within for line in acting]):
-        ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:LINES]
+        ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:MAX_LINES]
     starts = [(line.best_gain, response.point(candidate, line, step)) for line, step in ends]
-    if response.possible(_foretold(lines)) < LEAST_GAIN:
+    if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
         return [Start(point, promise) for promise, point in starts]
     gains = response.gains([point for _, point in starts])
     found = [Start(point, promise, gain) for (promise, point), gain in zip(starts, gains, strict=True)]
@@ -185,7 +185,7 @@ def _with_term_held(response: LinearResponse, lines: Sequence[Line]) -> list[Sta
     settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
     acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
     present, found = response.base.whitened.log_likelihood, []
-    for line in acting[:LINES]:
+    for line in acting[:MAX_LINES]:
         with suppress(CannotFinishError):
             end = local_fit(
                 response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings

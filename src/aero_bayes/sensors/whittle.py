@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 
 FloatArray = NDArray[np.float64]
 
-#: Updates of white and drift, in turn, for each of a row of correlation times.
-ROUNDS = 40
+#: Alternating updates of the white and the correlated variance for each correlation time of a grid.
+EM_UPDATES = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def likeliest(
     whites = np.full((taus.size, 1), max(min(fast, total), smallest))
     drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
     one, power = np.ones((count.size, 1)), count * observed
-    for step in range(ROUNDS):
+    for step in range(EM_UPDATES):
         inverse = 1.0 / (whites + drifts * shapes)
         push, pull = power * inverse * inverse, count * inverse
         # In turn: a step of both at once goes too far.

@@ -29,7 +29,7 @@ from aero_bayes.laws.law import STANDING
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import in_words, plain_name
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_of
-from aero_bayes.ports.sizes import MOST, port_sizes
+from aero_bayes.ports.sizes import COVERED_SHARE, port_sizes
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -44,11 +44,11 @@ Row = dict[str, Any]
 ACTS: Mapping[PortKind, str] = {
     "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
 }  # fmt: skip
-#: Response to a probe as large as all else at a port from which the port counts as hardly seen, and as seen: what is a
-#: tenth as large answers with as much.
-HARDLY, SEEN = 3.0, 30.0
+#: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
+#: at the port. Responses from which a term counts as barely visible, and as visible.
+MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
 #: Share of a signal's size over which what changes with its direction changes.
-TURN = 0.1
+TRANSITION_SHARE = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
@@ -103,7 +103,9 @@ def visibility(response: float | None) -> str:
     """``seen``, ``hardly``, ``not seen`` by a port's response in standard deviations; ``unknown`` without one."""
     if response is None:
         return "unknown"
-    return "seen" if response >= SEEN else "hardly" if response >= HARDLY else "not seen"
+    if response >= MIN_VISIBLE_RESPONSE:
+        return "seen"
+    return "hardly" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
 
 
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
@@ -161,7 +163,7 @@ def _late(
     rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
     for q, port in enumerate(outputs):
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
-        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), MOST) if own else 0.0
+        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), COVERED_SHARE) if own else 0.0
         for k in own if fastest > 0.0 else ():
             rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
     return rows, [port.id for port in outputs]
@@ -203,7 +205,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
         if port.kind == "input":
             found.append(Call("*", (share, Call("abs", (share,)))))
         elif signal in ("v", "i"):
-            found.append(Call("tanh", (Call("/", (share, Number(TURN))),)))
+            found.append(Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),)))
     return found
 
 
