@@ -13,7 +13,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise
@@ -43,7 +43,7 @@ def study(times, measured, design, parameters, term, temperature=1.0):
         problem.problem(), lambda time, p: np.stack([design(time, k) @ p for k in range(len(outputs))], axis=-1)
     )
     own = tuple(j for j in range(len(parameters)) if j != term)
-    candidates = {"wave": Candidate("wave", "one", ((1.0,),), (term,))}
+    candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
     noise = Noise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
     structures = Structure(("wave",)), Structure()

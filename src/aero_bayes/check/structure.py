@@ -24,7 +24,7 @@ from aero_bayes.sensors.noise import OutputNoise, whiten
 from aero_bayes.sensors.ripple import is_rotor
 
 FloatArray = NDArray[np.float64]
-Verdict = Literal["adequate", "structured"]
+ResidualVerdict = Literal["adequate", "structured"]
 
 #: Probability that the tests of one residual together call it structured when it is noise.
 FALSE_ALARM_RATE = 1e-3
@@ -66,7 +66,7 @@ class ResidualReport:
     correlations: Mapping[str, float]
     worst_time: tuple[float, float]
     worst_share: float
-    verdict: Verdict
+    verdict: ResidualVerdict
 
     @property
     def ratio(self) -> float:

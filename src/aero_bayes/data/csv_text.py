@@ -49,7 +49,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """Columns of a file: values of shape (n,) by name, NaN where a cell was empty, and each row's line in the file."""
 
     columns: dict[str, FloatArray]
@@ -67,7 +67,7 @@ class Table:
         return line
 
 
-def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], memory: int | None = None) -> Table:
+def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], memory: int | None = None) -> CsvTable:
     """Parse columns of a CSV file.
 
     Parameters
@@ -115,7 +115,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     columns = {name: store[index, :row] for index, name in enumerate(picked)}
     if dates:
         columns[time] = columns[time] - columns[time][0]
-    return Table(columns, sha256, header.line + 1, tuple(skipped))
+    return CsvTable(columns, sha256, header.line + 1, tuple(skipped))
 
 
 def free_memory() -> int:

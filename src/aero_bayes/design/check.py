@@ -119,11 +119,11 @@ def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator
         return None
     noise = [forecaster.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([draw_noise(design.time, n, rng) for n in noise], axis=1)
-    found = fit_again(forecaster, replace(experiment, measured=readings), noise)
+    found = refit_experiment(forecaster, replace(experiment, measured=readings), noise)
     return None if found is None else found[0] - forecaster.shared.to_search(truth)
 
 
-def fit_again(
+def refit_experiment(
     forecaster: Forecaster, experiment: Experiment, noise: list[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
     """Most probable search coordinates of the shared parameters, from what was known and a new recording.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.check import draw_noise, fit_again
+from aero_bayes.design.check import draw_noise, refit_experiment
 from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.optimise import Progress
 from aero_bayes.design.separate import Separation
@@ -115,5 +115,5 @@ def _repetition(separation: Separation, truth: Forecaster, rival: Forecaster, rn
     noise = [rival.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([draw_noise(separation.time, n, rng) for n in noise], axis=1)
     measured = replace(experiment, measured=readings)
-    own, other = fit_again(truth, measured, noise), fit_again(rival, measured, noise)
+    own, other = refit_experiment(truth, measured, noise), refit_experiment(rival, measured, noise)
     return None if own is None or other is None else other[1] - own[1]

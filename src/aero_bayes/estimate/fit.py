@@ -22,7 +22,7 @@ from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, ca
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.global_search import (
-    Cost,
+    CostKind,
     GlobalSearch,
     GlobalSearchResult,
     GlobalSearchSettings,
@@ -89,7 +89,7 @@ class FitSettings(Settings):
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
-    cost: Cost = "posterior"
+    cost: CostKind = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
     swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
@@ -281,12 +281,12 @@ def _free_what_shows(climber: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
         return here.free
-    verdict = judge(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
+    verdict = assess_columns(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
     shown = [j for j in optional if verdict.status[parameters.names[j]] is Status.IDENTIFIED]
     return tuple(sorted({*here.free, *shown}))
 
 
-def judge(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
+def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
     """What the data says of some columns at an optimum, and the optimum with slopes by all of them."""
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = objective.evaluate(here.coordinates, columns)
@@ -312,13 +312,13 @@ def _finish(climber: GlobalSearch, ascent: GlobalSearchResult, settings: FitSett
         )
         here = climber.settle_noise(replace(here, noise=climber.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
-    verdict, _ = judge(objective, here, tuple(sorted({*here.free, *optional})))
+    verdict, _ = assess_columns(objective, here, tuple(sorted({*here.free, *optional})))
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}
     sampled = tuple(j for j in here.free if j not in blind)
     point = here.coordinates.copy()
     point[list(blind)] = calibration.parameters.to_search(calibration.parameters.start)[list(blind)]
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
-    _, here = judge(objective, replace(here, coordinates=point), sampled)
+    _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
     verdict = _with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
     rest = [j for j in range(len(values)) if j not in sampled]

@@ -28,7 +28,7 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
-Cost = Literal["posterior", "weighted", "eq6"]
+CostKind = Literal["posterior", "weighted", "eq6"]
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3
@@ -63,7 +63,7 @@ class GlobalSearchSettings:
         optimum can be much better. By default the swarm is never skipped.
     """
 
-    cost: Cost = "posterior"
+    cost: CostKind = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
     swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)

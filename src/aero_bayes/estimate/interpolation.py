@@ -72,9 +72,9 @@ def choose_interpolation(
 ) -> tuple[Calibration, Optimum] | None:
     """Choose the likelier interpolation of each input, hold or linear; None if no input changes.
 
-    Held inputs can have a wrong optimum of their own, such as a resonance above the Nyquist frequency that appears at
-    the samples as an alias below it. So a fit that leaves far more than the noise is searched anew with linear inputs.
-    Then the interpolation of each input is changed alone.
+    With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
+    at the samples as an alias below it. So a fit that leaves far more than the noise is searched anew with linear
+    inputs. Then the interpolation of each input is changed alone.
     """
     before, here = search.objective.calibration, result.optimum
     if (linear := with_linear_inputs(before)) is None:

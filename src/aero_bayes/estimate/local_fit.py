@@ -27,7 +27,7 @@ from aero_bayes.estimate.levenberg_marquardt import (
 )
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, renew_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, update_output_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def fit_noise(
             rms = math.sqrt(sum(float(residual[k] @ residual[k]) for k in own) / max(count, 1))
             noise[output] = OutputNoise(max(rms, floor, 1e-300))
             continue
-        noise[output] = renew_noise(
+        noise[output] = update_output_noise(
             [residual[k] for k in own], [objective.series[k].sampling for k in own], floor=floor,
             longest=settings.max_correlation_time, start=start.get(output) if start is not None else None,
         )  # fmt: skip

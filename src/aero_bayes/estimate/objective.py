@@ -150,7 +150,7 @@ class Objective:
         """Compare one parameter vector (search coordinates) with the data; None if a simulation failed or diverged."""
         values = self.parameters.from_search(coordinates)
         if active is not None:
-            values = self.parameters.awake(values, active)
+            values = self.parameters.away_from_zero(values, active)
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
@@ -210,7 +210,7 @@ class Objective:
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
         """Likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
-        found = self.simulator.gauss_newton(self.parameters.awake(values, active), noise, active=active)
+        found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
 

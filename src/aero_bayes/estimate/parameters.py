@@ -14,7 +14,7 @@ from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
 from aero_bayes.show import nearest
-from aero_bayes.simulation.interface import ParameterTarget, Target
+from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Parameter:
         Density in the parameter's own unit; it is truncated to the bounds.
     scale : {"log", "linear"}
         Axis on which it is searched. ``log`` needs a positive lower bound.
-    target : Target
+    target : ProblemTarget
         What it means to the simulator.
     recording : int, optional
         Index of the one recording that it belongs to; None for all.
@@ -63,7 +63,7 @@ class Parameter:
     prior: Prior
     scale: Scale
     description: str
-    target: Target
+    target: ProblemTarget
     recording: int | None = None
     auto: bool = False
 
@@ -171,7 +171,7 @@ class ParameterSet:
         clipped = np.clip(values, [item.lower for item in self.items], [item.upper for item in self.items])
         return np.where(inside, clipped, values)
 
-    def awake(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
+    def away_from_zero(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
         """SI values (..., p) with the active ones that are off, at a lower bound of zero, a hair above it.
 
         A law that is off has no slope at all: what it would need to move is not simulated.

@@ -523,17 +523,17 @@ def structure_warnings(
         n, unit = noise[name], units.get(name, "")
         if n.held:
             lines.append(
-                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is no sensor's noise. The fit "
-                "weighs it as least squares does, and intervals are widened to match its correlation, but a systematic "
-                "error of the model can still lie outside of them."
+                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
+                "weights it as least squares does. Its intervals are enlarged because the residual is not white; a "
+                "systematic error of the model can still lie outside of them."
             )
             continue
         white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
         excess = slow_excess(np.concatenate(white))
         if excess > 2.0:
             lines.append(
-                f"The residual of {name} wanders more slowly than its noise model allows ({excess:.1f} times the "
-                "variance expected of averages): its intervals are too narrow."
+                f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "
+                "times the expected variance, so that its intervals are too narrow."
             )
     return tuple(lines)
 

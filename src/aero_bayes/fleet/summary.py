@@ -29,7 +29,7 @@ MAX_LISTED_RIGS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class FleetFacts:
     """What the table says of the rigs that were finished, column by column."""
 
     names: list[str]
@@ -95,7 +95,7 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
     return result, FleetColumns(told.names, drawn, told.over_floor, seconds, present, flagged)
 
 
-def _read(table: Table) -> Told:
+def _read(table: Table) -> FleetFacts:
     names: list[str] = []
     found: dict[str, dict[str, Any]] = {}
     words: dict[str, str] = {}
@@ -117,7 +117,7 @@ def _read(table: Table) -> Told:
         outcomes.append(row["outcome"])
         effects.append([Named(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
         words |= row["words"]
-    return Told(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
+    return FleetFacts(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
 
 
 def _cost(table: Table, names: list[str]) -> tuple[FleetCost, FloatArray]:
@@ -176,7 +176,7 @@ def _unlike(name: str, centre: float, away: float, found: Population, *, log: bo
     return f"`{name}` is {far} the fleet's typical value, {abs(away):.1f} standard deviations from the other rigs"
 
 
-def _residuals(told: Told, reasons: dict[str, list[str]]) -> None:
+def _residuals(told: FleetFacts, reasons: dict[str, list[str]]) -> None:
     known = told.over_floor[np.isfinite(told.over_floor)]
     if not known.size:
         return
@@ -186,7 +186,7 @@ def _residuals(told: Told, reasons: dict[str, list[str]]) -> None:
         reasons.setdefault(told.names[k], []).append(text)
 
 
-def _effects(told: Told) -> tuple[list[FleetEffect], FloatArray]:
+def _effects(told: FleetFacts) -> tuple[list[FleetEffect], FloatArray]:
     """Effects that some rig's loop named, the commonest first; and how probable each is in each rig, (n, k).
 
     A rig whose residual stays unexplained says nothing of effects that it does not name.

@@ -21,7 +21,7 @@ from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.family import Family
 from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget, Target
+from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ class Unseen:
 
     def _begun_otherwise(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
         """SI values with each start of the unseen at its reading a standard deviation off, there and back (2, p)."""
-        by_state: dict[Target, dict[int, float]] = {}
+        by_state: dict[ProblemTarget, dict[int, float]] = {}
         for j, p in enumerate(whole.parameters):
             if p.recording is not None and p.recording >= self._fitted:
                 first = first_reading(self._everything[p.recording], p.target, whole)

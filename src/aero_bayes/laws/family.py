@@ -25,7 +25,7 @@ MAGNITUDE_PRIOR_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateTerm:
     """A term that the model may lack: values (SI units) to start its parameters from, and their columns in a model.
 
     The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
@@ -43,7 +43,7 @@ class Offer:
 
     model: Model
     parameters: tuple[Parameter, ...]
-    candidates: tuple[tuple[Candidate, int], ...]
+    candidates: tuple[tuple[CandidateTerm, int], ...]
 
 
 @dataclass(frozen=True, eq=False)

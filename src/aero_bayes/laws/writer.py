@@ -9,7 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import Edit, insert_before_connector, text_of
+from aero_bayes.language.edits import TextEdit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
@@ -31,7 +31,7 @@ _WRITING_ORDER: Mapping[Via, int] = {"output": 0, "input": 1}
 _COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
-class Writer:
+class LawWriter:
     """Adds laws to the text of a class."""
 
     def __init__(
@@ -223,7 +223,7 @@ class Writer:
         self.target.edits += edits
 
     @staticmethod
-    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[Edit]:
+    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[TextEdit]:
         return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])
 
     # inputs and outputs
@@ -258,7 +258,7 @@ class Writer:
         given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
         self.target.declare(use, {"u": given[use.instance]}, {})
         if use.instance == mine[0]:
-            self.target.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
+            self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
 
     @staticmethod
     def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
@@ -329,7 +329,7 @@ class Writer:
             parts = split_outside(c.arguments[1:-1])
             kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
             text = f"({', '.join(text_of(self.target.file.text, p) for p in kept)})" if kept else ""
-            self.target.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
+            self.target.edits.append(TextEdit(c.arguments[0].start, c.arguments[-1].end, text))
 
     # what has to be written out first
 

@@ -91,7 +91,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
 
 
-def fit_again(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
+def refit_base(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
     """The first model as the search read and freed it, from where the search found its optimum."""
     plain, own = with_setting(base.plain, base.fit.free, found.structure)
     values = np.array([found.values[name] for name in plain.parameters.names])

@@ -14,7 +14,7 @@ from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
-from aero_bayes.loop.base_fit import BaseFit, fit_again
+from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
@@ -73,7 +73,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
     """Name the structure that was chosen, unless unseen readings refuse it."""
     settings, explored, chosen = bench.settings, choice.explored, choice.fitted
     within = settings.structures.equivalence
-    base = fit_again(bench, base, _first_of(explored, chosen))
+    base = refit_base(bench, base, _first_of(explored, chosen))
     before = bench.unseen.predict(base.plain, base.fit)
     bench.tally.lap("judgement")
     if not chosen.terms:

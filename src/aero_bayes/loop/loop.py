@@ -101,7 +101,7 @@ def close_loop(
         result_cache = Checkpoint.at(checkpoint) or ResultCache()
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
         base = fit_as_it_stands(bench)
-        cache, choice = search(bench, base)
+        cache, choice = search_structures(bench, base)
         conclusion = conclude(bench, base, choice)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
         doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
@@ -113,7 +113,7 @@ def close_loop(
         return result
 
 
-def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
+def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
     """Search over structures from the first model at its best, and choose."""
     settings, family = bench.settings, bench.family
     plain = for_search(bench, base.plain)

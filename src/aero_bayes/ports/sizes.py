@@ -19,7 +19,7 @@ from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
-from aero_bayes.ports.equal_variables import Structure, structure_of
+from aero_bayes.ports.equal_variables import EqualVariables, structure_of
 from aero_bayes.ports.port import KELVIN, Port, signal_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
@@ -104,7 +104,7 @@ def _left_alone(calibration: Calibration) -> Calibration:
 
 
 def _recorded_over(
-    structure: Structure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
+    structure: EqualVariables, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
@@ -116,7 +116,7 @@ def _recorded_over(
     return found
 
 
-def _first_readings(structure: Structure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+def _first_readings(structure: EqualVariables, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
     """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
     first = calibration.experiments[0]
     found = {}
@@ -158,15 +158,17 @@ class _Watched:
                 model = self._export([e for e in self.names if self._can_be_watched(e, path)], path)
             names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
             own = replace(calibration, model=model)
-            found, rest = signals_of(own, names, fit, open_simulator), {}
+            found, rest = watched_signals(own, names, fit, open_simulator), {}
             alive = calibration.parameters.revived(fit.coordinates, fit.free)
             if not np.array_equal(alive, fit.coordinates):
                 with suppress(InputError):
-                    there = signals_of(own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator)
+                    there = watched_signals(
+                        own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator
+                    )
                     found = {name: [*found[name], *_near(own, there, there[name])] for name in names}
             if left_alone:
                 with suppress(InputError):
-                    rest = signals_of(_left_alone(own), names, fit, open_simulator)
+                    rest = watched_signals(_left_alone(own), names, fit, open_simulator)
             return found, rest
 
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
@@ -184,7 +186,7 @@ class _Watched:
         return True
 
 
-def signals_of(
+def watched_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
     """Outputs of a model at a fit, by name, one array a recording.

@@ -152,7 +152,7 @@ def _readings(result: FleetResult) -> list[dict[str, Any]]:
             note = Markup("have <code>{}</code>; 90 %: {}").format(id_, _percent(share))
             found.append({"label": "Of all rigs", "value": f"{100 * share.q50:.0f} %", "note": note, "level": ""})
     level = "warning" if result.standing_out else "good"
-    found.append({"label": "Stand out", "value": count(result.standing_out), "note": "rigs unlike the others",
+    found.append({"label": "Outliers", "value": count(result.standing_out), "note": "rigs unlike the others",
                   "level": level})  # fmt: skip
     cost = result.cost
     found.append({"label": "Work", "value": duration(cost.seconds), "level": "",

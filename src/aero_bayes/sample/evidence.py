@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.sample.importance import Weighted, adaptive_importance_sample
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.importance import WeightedSample, adaptive_importance_sample
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +30,7 @@ def laplace_evidence(fit: Fit) -> float:
 
 def importance_posterior(
     fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
-) -> Weighted:
+) -> WeightedSample:
     """Posterior of a fit by importance sampling from its Laplace approximation, improved from round to round.
 
     Parameters
@@ -52,9 +52,9 @@ def importance_posterior(
         Points are search coordinates of the free parameters, then logarithms of the noise parameters. Trust it only
         where ``reliable``; otherwise sample.
     """
-    first = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, dof)
+    first = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, dof)
 
-    def enough(found: Weighted) -> bool:
+    def enough(found: WeightedSample) -> bool:
         return found.pareto_k < MAX_PARETO_K and found.ess > 0.2 * size
 
     return adaptive_importance_sample(

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
 from aero_bayes.search.structure import Structure
@@ -201,7 +201,7 @@ class Direction:
 def term_directions(fitted: FittedModel) -> list[Direction]:
     """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values."""
     model, response = fitted.model, fitted.response
-    candidates: list[Candidate] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
+    candidates: list[CandidateTerm] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
     origin = with_nominal_shapes(fitted, candidates)
     sizes = [c.columns[0] for c in candidates]
     slopes = response.across(origin, sizes) if sizes else None

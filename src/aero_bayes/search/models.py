@@ -16,7 +16,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
-from aero_bayes.laws.family import Candidate, Family
+from aero_bayes.laws.family import CandidateTerm, Family
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise
@@ -56,7 +56,7 @@ class CandidateModel:
     """
 
     objective: Objective
-    candidates: Mapping[str, Candidate]
+    candidates: Mapping[str, CandidateTerm]
     own: tuple[int, ...]
     open: OpenSimulator
 

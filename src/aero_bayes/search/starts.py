@@ -16,9 +16,9 @@ from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.response import Line, LinearResponse, Tried
+from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -71,7 +71,7 @@ def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: 
     return unpack_all(Start, fitted.model.objective.cached("starts", asked, look))
 
 
-def _one_new(fitted: FittedModel, structure: Structure) -> Candidate | None:
+def _one_new(fitted: FittedModel, structure: Structure) -> CandidateTerm | None:
     new = structure.new_terms(fitted.structure)
     return fitted.model.candidates[new[0]] if len(new) == 1 else None
 
@@ -102,7 +102,7 @@ class NominalSizes:
         return starts
 
 
-def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
+def nominal_lines(response: LinearResponse, candidate: CandidateTerm) -> list[ResponseLine]:
     """Lines through a candidate's nominal parameters."""
     columns, lines = candidate.columns, [response.line(*tried) for tried in _first_look(response, candidate)]
     if len(columns) == 1 and len(candidate.starts) >= GRID_POINTS:
@@ -114,7 +114,7 @@ def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
     return lines
 
 
-def _first_look(response: LinearResponse, candidate: Candidate) -> list[Tried]:
+def _first_look(response: LinearResponse, candidate: CandidateTerm) -> list[Tried]:
     """A candidate at its nominal parameters; of a grid only every second one if all of these go the wrong way."""
     columns, starts = candidate.columns, candidate.starts
     if len(columns) > 1 or len(starts) < GRID_POINTS:
@@ -127,12 +127,14 @@ def _first_look(response: LinearResponse, candidate: Candidate) -> list[Tried]:
     return tried + response.simulate(columns, ordered[1::2])
 
 
-def _foretold(lines: Sequence[Line]) -> float:
+def _foretold(lines: Sequence[ResponseLine]) -> float:
     """The most that a line foretells, at its best step or where it was tried."""
     return max((max(line.best_gain, line.gain(1.0)) for line in lines), default=0.0)
 
 
-def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[Line]) -> list[tuple[float, ...]]:
+def _between(
+    parameters: ParameterSet, candidate: CandidateTerm, lines: Sequence[ResponseLine]
+) -> list[tuple[float, ...]]:
     """Magnitudes half way between the best and its neighbours; none if the least is too much."""
     (column,) = candidate.columns
     gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
@@ -144,10 +146,10 @@ def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[Lin
     return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
 
 
-def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Tried]:
+def _smaller(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Tried]:
     """Each shape of a candidate at a magnitude that changes :data:`LINEAR_RESPONSE_SHARE` of the residual."""
     columns = list(candidate.columns)
-    least: dict[tuple[float, ...], Line] = {}
+    least: dict[tuple[float, ...], ResponseLine] = {}
     for line in lines:
         shape = tuple(line.row[columns[1:]])
         if shape not in least or line.alone < least[shape].alone:
@@ -161,10 +163,10 @@ def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Lin
     return response.simulate(columns, values)
 
 
-def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Start]:
+def _ends(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Start]:
     """Both ends of the likeliest lines: where each was tried, and where it is best; simulated if worth it."""
     acting = [line for line in lines if line.power > 0.0]
-    ends: list[tuple[Line, float]] = []
+    ends: list[tuple[ResponseLine, float]] = []
     for steps in ([1.0] * len(acting), [line.within for line in acting]):
         ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:MAX_LINES]
     starts = [(line.best_gain, response.point(candidate, line, step)) for line, step in ends]
@@ -180,7 +182,7 @@ def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line])
     return [s for s in found if math.isfinite(s.simulated)]
 
 
-def _with_term_held(response: LinearResponse, lines: Sequence[Line]) -> list[Start]:
+def _with_term_held(response: LinearResponse, lines: Sequence[ResponseLine]) -> list[Start]:
     """The likeliest nominal parameters that act, all else refitted in a few steps."""
     settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
     acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
@@ -230,7 +232,7 @@ class Tangent:
         return [Start(p, promise, gain) for p, gain in zip(points, gains, strict=True) if math.isfinite(gain)]
 
 
-def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[Candidate]) -> FloatArray:
+def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]) -> FloatArray:
     """Search coordinates of a fit with the shapes of some candidates at their first nominal values, magnitudes off."""
     parameters = fitted.model.objective.parameters
     values = parameters.from_search(fitted.optimum.coordinates)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from aero_bayes.sensors.innovations import LOG_2PI, whiten_rows
-from aero_bayes.sensors.whittle import BinnedPower, likeliest
+from aero_bayes.sensors.whittle import BinnedPower, maximise_whittle
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
@@ -161,7 +161,7 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
     return out
 
 
-def renew_noise(
+def update_output_noise(
     residuals: Sequence[FloatArray],
     samplings: Sequence[Sampling],
     *,
@@ -185,7 +185,7 @@ def renew_noise(
     powers = [BinnedPower.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
     limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
-    return OutputNoise(*likeliest(powers, floor=floor, longest=limit, near=near))
+    return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))
 
 
 def estimate_noise(
@@ -227,7 +227,7 @@ def estimate_noise(
     interval = min(s.interval for _, s in pairs if s.size > 1)
     low = np.log([max(floor, 1e-4 * rms), 1e-4 * rms, 0.2 * interval])
     high = np.log([2.0 * rms, 20.0 * rms, 10.0 * longest])
-    first = renew_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
+    first = update_output_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
     if first.kind == "white":
         first = OutputNoise(0.7 * rms, 0.7 * rms, 3.0 * interval)
     found = minimize(

@@ -49,7 +49,7 @@ class BinnedPower:
         return cls(angular, count, np.add.reduceat(weight * power, edges) / count, interval)
 
 
-def likeliest(
+def maximise_whittle(
     powers: Sequence[BinnedPower], *, floor: float, longest: float, near: float | None = None
 ) -> tuple[float, float, float]:
     """White standard deviation, that of the process, and its correlation time in s (zero for white noise alone).

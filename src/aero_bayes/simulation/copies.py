@@ -20,9 +20,9 @@ from aero_bayes.simulation.interface import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
     StartTarget,
-    Target,
 )
 from aero_bayes.simulation.model import Model
 
@@ -52,7 +52,7 @@ def _look(model: Model) -> dict[str, int]:
 
     said = dict(model.said_copies)
     parameters = [p for p in model.parameters if p.start is not None]
-    targets: tuple[Target, ...] = (
+    targets: tuple[ProblemTarget, ...] = (
         *(StartTarget(state.name) for state in model.states),
         *(ParameterTarget(parameter.name) for parameter in parameters),
     )

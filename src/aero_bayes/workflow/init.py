@@ -279,8 +279,9 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
 
 def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
-        "# All parameters of the model. Free are those of its own classes and those that these set, where the outputs",
-        '# react to them; free = false holds one, free = "later" until an effect lets the data tell it.',
+        "# All parameters of the model. Parameters that the outputs respond to are free, if the model's own classes",
+        '# declare or set them. free = false fixes a parameter; free = "later" fixes it until an effect is added with',
+        "# which the data determine it.",
         "[parameters]",
     ]
     for v in listed:

@@ -38,7 +38,7 @@ from aero_bayes.workflow.job import RunOptions, open_job, which_model
 from aero_bayes.workflow.progress import ProgressBar
 
 FloatArray = NDArray[np.float64]
-Row = dict[str, Any]
+PortRow = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
 ACTS: Mapping[PortKind, str] = {
@@ -64,7 +64,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
 
 
-def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
+def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is not None:
@@ -82,12 +82,12 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
     return [{"id": c.id, "port": family.named(c.port), "summary": in_words(c.law, c.port)} for c in named]
 
 
-def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[Row]:
+def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
-    rows: list[Row] = port_table(family.ports)
+    rows: list[PortRow] = port_table(family.ports)
     if data:
         job = open_job(data, options)
         with ProgressBar(options.quiet) as progress:
@@ -226,7 +226,7 @@ def _apart(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
     return left
 
 
-def as_table(rows: Sequence[Row]) -> str:
+def as_table(rows: Sequence[PortRow]) -> str:
     """Rows as aligned columns with a header; file and line in one, lists with spaces."""
     shown = [_cells(row) for row in rows]
     if not shown:
@@ -236,7 +236,7 @@ def as_table(rows: Sequence[Row]) -> str:
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in table)
 
 
-def _cells(row: Row) -> dict[str, str]:
+def _cells(row: PortRow) -> dict[str, str]:
     cells: dict[str, str] = {}
     for key, value in row.items():
         if key == "line":

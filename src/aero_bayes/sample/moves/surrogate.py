@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from aero_bayes.sample.moves.heavytail import HeavyTail
+from aero_bayes.sample.moves.heavytail import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
@@ -23,14 +23,14 @@ _HYPERPARAMETER_POINTS, _MAX_POINTS = 400, 2000
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """A quadratic plus a Gaussian process with a rational quadratic kernel, over the scores of a :class:`HeavyTail`.
+    """A quadratic plus a Gaussian process with a rational quadratic kernel, over scores of a :class:`WarpedStudentT`.
 
     ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores over ``lengths``
     (d,), ``weights`` (n,) theirs. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
     Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.4.
     """
 
-    coordinates: HeavyTail
+    coordinates: WarpedStudentT
     quadratic: FloatArray
     centres: FloatArray
     lengths: FloatArray
@@ -43,12 +43,12 @@ class Surrogate:
         return 3 * (dimension + 1) * (dimension + 2) // 4 + 10
 
     @classmethod
-    def fit(cls, coordinates: HeavyTail, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
+    def fit(cls, coordinates: WarpedStudentT, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
         """Fit to ``values`` (n,) at ``points`` (n, d).
 
         Parameters
         ----------
-        coordinates : HeavyTail
+        coordinates : WarpedStudentT
             Its scores are the coordinates; a bent one gets a length scale of its own.
         points, values : ndarray
         depth : ndarray, shape (n,)
