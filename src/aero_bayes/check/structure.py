@@ -184,7 +184,7 @@ def inspect(
     ----------
     calibration : Calibration
     series : sequence of Series
-        Of the objective that was climbed.
+        Of the objective that was fitted.
     fit : Optimum
     floors : mapping of (recording, output) to float
         Noise floors from the data alone, as far as they are known.

@@ -150,7 +150,7 @@ def refit_experiment(
 
 
 def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, noise: FloatArray) -> FloatArray:
-    """Start with the delay at the best of a grid: its likelihood has a valley between every two samples."""
+    """Start with the delay at the best of a grid: its likelihood has a local optimum between any two samples."""
     low, high = free.box
     starts = np.tile(centre, (21, 1))
     starts[:, -1] = np.linspace(low[-1], high[-1], 21)

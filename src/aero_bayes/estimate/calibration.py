@@ -1,4 +1,4 @@
-"""What is fitted to what: a model, recordings, free parameters and nuisances, and the problem a simulator gets."""
+"""A fitting problem: model, recordings, free and nuisance parameters, and the problem that a simulator gets."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def calibrate(
     noise: NoiseModel | None = None,
     settings: CalibrationSettings | None = None,
 ) -> Calibration:
-    """Put recordings and a model together, with a nuisance delay and start for each recording that needs them.
+    """Combine recordings and a model, with a nuisance delay and initial values for each recording that needs them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The Gaussian that touches the posterior at its mode, and how much wider it is where the residual is no noise."""
+"""Laplace approximation of the posterior, and its sandwich covariance where the residual is not white noise."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArra
 def curvature_adjustment(
     series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray
 ) -> CurvatureAdjustment | None:
-    """How much wider than its likelihood the posterior is, None where all outputs' noise describes their residuals.
+    """Curvature adjustment by the sandwich covariance; None where the noise of all outputs describes their residuals.
 
     With whitened slopes S and residuals of correlation R, the estimate's covariance is the sandwich (S S')^-1 S R S'
-    (S S')^-1 (White, 1982, Econometrica 50, 1; Newey & West, 1987, Econometrica 55, 703). It is never taken for
-    narrower than that of independent readings.
+    (S S')^-1 (White, 1982, Econometrica 50, 1; Newey & West, 1987, Econometrica 55, 703). It is never narrower
+    than that of independent readings.
 
     Parameters
     ----------
     series : sequence of Series
-        Of the objective that was climbed.
+        Of the objective that was fitted.
     optimum : Optimum
     prior_sd : ndarray, shape (f,)
         Standard deviation of the free columns' priors in search coordinates; only sets the scale.

@@ -1,4 +1,4 @@
-"""Parameters of a search: physical values on one side, a scaled box on the other."""
+"""Parameters of a search: values in SI units, and search coordinates scaled to a box."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Scale = Literal["log", "linear"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that the data shall determine.
+    """One unknown number.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class ParameterSet:
     def revived(self, coordinates: FloatArray, columns: Sequence[int]) -> FloatArray:
         """Search coordinates (p,) with those of ``columns`` that lie on a bound back at their start.
 
-        What a fit has put out of action, a factor near zero say, has no slope by which another fit could call it back.
+        A factor that a fit has driven to zero has a zero sensitivity, from which no further fit could move it.
         """
         ended = self.on_bound(coordinates) & np.isin(np.arange(len(self)), columns)
         return np.where(ended, self.to_search(self.start), coordinates)
@@ -172,9 +172,9 @@ class ParameterSet:
         return np.where(inside, clipped, values)
 
     def away_from_zero(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
-        """SI values (..., p) with the active ones that are off, at a lower bound of zero, a hair above it.
+        """SI values (..., p) with active parameters at a lower bound of zero moved slightly above it.
 
-        A law that is off has no slope at all: what it would need to move is not simulated.
+        The sensitivities of a law vanish where its magnitude is exactly zero.
         """
         lifted = values.copy()
         for j in active:
@@ -232,15 +232,15 @@ class ParameterSet:
         return sd
 
     def with_start(self, values: FloatArray) -> ParameterSet:
-        """The same parameters started elsewhere."""
+        """The same parameters with other starting values."""
         return ParameterSet(tuple(replace(p, start=float(v)) for p, v in zip(self.items, values, strict=True)))
 
     def without(self, names: Sequence[str]) -> ParameterSet:
-        """The parameters but for some."""
+        """The parameters without some of them."""
         return ParameterSet(tuple(p for p in self.items if p.name not in names))
 
     def extended(self, more: Sequence[Parameter]) -> ParameterSet:
-        """The parameters and some more after them."""
+        """The parameters followed by more."""
         return ParameterSet(self.items + tuple(more))
 
 

@@ -1,4 +1,4 @@
-"""Is this a recording of that model? What can be told before anything is fitted."""
+"""Check before a fit that a recording can be one of the model: its inputs and the units of its temperatures."""
 
 from __future__ import annotations
 

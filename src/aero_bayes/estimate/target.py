@@ -1,4 +1,4 @@
-"""The posterior that a search climbs and a sampler draws from, over search coordinates.
+"""The log-posterior that searches maximise and samplers draw from, over search coordinates.
 
 A point is the free parameters' search coordinates followed by the logarithms of the noise parameters.
 """
@@ -98,8 +98,8 @@ class QuadraticModels:
 
 @dataclass(frozen=True, eq=False)
 class CurvatureAdjustment:
-    """How much wider the posterior is than a likelihood that takes every reading for independent (Ribatet, Cooley &
-    Davison, 2012, Statistica Sinica 22, 813).
+    """Curvature adjustment of a likelihood that takes correlated readings for independent (Ribatet, Cooley & Davison,
+    2012, Statistica Sinica 22, 813).
 
     The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
     sandwich covariance; shapes (f,) and (f, f).
@@ -128,7 +128,7 @@ class Target:
     prior : bool
         Whether the priors count; without them it is the negative log-likelihood that a search minimises.
     spread : CurvatureAdjustment, optional
-        Widens the likelihood where the residual is no noise.
+        Widens the likelihood where the residual is not noise.
     """
 
     def __init__(

@@ -24,7 +24,7 @@ class LoopSettings(Settings):
 
     Parameters
     ----------
-    structures, climb, ascent, calibration
+    structures, local_fit, global_search, calibration
         Settings of the search, of each local fit, of whole fits, and of the problem.
     effects : tuple of str, optional
         Ids or laws to consider; all by default.

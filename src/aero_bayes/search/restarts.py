@@ -32,7 +32,7 @@ class Restart(Protocol):
 class GrowingHorizon:
     """Fit the beginning of the recordings first, then ever more of them.
 
-    The valley of a motion that turns over, or forgets its past slowly, is wide only while the recording is short.
+    An oscillating or slowly decaying motion has few local optima only while the recording is short.
     Parameters of the first model that ended on a bound begin at their starting values.
     """
 

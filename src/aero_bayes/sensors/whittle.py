@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 FloatArray = NDArray[np.float64]
 
 #: Alternating updates of the white and the correlated variance for each correlation time of a grid.
-EM_UPDATES = 40
+MULTIPLICATIVE_UPDATES = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +103,8 @@ def maximise_whittle(
         )
         return cost, gradient
 
-    # The cost has several valleys: white and drift are first found for each of a row of correlation times, all at once,
-    # by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
+    # The cost has several local optima, so both variances are first found for each correlation time of a grid, all at
+    # once, by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
     taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
     if near is not None:
         taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
@@ -113,7 +113,7 @@ def maximise_whittle(
     whites = np.full((taus.size, 1), max(min(fast, total), smallest))
     drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
     one, power = np.ones((count.size, 1)), count * observed
-    for step in range(EM_UPDATES):
+    for step in range(MULTIPLICATIVE_UPDATES):
         inverse = 1.0 / (whites + drifts * shapes)
         push, pull = power * inverse * inverse, count * inverse
         # In turn: a step of both at once goes too far.

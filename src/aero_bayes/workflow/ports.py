@@ -100,12 +100,12 @@ def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) ->
 
 
 def visibility(response: float | None) -> str:
-    """``seen``, ``hardly``, ``not seen`` by a port's response in standard deviations; ``unknown`` without one."""
+    """``seen``, ``barely`` or ``not seen`` in these data, by a port's response; ``unknown`` without a response."""
     if response is None:
         return "unknown"
     if response >= MIN_VISIBLE_RESPONSE:
         return "seen"
-    return "hardly" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
+    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
 
 
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
