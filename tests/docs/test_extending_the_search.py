@@ -52,7 +52,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
         source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
-        fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)
+        fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
         root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), fit)
         yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
         cache.close()
@@ -87,7 +87,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 
 def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
     settings = page["settings"]
-    parts = Parts.of(settings.global_search, settings.seed, settings.leave_out)
+    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
     names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
     assert {"DropTerm", "AddTerm", "Swarm"} <= names
     assert not names & {"AddPair", "GrowingHorizon"}

@@ -103,7 +103,7 @@ class FitSettings(Settings):
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def global_search(self) -> GlobalSearchSettings:
+    def ascent(self) -> GlobalSearchSettings:
         """The part that is about the search."""
         swarm = self.swarm if self.method != "local" else None
         local = self.local if self.method != "pso" else replace(self.local, max_iterations=0)
@@ -192,7 +192,7 @@ def _with_sensors(
         if ripple and subtract:
             with opened(cleaned.problem()) as simulator:
                 objective = Objective(cleaned, simulator, result_cache=kept)
-                found = _again(first, GlobalSearch(objective, settings.global_search, progress), settings)
+                found = _again(first, GlobalSearch(objective, settings.ascent, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
     )]  # fmt: skip
@@ -254,9 +254,7 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        climber = GlobalSearch(
-            Objective(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
-        )
+        climber = GlobalSearch(Objective(calibration, simulator, result_cache=checkpoint), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         ascent = climber.run(free, open_simulator, rng)
         lines = (
@@ -266,7 +264,7 @@ def fit_calibration(
         )
         if lines is not None:
             simulator = stack.enter_context(open_simulator(lines[0].problem()))
-            climber = GlobalSearch(climber.objective.with_calibration(lines[0], simulator), settings.global_search)
+            climber = GlobalSearch(climber.objective.with_calibration(lines[0], simulator), settings.ascent)
             ascent = replace(ascent, optimum=climber.refit(lines[1].coordinates, free, lines[1].noise))
         wider = _free_what_shows(climber, ascent.optimum)
         if wider != free:
@@ -308,7 +306,7 @@ def _finish(climber: GlobalSearch, ascent: GlobalSearchResult, settings: FitSett
     calibration = objective.calibration
     if settings.cost != "posterior":
         climber = GlobalSearch(
-            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
+            objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0))
         )
         here = climber.settle_noise(replace(here, noise=climber.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)

@@ -106,7 +106,7 @@ def best_fit(bench: Workbench, calibration: Calibration, values: FloatArray, las
     left."""
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        found = GlobalSearch(study, bench.settings.global_search).refit(
+        found = GlobalSearch(study, bench.settings.ascent).refit(
             study.parameters.to_search(values), last.free, last.noise
         )
         bench.tally.count(study)
@@ -142,7 +142,7 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        climber = GlobalSearch(study, settings.global_search)
+        climber = GlobalSearch(study, settings.ascent)
         rng = np.random.default_rng(settings.seed)
         ascent = climber.run(_seen(study), bench.open, rng)
         found = ascent.optimum

@@ -58,7 +58,7 @@ def extend(
         study = bench.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = GlobalSearch(study, bench.settings.global_search).refit(start, free, base.fit.noise)
+        fit = GlobalSearch(study, bench.settings.ascent).refit(start, free, base.fit.noise)
         reports = inspect(calibration, study.series, fit, base.floors)
         bench.tally.count(study)
     after = bench.unseen.predict(calibration, fit)

@@ -66,7 +66,7 @@ def _in_place_of(
     wider: ModelCache, chosen: FittedModel, id_: str, rest: FittedModel, held: ParameterSet, settings: LoopSettings
 ) -> list[Doubt]:
     """The held values that do as well as a term; ``rest`` is the fit without it."""
-    fit = replace(settings.local_fit, hold_noise=True)
+    fit = replace(settings.climb, hold_noise=True)
     model = wider.of(rest.structure)
     here = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.noise, fit)
     promises = _promises(here, held)

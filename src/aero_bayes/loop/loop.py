@@ -123,14 +123,14 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     )
     cache, curves = ModelCache(source), tuple(family.learned())
     library = Library(family.groups(), family.finer(), curves)
-    fit = replace(settings.local_fit, floors=plain.floors)
+    fit = replace(settings.climb, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)
     model = cache.of(Structure(), library.groups[0])
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)
-    parts = settings.parts or Parts.of(settings.global_search, settings.seed, settings.leave_out)
+    parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)
 
     def chosen(explored: Explored) -> Choice:
         return choose(explored, checks_of(settings), settings.structures.require, searching.complete)

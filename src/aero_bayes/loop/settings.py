@@ -24,7 +24,7 @@ class LoopSettings(Settings):
 
     Parameters
     ----------
-    structures, local_fit, global_search, calibration
+    structures, climb, ascent, calibration
         Settings of the search, of each local fit, of whole fits, and of the problem.
     effects : tuple of str, optional
         Ids or laws to consider; all by default.
@@ -76,8 +76,8 @@ class LoopSettings(Settings):
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
-    local_fit: LocalFitSettings = field(default_factory=LocalFitSettings)
-    global_search: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
+    climb: LocalFitSettings = field(default_factory=LocalFitSettings)
+    ascent: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)

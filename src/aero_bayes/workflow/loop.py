@@ -63,13 +63,13 @@ def loop_settings(job: Job) -> LoopSettings:
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
-    swarm, staged = fitting.global_search.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
+    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
     ascent = replace(
-        defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
+        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
         starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_FLOOR_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
@@ -77,7 +77,7 @@ def loop_settings(job: Job) -> LoopSettings:
     return LoopSettings(
         structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
         leave_out=section.leave_out,
-        global_search=ascent,
+        ascent=ascent,
         calibration=calibration,
         seed=job.options.seed,
         effects=section.effects,
