@@ -33,7 +33,7 @@ from aero_bayes.export import export_fmu
 from aero_bayes.sample import SampleSettings
 from aero_bayes.sample.mcmc import Chain, MakeMoves, standard_moves
 from aero_bayes.sample.mcmc import run as run_chain
-from aero_bayes.sample.moves import HeavyTail, StretchMove
+from aero_bayes.sample.moves import StretchMove, WarpedStudentT
 from aero_bayes.simulation import Model, open_simulator
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
@@ -56,7 +56,7 @@ def problem(folder: Path) -> Fit:
 def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_moves) -> tuple[Chain, float]:
     """A chain through the engine and the seconds it took."""
     d = len(fit.free)
-    proposal = HeavyTail.of(fit.laplace.mean[:d], fit.laplace.covariance[:d, :d], settings.dof)
+    proposal = WarpedStudentT.of(fit.laplace.mean[:d], fit.laplace.covariance[:d, :d], settings.dof)
     with open_simulator(fit.calibration.problem()) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
         value = density(fit, target)

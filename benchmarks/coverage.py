@@ -50,9 +50,9 @@ from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
 from aero_bayes.fleet import open_executor
 from aero_bayes.sample.evidence import importance_posterior
-from aero_bayes.sample.importance import Weighted
+from aero_bayes.sample.importance import WeightedSample
 from aero_bayes.sample.mcmc import SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import (
     DelayTarget,
     Model,
@@ -269,11 +269,11 @@ def judge(
     return row
 
 
-def sampled(fit: Fit, simulator: Simulator, found: Weighted, rng: np.random.Generator) -> np.ndarray | None:
+def sampled(fit: Fit, simulator: Simulator, found: WeightedSample, rng: np.random.Generator) -> np.ndarray | None:
     """Draws of the main program's sampler, shape (n, d), or None where it does not converge in time."""
-    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance)
     if found.ess > 50.0:
-        proposal = HeavyTail.of(found.mean, found.covariance)
+        proposal = WarpedStudentT.of(found.mean, found.covariance)
     settings = SampleSettings(ess=800.0, max_steps=1500, time_limit=45.0)
     chain = run(fit.joint_target(simulator), proposal, settings, int(rng.integers(2**31)))
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None

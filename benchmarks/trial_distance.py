@@ -17,8 +17,8 @@ from aero_bayes.bench.trial import TrialSpec
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
-from aero_bayes.estimate.ascent import Climber
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.loop import LoopSettings
@@ -85,8 +85,8 @@ def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequ
     plain = replace(read, experiments=(experiment,))
     with _here(plain.problem()) as simulator:
         every = range(len(plain.parameters))
-        climber = Climber(Objective(plain, simulator), loop.ascent)
-        first = climber.to_optimum(every, _here, np.random.default_rng(1)).optimum
+        search = GlobalSearch(Objective(plain, simulator), loop.ascent)
+        first = search.run(every, _here, np.random.default_rng(1)).optimum
     family.prepare(plain, first, _here)
     listed = [k for k in known if k in family.declared.effects]
     calibration, extra = plain, []
@@ -99,9 +99,9 @@ def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequ
     truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
     values = [*plain.parameters.from_search(first.coordinates), *(truth.get(p.name, p.start) for p in extra)]
     with _here(calibration.problem()) as simulator:
-        found = climb(
+        found = local_fit(
             Objective(calibration, simulator), parameters.to_search(np.array(values)), range(len(parameters)),
-            noise=true_noise(spec), settings=ClimbSettings(hold_noise=True),
+            noise=true_noise(spec), settings=LocalFitSettings(hold_noise=True),
         )  # fmt: skip
     return float(np.linalg.norm(found.whitened.residual))
 

@@ -1,8 +1,8 @@
-"""Work done ahead by forked helpers, for a program that asks one question after the other.
+"""Compute results ahead of a sequential program, in forked helper processes.
 
-What a search finds is kept by what was asked (:mod:`aero_bayes.checkpoint`). Helpers do what is asked next and send
-the answers that they came by; the program then goes on as if it were alone, and finds them. So its numbers are the
-same however many helpers there are, and a helper that dies costs time only.
+The program keeps its results in a cache (:mod:`aero_bayes.checkpoint`). Helpers run the next tasks and send their
+results; the program then goes on as if it were alone and finds them in the cache. So its numbers do not depend on the
+number of helpers, and a helper that dies only costs time.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
-from aero_bayes.checkpoint import Answers
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.simulation import WorkerPool
 from aero_bayes.simulation.worker_main import watch_parent
 
 T = TypeVar("T")
 Task = Callable[[], object]
 #: Seconds that a helper may take to end.
-PATIENCE = 5.0
+HELPER_EXIT_TIMEOUT = 5.0
 
 
 def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
@@ -40,11 +40,11 @@ def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
 
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """Helpers that find answers before they are asked for; none where there is one core or no safe fork.
+    """Helpers that compute results before they are needed; none where there is one core or no safe fork.
 
     Parameters
     ----------
-    answers : Answers, optional
+    result_cache : ResultCache, optional
         Where they are looked for.
     pool : WorkerPool
         As many helpers as it has workers; each simulates in a worker of its own.
@@ -52,14 +52,14 @@ class Ahead:
         Whether no further task is to be begun.
     """
 
-    answers: Answers | None
+    result_cache: ResultCache | None
     pool: WorkerPool
     late: Callable[[], bool] = lambda: False
 
     def __call__(self, tasks: Sequence[Task], told: Callable[[float], None] = lambda done: None) -> None:
         """Do tasks, in any order, of which some are about to be done; ``told`` is the share that is done."""
         helpers = min(self.pool.size, len(tasks))
-        if self.answers is None or helpers < 2 or not _may_fork():
+        if self.result_cache is None or helpers < 2 or not _may_fork():
             return
         crew = dict(self._hire(tasks) for _ in range(helpers))
         try:
@@ -73,7 +73,7 @@ class Ahead:
             for line in crew:
                 line.close()
             for helper in crew.values():
-                helper.join(PATIENCE)
+                helper.join(HELPER_EXIT_TIMEOUT)
                 helper.kill()
                 helper.join()
 
@@ -94,18 +94,18 @@ class Ahead:
         threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
         ours.close()
         self.pool.alone()
-        assert self.answers is not None
+        assert self.result_cache is not None
         with suppress(EOFError, BrokenPipeError):
             while True:
-                task, known = theirs.recv(), self.answers.known()
+                task, known = theirs.recv(), self.result_cache.known()
                 # What goes wrong here goes wrong again where it is asked for.
                 with suppress(Exception):
                     tasks[task]()
-                theirs.send(self.answers.beyond(known))
+                theirs.send(self.result_cache.beyond(known))
 
     def _watch(self, crew: dict[Connection, BaseProcess], count: int, told: Callable[[float], None]) -> None:
         """Hand out the tasks and keep what comes back, until all are done or nobody is left."""
-        assert self.answers is not None
+        assert self.result_cache is not None
         waiting, busy, done = iter(range(count)), set[Connection](), 0
 
         def hand_out(line: Connection) -> None:
@@ -122,7 +122,7 @@ class Ahead:
                 busy.remove(line)
                 with suppress(EOFError, ConnectionResetError, BrokenPipeError):
                     for key, arrays in line.recv().items():
-                        self.answers.put(key, arrays)
+                        self.result_cache.put(key, arrays)
                     hand_out(line)
                 done += 1
                 told(done / count)

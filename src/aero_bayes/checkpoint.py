@@ -1,7 +1,7 @@
-"""What long work has found so far, in one file that is either the old one or the new one, whenever the process dies.
+"""Results of long work so far, in one file that is replaced as a whole, whenever the process dies.
 
-A search is found again by what it was asked, so that a run that is resumed asks the same questions in the same order
-and gets most of the answers at once: it ends bit by bit as it would have ended without the interruption.
+A result is kept under a hash of what it depends on (memoisation). A run that is resumed asks for the same results in
+the same order and gets most of them at once, so that it ends bit by bit as it would have without the interruption.
 """
 
 from __future__ import annotations
@@ -24,42 +24,42 @@ from aero_bayes.files import whole_file
 T = TypeVar("T")
 Arrays = Mapping[str, NDArray[np.generic]]
 
-#: Seconds between two writes at least, and how many times as long as the last one took.
-EVERY, SPARING = 1.0, 50.0
+#: Least time between two writes: in s, and as a multiple of the time that the last write took.
+MIN_WRITE_INTERVAL, MIN_INTERVAL_RATIO = 1.0, 50.0
 
 
-class Answers:
-    """Answers by what was asked."""
+class ResultCache:
+    """Results by the hash of what they depend on."""
 
     def __init__(self) -> None:
-        self._answers: dict[str, dict[str, NDArray[np.generic]]] = {}
+        self._results: dict[str, dict[str, NDArray[np.generic]]] = {}
 
     def get(self, key: str) -> Arrays | None:
-        """What was put under a key."""
-        return self._answers.get(key)
+        """The result under a key; None if there is none."""
+        return self._results.get(key)
 
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
-        """Keep arrays under a key; ``now``, if they are kept on disk, at once."""
-        self._answers[key] = dict(arrays)
+        """Keep a result under a key; with ``now``, write it to disk at once if it is kept there."""
+        self._results[key] = dict(arrays)
 
     def known(self) -> frozenset[str]:
-        """What has been asked so far."""
-        return frozenset(self._answers)
+        """Keys of all results so far."""
+        return frozenset(self._results)
 
     def beyond(self, known: frozenset[str]) -> dict[str, Arrays]:
-        """Answers to what was asked since."""
-        return {key: arrays for key, arrays in self._answers.items() if key not in known}
+        """Results that are not among the known keys."""
+        return {key: arrays for key, arrays in self._results.items() if key not in known}
 
 
-class Checkpoint(Answers):
-    """Answers by what was asked, kept in a file by the process that opened it.
+class Checkpoint(ResultCache):
+    """A result cache in a file, written by the process that opened it.
 
     Parameters
     ----------
     path : Path
-        Of the file; what it holds is taken up.
+        Of the file; results in it are read.
     identity : str
-        What makes a run this one and no other.
+        Hash of everything that the run depends on.
 
     Raises
     ------
@@ -75,8 +75,8 @@ class Checkpoint(Answers):
             raise InputError(f"{path} is of a run with other data, model or settings: without --resume it begins anew")
         for name, values in (stored or {}).items():
             key, _, field = name.partition("/")
-            self._answers.setdefault(key, {})[field] = values
-        self._next = time.monotonic() + EVERY
+            self._results.setdefault(key, {})[field] = values
+        self._next = time.monotonic() + MIN_WRITE_INTERVAL
 
     @classmethod
     def at(cls, place: Checkpoint | Path | str | None) -> Checkpoint | None:
@@ -84,15 +84,15 @@ class Checkpoint(Answers):
         return cls(Path(place)) if isinstance(place, str | Path) else place
 
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
-        """Keep arrays under a key; on disk at once, or before long."""
+        """Keep a result under a key; on disk at once, or before long."""
         super().put(key, arrays)
         began = time.monotonic()
         if os.getpid() != self._owner or (not now and began < self._next):
             return
-        rows = {f"{key}/{field}": values for key, own in self._answers.items() for field, values in own.items()}
+        rows = {f"{key}/{field}": values for key, own in self._results.items() for field, values in own.items()}
         write_arrays(self.path, rows | {"identity": np.array(self._identity)})
         ended = time.monotonic()
-        self._next = ended + max(EVERY, SPARING * (ended - began))
+        self._next = ended + max(MIN_WRITE_INTERVAL, MIN_INTERVAL_RATIO * (ended - began))
 
 
 def digest(*items: object) -> str:

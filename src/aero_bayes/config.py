@@ -24,7 +24,7 @@ class Section(BaseModel):
 
 
 class PriorSection(Section):
-    """``{kind = "lognormal", median = 8.4, relative_sd = 0.15}`` and its kin; numbers in the parameter's SI unit."""
+    """A prior such as ``{kind = "lognormal", median = 8.4, relative_sd = 0.15}``; numbers in the SI unit."""
 
     kind: Literal["uniform", "loguniform", "normal", "lognormal"]
     mean: float | None = None

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import kstest
 
 from aero_bayes.check.structure import autocorrelation, inspect, portmanteau, slow_structure, smooth_structure
-from aero_bayes.estimate.climb import climb
+from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.prediction import rms_error
@@ -93,6 +93,6 @@ def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
     given = replace(given, experiments=(replace(given.experiments[0], inputs=(signal,)),))
     simulator = closed_form.FormulaSimulator(given.problem(), lambda t, p: (p[0] + 0.0 * t)[:, None])
     study = Objective(given, simulator)
-    (report,) = inspect(given, study.series, climb(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {})
+    (report,) = inspect(given, study.series, local_fit(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {})
     assert report.verdict == "adequate"
     assert next(t for t in report.tests if t.name == "u").p_value > 1e-4

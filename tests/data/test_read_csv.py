@@ -256,7 +256,7 @@ def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
 def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = read_recording(write(tmp_path, GOOD))
     for size in (70, 101, 160):
-        monkeypatch.setattr("aero_bayes.data.csv_text.BLOCK", size)
+        monkeypatch.setattr("aero_bayes.data.csv_text.BLOCK_BYTES", size)
         pieces = read_recording(tmp_path / "a.csv")
         np.testing.assert_array_equal(whole.measured(("i_m", "theta")), pieces.measured(("i_m", "theta")))
         assert pieces.sha256 == whole.sha256

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from test_documentation import ROOT, blocks
 
-from aero_bayes.checkpoint import Answers
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
@@ -45,7 +45,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
     family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
-        bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), Answers())
+        bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
         base = fit_as_it_stands(bench)
         family.prepare(base.plain, base.fit, bench.open)
         library = Library(family.groups(), family.finer(), tuple(family.learned()))

@@ -13,8 +13,13 @@ from scipy.signal import cont2discrete, dlsim
 
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
-from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, straighter
 from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.global_search import (
+    GlobalSearch,
+    GlobalSearchResult,
+    GlobalSearchSettings,
+)
+from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, open_simulator
@@ -56,17 +61,17 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
     free = parameters_from_model(model, overrides={name: Override() for name in ("m", "d", "a")})
     held = calibrate([record()], model, free, settings=CalibrationSettings(start="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:
-        climber = Climber(Objective(held, simulator), AscentSettings(swarm=None))
+        search = GlobalSearch(Objective(held, simulator), GlobalSearchSettings(swarm=None))
         columns = tuple(range(len(held.parameters)))
         there = held.parameters.start.copy()
         there[:3] = [MASS / 79.0, DAMPING / 79.0, SPRING]
         alias, near = (
-            climber.again(held.parameters.to_search(at), columns, climber.first_noise())
+            search.refit(held.parameters.to_search(at), columns, search.initial_noise())
             for at in (there, held.parameters.start)
         )
         assert alias.log_likelihood > near.log_likelihood + 100.0
-        ascent = Ascent(alias, None, (), 0)
-        found = straighter(climber, ascent, partial(open_simulator, workers=0), np.random.default_rng(1))
+        ascent = GlobalSearchResult(alias, None, (), 0)
+        found = choose_interpolation(search, ascent, partial(open_simulator, workers=0), np.random.default_rng(1))
     assert found is not None
     calibration, optimum = found
     assert calibration.interpolation == {"u": "linear"}

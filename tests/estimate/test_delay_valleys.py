@@ -5,8 +5,8 @@ import pytest
 
 from aero_bayes import bench
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
-from aero_bayes.estimate.delays import log_mass
-from aero_bayes.estimate.search import Found, Ground, Stop
+from aero_bayes.estimate.delays import laplace_log_mass
+from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, SearchResult, Stop
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model
 
@@ -50,8 +50,8 @@ def test_delays_of_two_recordings_are_found_apart(model):
 
 def test_a_needle_holds_less_than_a_valley():
     def end(cost, curvature):
-        return Found(np.zeros(2), Ground(cost, np.zeros(2), curvature), 3, Stop.CONVERGED, 1)
+        return SearchResult(np.zeros(2), QuadraticModel(cost, np.zeros(2), curvature), 3, Stop.CONVERGED, 1)
 
     needle, valley = end(0.0, np.diag([1e12, 1.0])), end(4.0, np.diag([1e4, 1.0]))
-    assert log_mass(valley) - log_mass(needle) == pytest.approx(0.5 * np.log(1e8) - 4.0)
-    assert log_mass(Found(np.zeros(2), None, 0, Stop.FAILED_START, 1)) == -np.inf
+    assert laplace_log_mass(valley) - laplace_log_mass(needle) == pytest.approx(0.5 * np.log(1e8) - 4.0)
+    assert laplace_log_mass(SearchResult(np.zeros(2), None, 0, Stop.FAILED_START, 1)) == -np.inf

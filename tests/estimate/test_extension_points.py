@@ -1,4 +1,4 @@
-"""What a user may bring along, in some ten lines each: a terrain for the search, and a prior."""
+"""What a user may bring along, in some ten lines each: a cost function for the search, and a prior."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import gamma
 
 from aero_bayes.estimate import FitSettings, fit_calibration
-from aero_bayes.estimate.search import Ground, search
+from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, levenberg_marquardt
 
 
 def test_a_user_brings_a_terrain_of_his_own():
@@ -20,15 +20,15 @@ def test_a_user_brings_a_terrain_of_his_own():
     design = np.stack([np.ones(x.size), x], axis=1)
 
     class PoissonRegression:
-        def look(self, point):
+        def evaluate(self, point):
             rate = np.exp(design @ point)
             cost = float(rate.sum() - counts @ (design @ point))
-            return Ground(cost, design.T @ (rate - counts), design.T @ (design * rate[:, None]))
+            return QuadraticModel(cost, design.T @ (rate - counts), design.T @ (design * rate[:, None]))
 
-        def renew(self, here):
+        def update_noise(self, here):
             return here
 
-    found = search(PoissonRegression(), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0))
+    found = levenberg_marquardt(PoissonRegression(), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0))
     assert found.reason.converged
     np.testing.assert_allclose(design.T @ np.exp(design @ found.point), design.T @ counts, rtol=1e-4)
 

@@ -20,9 +20,9 @@ from aero_bayes.estimate import (
     fit_calibration,
     parameters_from_model,
 )
-from aero_bayes.estimate.climb import ClimbSettings, climb
-from aero_bayes.estimate.coarse import leading
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.simulation import open_simulator
 
 PENDULUM = """
@@ -88,7 +88,7 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
     assert np.all(np.diff(force) != 0.0)
 
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        cheap = leading(calibration, simulator, SAMPLES)
+        cheap = with_few_samples(calibration, simulator, SAMPLES)
         (full,), (few,) = calibration.experiments, cheap.experiments
         assert bool(few.time[-1] > 0.9 * TIME[-1]) is averaged
         assert few.time.size <= 3 * SAMPLES
@@ -103,10 +103,10 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
         assert valleys.size > 3
 
         objective = Objective(calibration, simulator)
-        white = ClimbSettings(kinds={"x": "white"})
+        white = LocalFitSettings(kinds={"x": "white"})
         ends = [
             calibration.parameters.from_search(
-                climb(objective, calibration.parameters.to_search(grid[[k]]), (0,), settings=white).coordinates
+                local_fit(objective, calibration.parameters.to_search(grid[[k]]), (0,), settings=white).coordinates
             )[0]
             for k in valleys[np.argsort(costs[valleys])[:3]]
         ]
@@ -123,7 +123,7 @@ def test_few_changes_of_the_input_are_left_as_they_are(modelica):
         settings=CalibrationSettings(delay="none", resting=()),
     )  # fmt: skip
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        cheap = leading(calibration, simulator, SAMPLES)
+        cheap = with_few_samples(calibration, simulator, SAMPLES)
     assert cheap.experiments[0].inputs == calibration.experiments[0].inputs
     assert cheap.experiments[0].time.size == SAMPLES
 

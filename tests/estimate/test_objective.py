@@ -99,7 +99,7 @@ def test_engine_and_whitened_residuals_agree(objectives, sampling, kind):
 def test_outputs_that_a_part_leaves_out_do_not_count(objectives):
     """A part of one output has the slopes and the curvature of that output alone, both ways."""
     whole = objectives["gaps"]
-    part = whole.part(["y"])
+    part = whole.with_outputs(["y"])
     x = whole.parameters.to_search(whole.parameters.start)
     noise = {"x": NOISES["slow"], "y": NOISES["brief"]}
     assert part.readings == np.isfinite(np.concatenate(whole.calibration.measured)[:, 1]).sum()

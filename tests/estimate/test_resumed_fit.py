@@ -63,8 +63,8 @@ def told(fit: Fit) -> dict[str, object]:
 
 
 def test_whenever_it_was_interrupted(problem, tmp_path, monkeypatch):
-    monkeypatch.setattr("aero_bayes.checkpoint.EVERY", 0.0)
-    monkeypatch.setattr("aero_bayes.checkpoint.SPARING", 0.0)
+    monkeypatch.setattr("aero_bayes.checkpoint.MIN_WRITE_INTERVAL", 0.0)
+    monkeypatch.setattr("aero_bayes.checkpoint.MIN_INTERVAL_RATIO", 0.0)
     whole = rationed(problem, 10_000, None)
     needed = 10_000 - Rationed.left
     path = tmp_path / "fit.npz"

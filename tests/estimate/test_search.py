@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, Stop, bounded_step, search
-from aero_bayes.estimate.way import Shape
+from aero_bayes.estimate.levenberg_marquardt import (
+    FixedCost,
+    LocalSettings,
+    QuadraticModel,
+    Stop,
+    bounded_step,
+    levenberg_marquardt,
+)
+from aero_bayes.estimate.step_rule import CostShape
 
 
 def test_bounded_step_agrees_with_bvls() -> None:
@@ -36,9 +43,9 @@ def rosenbrock_jacobian(x: np.ndarray) -> np.ndarray:
     return np.array([[-20.0 * x[0], 10.0, 0.0], [-1.0, 0.0, 0.0], [-0.3 * x[1], -0.3 * x[0], 0.3]])
 
 
-def ground(point: np.ndarray) -> Ground:
+def quadratic(point: np.ndarray) -> QuadraticModel:
     r, j = rosenbrock(point), rosenbrock_jacobian(point)
-    return Ground(0.5 * float(r @ r), j.T @ r, j.T @ j)
+    return QuadraticModel(0.5 * float(r @ r), j.T @ r, j.T @ j)
 
 
 TIGHT = LocalSettings(max_iterations=200, tolerance=1e-20, relative_tolerance=0)
@@ -52,7 +59,7 @@ def test_agrees_with_scipy_trust_region_reflective(low: list[float], high: list[
     low, high = np.array(low), np.array(high)
     rng = np.random.default_rng(2)
     starts = low + rng.random((6, 3)) * (high - low)
-    found = min((search(Plain(ground), s, low, high, TIGHT) for s in starts), key=lambda f: f.cost)
+    found = min((levenberg_marquardt(FixedCost(quadratic), s, low, high, TIGHT) for s in starts), key=lambda f: f.cost)
     reference = [least_squares(rosenbrock, s, rosenbrock_jacobian, (low, high), xtol=1e-15, gtol=1e-15) for s in starts]
     best = min(reference, key=lambda r: r.cost)
     assert found.cost <= best.cost + 1e-9
@@ -64,11 +71,11 @@ def test_a_bounded_quadratic_ends_at_its_closed_form() -> None:
     """With a diagonal curvature the minimum in a box is the free minimum, clipped; one step is enough."""
     target, weight = np.array([3.0, -0.4, -2.0, 0.1]), np.array([1e-4, 1.0, 30.0, 1e6])
 
-    def bowl(x: np.ndarray) -> Ground:
-        return Ground(0.5 * float(weight @ (x - target) ** 2), weight * (x - target), np.diag(weight))
+    def bowl(x: np.ndarray) -> QuadraticModel:
+        return QuadraticModel(0.5 * float(weight @ (x - target) ** 2), weight * (x - target), np.diag(weight))
 
     low, high = np.full(4, -1.0), np.array([1.0, 1.0, 1.0, 0.05])
-    found = search(Plain(bowl), np.array([-5.0, 0.0, 0.5, 0.0]), low, high, TIGHT)
+    found = levenberg_marquardt(FixedCost(bowl), np.array([-5.0, 0.0, 0.5, 0.0]), low, high, TIGHT)
     np.testing.assert_allclose(found.point, np.clip(target, low, high), atol=1e-7)
     assert found.reason.converged
     assert found.evaluations <= 8
@@ -77,35 +84,35 @@ def test_a_bounded_quadratic_ends_at_its_closed_form() -> None:
 def test_failures_are_walls_and_a_failed_start_is_said() -> None:
     walls = []
 
-    def walled(point: np.ndarray) -> Ground | None:
+    def walled(point: np.ndarray) -> QuadraticModel | None:
         if point[0] > 0.5:
             walls.append(point)
             return None
-        return ground(point)
+        return quadratic(point)
 
     low, high = np.full(3, -3.0), np.full(3, 3.0)
-    found = search(Plain(walled), np.zeros(3), low, high)
+    found = levenberg_marquardt(FixedCost(walled), np.zeros(3), low, high)
     assert walls
     assert found.evaluations > len(walls)
     # Next to the wall, where the valley's floor ends.
     assert 0.45 < found.point[0] <= 0.5
     np.testing.assert_allclose(found.point[1], found.point[0] ** 2, atol=0.02)
-    failed = search(Plain(walled), np.ones(3), low, high)
+    failed = levenberg_marquardt(FixedCost(walled), np.ones(3), low, high)
     assert failed.reason is Stop.FAILED_START
-    assert failed.ground is None
+    assert failed.quadratic is None
     assert failed.cost == np.inf
     np.testing.assert_array_equal(failed.point, np.ones(3))
 
 
-def test_a_start_outside_is_brought_inside_and_no_look_leaves_the_box() -> None:
+def test_a_start_outside_is_brought_inside_and_no_evaluation_leaves_the_box() -> None:
     seen = []
 
-    def watched(point: np.ndarray) -> Ground:
+    def watched(point: np.ndarray) -> QuadraticModel:
         seen.append(point.copy())
-        return ground(point)
+        return quadratic(point)
 
     low, high = np.array([-0.5, 0.1, 0.0]), np.array([0.6, 0.3, 0.0])
-    found = search(Plain(watched), np.full(3, 9.0), low, high, TIGHT)
+    found = levenberg_marquardt(FixedCost(watched), np.full(3, 9.0), low, high, TIGHT)
     assert np.all((np.array(seen) >= low) & (np.array(seen) <= high))
     assert found.point[2] == 0.0
     reference = least_squares(
@@ -116,52 +123,52 @@ def test_a_start_outside_is_brought_inside_and_no_look_leaves_the_box() -> None:
 
 
 def test_a_column_without_effect_stays_where_it_is() -> None:
-    def blind(point: np.ndarray) -> Ground:
-        full = ground(point[:3])
-        return Ground(full.cost, np.append(full.gradient, 0.0), np.pad(full.hessian, ((0, 1), (0, 1))))
+    def blind(point: np.ndarray) -> QuadraticModel:
+        full = quadratic(point[:3])
+        return QuadraticModel(full.cost, np.append(full.gradient, 0.0), np.pad(full.hessian, ((0, 1), (0, 1))))
 
-    found = search(Plain(blind), np.array([-1.0, 1.0, 0.0, 0.25]), np.full(4, -3.0), np.full(4, 3.0))
+    found = levenberg_marquardt(FixedCost(blind), np.array([-1.0, 1.0, 0.0, 0.25]), np.full(4, -3.0), np.full(4, 3.0))
     assert found.point[3] == 0.25
     np.testing.assert_allclose(found.point[:3], 1.0, atol=1e-4)
 
 
-def test_a_terrain_that_is_surveyed_anew_is_followed_to_where_both_rest() -> None:
-    """Mean and width of a normal sample by turns: the ground descends over the mean, each survey renews the width."""
+def test_noise_that_is_estimated_between_the_steps_converges_with_the_parameters() -> None:
+    """Mean and width of a normal sample in turn: steps change the mean, the noise update changes the width."""
     sample = np.random.default_rng(3).normal(2.0, 0.7, 50)
 
     class Sample:
         sd = 10.0
 
-        def look(self, point: np.ndarray) -> Ground:
+        def evaluate(self, point: np.ndarray) -> QuadraticModel:
             z = (sample - point[0]) / self.sd
             cost = 0.5 * float(z @ z) + sample.size * np.log(self.sd)
             self.at = point
-            return Ground(cost, np.array([-z.sum() / self.sd]), np.array([[sample.size / self.sd**2]]))
+            return QuadraticModel(cost, np.array([-z.sum() / self.sd]), np.array([[sample.size / self.sd**2]]))
 
-        def renew(self, here: Ground) -> Ground:
+        def update_noise(self, here: QuadraticModel) -> QuadraticModel:
             self.sd = float(np.sqrt(np.mean((sample - self.at[0]) ** 2)))
-            return self.look(self.at)
+            return self.evaluate(self.at)
 
-    terrain = Sample()
-    found = search(terrain, np.array([-4.0]), np.array([-9.0]), np.array([9.0]))
+    cost_function = Sample()
+    found = levenberg_marquardt(cost_function, np.array([-4.0]), np.array([-9.0]), np.array([9.0]))
     assert found.point[0] == pytest.approx(sample.mean(), abs=1e-3)
-    assert terrain.sd == pytest.approx(sample.std(), rel=1e-3)
+    assert cost_function.sd == pytest.approx(sample.std(), rel=1e-3)
     assert found.reason.converged
 
 
-def test_an_aim_ends_only_a_search_that_would_not_reach_it() -> None:
+def test_a_target_cost_ends_only_a_search_that_would_not_reach_it() -> None:
     start, low, high = np.array([-4.0, 4.0, 1.0]), np.full(3, -5.0), np.full(3, 5.0)
-    free = search(Plain(ground), start, low, high, TIGHT)
-    within = search(Plain(ground), start, low, high, replace(TIGHT, aim=free.cost))
+    free = levenberg_marquardt(FixedCost(quadratic), start, low, high, TIGHT)
+    within = levenberg_marquardt(FixedCost(quadratic), start, low, high, replace(TIGHT, target_cost=free.cost))
     np.testing.assert_array_equal(within.point, free.point)
     assert (within.reason, within.evaluations) == (free.reason, free.evaluations)
-    beyond = search(Plain(ground), start, low, high, replace(TIGHT, aim=-1e9))
-    assert beyond.reason is Stop.BEATEN
+    beyond = levenberg_marquardt(FixedCost(quadratic), start, low, high, replace(TIGHT, target_cost=-1e9))
+    assert beyond.reason is Stop.OUT_OF_REACH
     assert not beyond.reason.converged
     assert beyond.evaluations < free.evaluations
 
 
-def kinked(point: np.ndarray) -> Ground:
+def kinked(point: np.ndarray) -> QuadraticModel:
     """A valley along y = 1 + x that ends at a wall on the left of every whole x; at the wall its slope is the valley's.
 
     What is lost beyond the wall is far more than the valley promises there.
@@ -170,34 +177,38 @@ def kinked(point: np.ndarray) -> Ground:
     gap = y - 1.0 - x
     gradient = np.array([2.0 - 40.0 * gap, 40.0 * gap])
     beyond = 1e4 * max(math.floor(3.0 + 1e-9) - x, 0.0)
-    return Ground(2.0 * x + 20.0 * gap**2 + beyond, gradient, np.array([[41.0, -40.0], [-40.0, 40.0]]))
+    return QuadraticModel(2.0 * x + 20.0 * gap**2 + beyond, gradient, np.array([[41.0, -40.0], [-40.0, 40.0]]))
 
 
 def test_a_kink_ends_what_goes_across_it_and_not_the_search() -> None:
     start, box = np.array([3.0, 0.0]), (np.array([0.0, -9.0]), np.array([9.0, 9.0]))
-    few = LocalSettings(rejections=6)
-    assert search(Plain(kinked), start, *box, few).point == pytest.approx(start, abs=0.1)
-    cell = search(
-        Plain(kinked), start, *box, few, shape=Shape(lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf])))
+    few = LocalSettings(max_rejections=6)
+    assert levenberg_marquardt(FixedCost(kinked), start, *box, few).point == pytest.approx(start, abs=0.1)
+    cell = levenberg_marquardt(
+        FixedCost(kinked),
+        start,
+        *box,
+        few,
+        shape=CostShape(lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf]))),
     )
     assert cell.point == pytest.approx([3.0, 4.0])
     assert cell.reason.converged
 
 
 def test_who_leaves_the_wall_is_confined_no_more() -> None:
-    def valley(point: np.ndarray) -> Ground:
+    def valley(point: np.ndarray) -> QuadraticModel:
         """Falls towards (5.5, 1), but for a wall at x = 3, beside which x seems to fall until y is right."""
         x, y = point
         slope = 50.0 if abs(y - 1.0) > 0.5 else x - 5.5
         cost = 0.5 * (x - 5.5) ** 2 + 0.5 * (y - 1.0) ** 2 + (1e4 if x < 3.0 else 0.0)
-        return Ground(cost, np.array([slope, y - 1.0]), np.eye(2))
+        return QuadraticModel(cost, np.array([slope, y - 1.0]), np.eye(2))
 
     def cells(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         first = np.floor(point[0])
         return np.array([first, -np.inf]), np.array([first + 1.0 - 1e-6, np.inf])
 
     box = np.array([0.0, -9.0]), np.array([9.0, 9.0])
-    found = search(Plain(valley), np.array([3.0, 0.0]), *box, shape=Shape(cells))
+    found = levenberg_marquardt(FixedCost(valley), np.array([3.0, 0.0]), *box, shape=CostShape(cells))
     assert found.point == pytest.approx([5.5, 1.0], abs=1e-3)
 
 
@@ -207,17 +218,21 @@ def test_a_valley_that_is_straight_in_the_values_is_walked_at_once() -> None:
     design = np.stack([t**2, t, np.ones_like(t)], axis=1)
     read = design @ np.array([1e-4, 1.0, 0.5])
 
-    def ground(point: np.ndarray) -> Ground:
+    def quadratic(point: np.ndarray) -> QuadraticModel:
         values = np.array([math.exp(point[0]), point[1], point[2]])
         slopes = design * np.array([values[0], 1.0, 1.0])
         residual = (design @ values - read) / 1e-3
-        return Ground(0.5 * float(residual @ residual), slopes.T @ residual / 1e-3, slopes.T @ slopes / 1e-6)
+        return QuadraticModel(0.5 * float(residual @ residual), slopes.T @ residual / 1e-3, slopes.T @ slopes / 1e-6)
 
     box = np.array([math.log(1e-4), -9.0, -9.0]), np.array([math.log(10.0), 9.0, 9.0])
     start = np.array([0.0, -1.1, 1.6])
-    bent = search(Plain(ground), start, *box, LocalSettings(max_iterations=200))
-    straight = search(
-        Plain(ground), start, *box, LocalSettings(max_iterations=200), shape=Shape(logs=np.array([True, False, False]))
+    bent = levenberg_marquardt(FixedCost(quadratic), start, *box, LocalSettings(max_iterations=200))
+    straight = levenberg_marquardt(
+        FixedCost(quadratic),
+        start,
+        *box,
+        LocalSettings(max_iterations=200),
+        shape=CostShape(logarithmic=np.array([True, False, False])),
     )
     assert straight.evaluations < 0.5 * bent.evaluations
     assert straight.cost < 1.0

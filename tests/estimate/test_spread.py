@@ -8,14 +8,14 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.estimate import Normal, OutputNoise
-from aero_bayes.estimate.climb import ClimbSettings, climb
-from aero_bayes.estimate.laplace import spread_of
+from aero_bayes.estimate.laplace import curvature_adjustment
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.search import LocalSettings
 
 N, RHO, RUNS = 1500, 0.9, 400
 TIME = np.linspace(0.0, 1.0, N)
-EXACT = ClimbSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)
+EXACT = LocalFitSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)
 
 
 def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -33,9 +33,9 @@ def fitted(y: np.ndarray, noise: OutputNoise) -> tuple[np.ndarray, np.ndarray | 
     items = [closed_form.parameter(n, 0.0, -10.0, 10.0, Normal(0.0, 3.0)) for n in "ab"]
     problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items)
     objective = Objective(problem, closed_form.FormulaSimulator(problem.problem(), line))
-    found = climb(objective, np.zeros(2), (0, 1), noise={"y": noise}, settings=EXACT)
+    found = local_fit(objective, np.zeros(2), (0, 1), noise={"y": noise}, settings=EXACT)
     values = objective.parameters.from_search(found.coordinates)
-    spread = spread_of(objective.series, found, np.full(2, 3.0 / 20.0))
+    spread = curvature_adjustment(objective.series, found, np.full(2, 3.0 / 20.0))
     if spread is None:
         return values, None
     information = spread.map.T @ found.whitened.slopes @ found.whitened.slopes.T @ spread.map

@@ -8,7 +8,7 @@ import pytest
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, open_simulator
@@ -42,7 +42,7 @@ def test_a_range_far_wider_leaves_the_intervals_of_least_squares(tmp_path):
     with open_simulator(calibration.problem(), workers=0) as simulator:
         objective = Objective(calibration, simulator)
         start = calibration.parameters.to_search(calibration.parameters.start)
-        found = climb(objective, start, (0, 1), settings=ClimbSettings().by_squares(["y"]))
+        found = local_fit(objective, start, (0, 1), settings=LocalFitSettings().least_squares(["y"]))
     rows = np.vstack([np.ones(u.size), u])
     (level, slope), *_ = np.linalg.lstsq(rows.T, y, rcond=None)
     left = y - np.array([level, slope]) @ rows

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.search import LocalSettings
-from aero_bayes.judge.holdout import BLOCKS, blocks_of, held_out_gain
-from aero_bayes.laws.family import Candidate
+from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 
-EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0
 TIME = np.arange(200) * 0.05
 
@@ -43,7 +43,7 @@ def study(times, measured, design, parameters, term, temperature=1.0):
         problem.problem(), lambda time, p: np.stack([design(time, k) @ p for k in range(len(outputs))], axis=-1)
     )
     own = tuple(j for j in range(len(parameters)) if j != term)
-    candidates = {"wave": Candidate("wave", "one", ((1.0,),), (term,))}
+    candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
     noise = Noise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
     structures = Structure(("wave",)), Structure()
@@ -81,7 +81,7 @@ def test_blocks_of_time_are_foretold_as_by_refits_without_them(size):
     found = held_out_gain(model, rival)
     gain, error = gain_and_error(x / 0.1, y / 0.1, blocks_of(model)[0], 2)
     assert found.by == "blocks"
-    assert found.blocks == BLOCKS
+    assert found.blocks == BLOCK_COUNT
     assert found.gain == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert found.standard_error == pytest.approx(error, rel=1e-6)
     assert found.in_errors == pytest.approx(gain / error, rel=1e-6, abs=1e-6)

@@ -11,7 +11,7 @@ from aero_bayes.check.structure import ResidualReport
 from aero_bayes.data import Recording
 from aero_bayes.judge.prediction import Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.judge.validation import VISIBLY, refusal
+from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
 
 TIME = np.arange(2000) * 0.05
 NOISE = np.random.default_rng(1).normal(0.0, 0.1, (2, TIME.size))
@@ -46,7 +46,9 @@ def test_what_chance_takes_does_not_refuse():
     assert refusal(before, replace(before, fitted=fitted), RECORDINGS, [SETTLED]) == ""
 
 
-@pytest.mark.parametrize(("share", "refused"), [(1.0, True), (VISIBLY + 0.05, True), (VISIBLY - 0.05, False)])
+@pytest.mark.parametrize(
+    ("share", "refused"), [(1.0, True), (MAX_ERROR_RATIO + 0.05, True), (MAX_ERROR_RATIO - 0.05, False)]
+)
 def test_structure_that_is_left_asks_for_an_error_that_falls_visibly(share, refused):
     before = predicted(y=1.0)
     after = predicted(y=1.0)

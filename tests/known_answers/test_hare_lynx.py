@@ -18,7 +18,7 @@ from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.export import export_fmu
 from aero_bayes.sample.mcmc import SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 
 HARE = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1, 40.3, 57, 76.6, 52.3, 19.5, 11.2, 7.6, 14.6, 16.2)
@@ -109,7 +109,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.
     with open_simulator(calibration.problem(), workers=0) as simulator:
         layout = replace(NoiseLayout.of(calibration, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
         density = JointTarget(Target(calibration, simulator, found.values, found.free), layout)
-        proposal = HeavyTail.of(found.laplace.mean, found.laplace.covariance, 8.0)
+        proposal = WarpedStudentT.of(found.laplace.mean, found.laplace.covariance, 8.0)
         chain = run(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, time_limit=900.0), seed=5)
     assert chain.converged, chain.reason
     points = chain.points.reshape(-1, 8)

@@ -18,7 +18,7 @@ from aero_bayes.export import export_fmu
 from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
 from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
 from aero_bayes.sample.mcmc import SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 
 TIME = np.linspace(0.0, 8.0, 201)
@@ -107,7 +107,7 @@ def test_importance_sampling_is_the_closed_form(case):
 
 def test_sampler_is_the_closed_form(case):
     fit, simulator, exact = case
-    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, 8.0)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, 8.0)
     chain = run(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, time_limit=900.0), seed=2)
     assert chain.converged, chain.reason
     points = natural(chain.points.reshape(-1, 4))
@@ -135,7 +135,7 @@ def test_pareto_smoothing_finds_the_tail_it_was_given(shape):
 
 def test_smoothed_weights_estimate_the_evidence_of_a_narrow_target():
     rng = np.random.default_rng(8)
-    proposal = HeavyTail.of(np.zeros(2), np.eye(2), 8.0)
+    proposal = WarpedStudentT.of(np.zeros(2), np.eye(2), 8.0)
 
     def density(points):  # a Gaussian of covariance 0.25 whose integral is e^3
         return 3.0 - np.log(2.0 * np.pi * 0.25) - 2.0 * np.sum(points**2, axis=1)
@@ -157,7 +157,7 @@ def test_adaptive_rounds_find_a_target_that_the_first_proposal_misses():
         white = np.linalg.solve(factor, (points - shift).T)
         return -2.0 - 1.5 * np.log(2.0 * np.pi) - np.sum(np.log(np.diag(factor))) - 0.5 * np.sum(white**2, axis=0)
 
-    first = HeavyTail.of(np.zeros(3), np.eye(3), 8.0)
+    first = WarpedStudentT.of(np.zeros(3), np.eye(3), 8.0)
     rng = np.random.default_rng(3)
     found = adaptive_importance_sample(density, first, 1000, rng, enough=lambda w: w.ess > 2500.0)
     assert found.reliable

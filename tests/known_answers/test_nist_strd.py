@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 
 STRD = json.loads((Path(__file__).parent / "nist_strd.json").read_text())["problems"]
 
@@ -86,7 +86,7 @@ def residual(name, b):
     return y - MODELS[name](x if x.shape[0] > 1 else x[0], b)
 
 
-def terrain(name, logarithmic):
+def cost_function(name, logarithmic):
     """The sum of squares as the search wants it: half of it, its gradient and Gauss-Newton Hessian."""
 
     def at(point):
@@ -98,9 +98,9 @@ def terrain(name, logarithmic):
             jacobian = np.stack(columns, axis=1) * (b if logarithmic else 1.0)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(jacobian))):
             return None
-        return Ground(0.5 * r @ r, jacobian.T @ r, jacobian.T @ jacobian)
+        return QuadraticModel(0.5 * r @ r, jacobian.T @ r, jacobian.T @ jacobian)
 
-    return Plain(at)
+    return FixedCost(at)
 
 
 def fit(name: str, start: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -116,9 +116,9 @@ def fit(name: str, start: int) -> tuple[np.ndarray, np.ndarray, float]:
     )
     origin = np.log(first) if logarithmic else first
     width = np.full(first.size, 50.0) if logarithmic else 1e6 * np.maximum(np.abs(first), 1e-3)
-    found = search(terrain(name, logarithmic), origin, origin - width, origin + width, settings)
+    found = levenberg_marquardt(cost_function(name, logarithmic), origin, origin - width, origin + width, settings)
     values = np.exp(found.point) if logarithmic else found.point
-    hessian = found.ground.hessian
+    hessian = found.quadratic.hessian
     scale = np.sqrt(np.diag(hessian))
     inverse = np.diag(np.linalg.inv(hessian / np.outer(scale, scale))) / scale**2
     return values, inverse * (values**2 if logarithmic else 1.0), 2.0 * found.cost

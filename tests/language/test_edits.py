@@ -13,7 +13,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText
 from aero_bayes.language.edits import (
-    Edit,
+    TextEdit,
     add_declarations,
     add_equations,
     apply,
@@ -136,7 +136,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     edits = [*rename_class(cls, "Copy"), *add_declarations(text, cls, ["Real new_one;"])]
     edits += add_equations(text, cls, ["new_one = 1;"])
     touched = {}
-    moved: list[Edit] = []
+    moved: list[TextEdit] = []
     for k, s in enumerate(cls.equations):
         name = known.equations[k].partition("(")[2].partition(")")[0]
         sides = sides_of(s.core)
@@ -245,7 +245,7 @@ def test_what_is_no_modelica_is_named_with_its_line() -> None:
 
 def test_overlapping_edits_are_refused() -> None:
     with pytest.raises(ValueError, match="overlap"):
-        apply("abcdef", [Edit(0, 3, "x"), Edit(2, 4, "y")])
+        apply("abcdef", [TextEdit(0, 3, "x"), TextEdit(2, 4, "y")])
 
 
 def test_one_line_keeps_strings_and_drops_comments() -> None:

@@ -23,7 +23,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.candidates import candidates, ports_of
 from aero_bayes.laws.compose import Models, compose_laws
 from aero_bayes.laws.fmu_coupling import couple
-from aero_bayes.laws.fmu_ports import Surroundings
+from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.use import Use, use_of
 from aero_bayes.ports.port import Port
@@ -91,7 +91,7 @@ def test_laws_around_an_fmu_are_the_laws_in_its_source(
     flat = rig("Plant")
     inside = uses(ports_of(flat, laws), laws, flat)
     export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
-    around = Surroundings(plant, laws)
+    around = FmuBoundary(plant, laws)
     seam = around.seam(uses(around.ports, laws, flat), models)
     couple(plant, seam, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
     assert validate_fmu(str(tmp_path / "coupled.fmu")) == []
@@ -180,7 +180,7 @@ def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path)
 
 
 def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -> None:
-    ports = {p.id: p for p in Surroundings(plant, laws).ports}
+    ports = {p.id: p for p in FmuBoundary(plant, laws).ports}
     assert {k: p.kind for k, p in ports.items()} == {"u": "input", "x": "reading", "a": "reading", "v": "motion"}
     assert {"gain", "offset", "dead_zone", "saturation", "lag", "delay"} <= {*ports["u"].laws}
     assert {*ports["a"].laws} == {

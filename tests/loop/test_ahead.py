@@ -1,4 +1,4 @@
-"""Helpers find answers before they are asked for, and change nothing."""
+"""Helpers find result_cache before they are asked for, and change nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.ahead import Ahead, waves
-from aero_bayes.checkpoint import Answers
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.simulation import WorkerPool
@@ -35,10 +35,10 @@ class Questions:
     """Numbers that are worked out once, and by whom."""
 
     def __init__(self) -> None:
-        self.answers, self.asker = Answers(), os.getpid()
+        self.result_cache, self.asker = ResultCache(), os.getpid()
 
     def ask(self, number: int) -> int:
-        known = self.answers.get(str(number))
+        known = self.result_cache.get(str(number))
         if known is None:
             if os.getpid() != self.asker and number == 13:
                 os._exit(1)
@@ -46,11 +46,11 @@ class Questions:
                 raise ValueError("nobody knows")
             time.sleep(0.02)
             known = {"square": np.array(number**2), "by": np.array(os.getpid())}
-            self.answers.put(str(number), known)
+            self.result_cache.put(str(number), known)
         return int(known["square"])
 
     def by(self, number: int) -> int | None:
-        known = self.answers.get(str(number))
+        known = self.result_cache.get(str(number))
         return int(known["by"]) if known is not None else None
 
 
@@ -58,7 +58,7 @@ def asked(numbers, workers=3, late=lambda: False):
     questions, told = Questions(), []
     with WorkerPool(workers) as pool:
         tasks = [lambda number=number: questions.ask(number) for number in numbers]
-        Ahead(questions.answers, pool, late)(tasks, told.append)
+        Ahead(questions.result_cache, pool, late)(tasks, told.append)
     return questions, told
 
 
@@ -92,7 +92,7 @@ def test_where_all_helpers_die_the_asker_goes_on():
 
 def test_nothing_is_begun_late_or_without_a_second_worker():
     for questions, told in (asked(range(5), late=lambda: True), asked(range(5), workers=1)):
-        assert questions.answers.known() == frozenset()
+        assert questions.result_cache.known() == frozenset()
         assert told == []
 
 
@@ -103,7 +103,7 @@ def test_what_goes_wrong_in_the_asker_ends_the_helpers_at_once():
         raise KeyboardInterrupt
 
     with WorkerPool(2) as pool, pytest.raises(KeyboardInterrupt):
-        Ahead(questions.answers, pool)([lambda: questions.ask(1), lambda: time.sleep(600.0)], interrupt)
+        Ahead(questions.result_cache, pool)([lambda: questions.ask(1), lambda: time.sleep(600.0)], interrupt)
     assert time.monotonic() - began < 60.0
 
 

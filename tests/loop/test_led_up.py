@@ -11,7 +11,7 @@ from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.data.align import to_experiment
-from aero_bayes.estimate.interpolation import read_otherwise
+from aero_bayes.estimate.interpolation import with_other_interpolation
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"
@@ -77,10 +77,10 @@ def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:
         closed_form.calibration([(run.time, run.outputs["y"][:, None])], ["y"], []), recordings=(run,),
         experiments=(to_experiment(run),),
     )  # fmt: skip
-    lines = read_otherwise(held)
+    lines = with_other_interpolation(held)
     assert lines is not None
     assert lines.interpolation == {"F": "linear"}
-    again = read_otherwise(lines)
+    again = with_other_interpolation(lines)
     assert again is not None
     assert again.interpolation == {"F": "hold"}
     before, after = held.experiments[0].inputs[0], again.experiments[0].inputs[0]

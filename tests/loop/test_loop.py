@@ -9,7 +9,7 @@ import pytest
 
 from aero_bayes.bench import effect, random_levels, real, simulate_recording, white
 from aero_bayes.bench.truth import Parameters, Truth
-from aero_bayes.checkpoint import Answers
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.rig_family import RigFamily
@@ -130,7 +130,7 @@ def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     bench = Workbench(
         RigFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
-        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, Tally(), Answers(),
+        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, Tally(), ResultCache(),
     )  # fmt: skip
     plain = fit_as_it_stands(bench).plain
     (raw,) = bench.recordings.fitted

@@ -15,7 +15,7 @@ from aero_bayes.laws.compose import Models, compose_law, probe, screening
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.use import use_of
 from aero_bayes.laws.write import write_law
-from aero_bayes.ports.port import MINUS, port_table
+from aero_bayes.ports.port import DIFFERENCE_SIGN, port_table
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
@@ -249,7 +249,7 @@ def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Ge
             assert changed == {port.id}
             assert felt[port.id] - expected[port.id] == pytest.approx(0.1)
         elif port.kind in ("motion", "storage"):
-            first, *other = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s).split(MINUS)
+            first, *other = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s).split(DIFFERENCE_SIGN)
             faster = {k: felt[f"der({k})"] - expected[f"der({k})"] for k in (first, *other)}
             assert faster[first] > 0, port.id
             assert all(faster[k] < 0 for k in other), port.id

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.sample.mcmc import SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
     walkers=8,
@@ -21,7 +21,7 @@ SETTINGS = SampleSettings(
     time_limit=1e9,
     ess=1e9,
 )
-PROPOSAL = HeavyTail.of(np.array([0.5, 0.5]), 3.0 * np.eye(2))
+PROPOSAL = WarpedStudentT.of(np.array([0.5, 0.5]), 3.0 * np.eye(2))
 
 
 def banana(points: np.ndarray) -> np.ndarray:

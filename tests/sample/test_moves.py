@@ -16,15 +16,15 @@ from scipy import stats
 
 from aero_bayes.sample.moves import (
     DifferentialMove,
-    HeavyTail,
     IndependenceMove,
     ScreenedMove,
     ScreenedWalkMove,
     Shear,
     StretchMove,
     Surrogate,
+    WarpedStudentT,
 )
-from aero_bayes.sample.tuning import StandIn, log_prior_of, memory, overlap, scout
+from aero_bayes.sample.tuning import SurrogateDensity, acceptance_overlap, explore_axes, log_prior_of, mixing_steps
 
 ENSEMBLES, STEPS = 40, 60
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])
@@ -65,15 +65,17 @@ TARGETS = {
     "truncated": Truncated(),
 }
 #: A stand-in with the wrong middle, widths and correlations: moves must be exact in spite of it.
-POOR = HeavyTail.of(np.array([0.4, 0.2, -0.3]), np.diag([1.5, 1.0, 1.0]), 5.0)
+POOR = WarpedStudentT.of(np.array([0.4, 0.2, -0.3]), np.diag([1.5, 1.0, 1.0]), 5.0)
 MOVES: dict[str, Callable[[], list[tuple[object, float]]]] = {
-    "independence": lambda: [(IndependenceMove(HeavyTail.of(np.full(3, 0.3), 1.5 * np.eye(3), 5.0)), 1.0)],
+    "independence": lambda: [(IndependenceMove(WarpedStudentT.of(np.full(3, 0.3), 1.5 * np.eye(3), 5.0)), 1.0)],
     "differential": lambda: [(DifferentialMove(jump=0.3), 1.0)],
     "stretch": lambda: [(StretchMove(), 1.0)],
-    "screened": lambda: [(ScreenedMove(POOR.log_density, HeavyTail.of(np.zeros(3), 2.0 * np.eye(3), 4.0), 6), 1.0)],
-    "screened walk": lambda: [(ScreenedWalkMove(POOR.log_density, HeavyTail.of(np.zeros(3), CORRELATED), 3), 1.0)],
+    "screened": lambda: [
+        (ScreenedMove(POOR.log_density, WarpedStudentT.of(np.zeros(3), 2.0 * np.eye(3), 4.0), 6), 1.0)
+    ],
+    "screened walk": lambda: [(ScreenedWalkMove(POOR.log_density, WarpedStudentT.of(np.zeros(3), CORRELATED), 3), 1.0)],
     "mixture": lambda: [
-        (IndependenceMove(HeavyTail.of(np.zeros(3), CORRELATED)), 0.6),
+        (IndependenceMove(WarpedStudentT.of(np.zeros(3), CORRELATED)), 0.6),
         (DifferentialMove(), 0.25),
         (StretchMove(), 0.15),
     ],
@@ -110,7 +112,7 @@ def test_move_keeps_its_target(move: str, target: str) -> None:
 
 
 def test_heavy_tail_is_the_multivariate_t() -> None:
-    proposal = HeavyTail.of(np.array([1.0, -2.0, 0.5]), CORRELATED, 6.0)
+    proposal = WarpedStudentT.of(np.array([1.0, -2.0, 0.5]), CORRELATED, 6.0)
     reference = stats.multivariate_t(proposal.mean, CORRELATED, 6.0)
     x = np.random.default_rng(1).normal(size=(20, 3)) * 3
     np.testing.assert_allclose(proposal.log_density(x), reference.logpdf(x), rtol=1e-7)
@@ -140,7 +142,7 @@ def test_fitted_density_is_that_of_its_draws(curved: bool, bent_first: bool) -> 
     rng = np.random.default_rng(5)
     x = rng.normal(size=(3000, 2))
     x[:, 1] = np.exp(0.7 * x[:, 1]) + 0.5 * x[:, 0] ** 2
-    fitted = HeavyTail.fit(x, 20.0, curved=curved, bent_first=bent_first)
+    fitted = WarpedStudentT.fit(x, 20.0, curved=curved, bent_first=bent_first)
     axis = [np.linspace(-14.0, 14.0, 900), np.linspace(-14.0, 40.0, 1800)]
     grid = np.stack(np.meshgrid(*axis, indexing="ij"), axis=-1).reshape(-1, 2)
     cell = np.exp(fitted.log_density(grid)) * (axis[0][1] - axis[0][0]) * (axis[1][1] - axis[1][0])
@@ -158,7 +160,7 @@ def test_surrogate_knows_a_smooth_function_between_its_points() -> None:
 
     points, fresh = rng.normal(size=(900, 3)), rng.normal(size=(300, 3))
     level = value(points)
-    plain = HeavyTail.of(np.zeros(3), np.eye(3))
+    plain = WarpedStudentT.of(np.zeros(3), np.eye(3))
     found = Surrogate.fit(plain, points, level, level.max() - level)
     inside = np.linalg.norm(fresh, axis=1) < 2.0
     assert np.max(np.abs(found(fresh) - value(fresh))[inside]) < 0.05
@@ -170,20 +172,20 @@ def test_overlap_is_the_acceptance_of_an_independence_chain() -> None:
     target, other = Gaussian(np.eye(3)), Gaussian(np.diag([0.6, 0.9, 0.8]))
     x, new = target.draw(rng, 20_000), other.draw(rng, 20_000)
     ratio = target(new) - other(new) - target(x) + other(x)
-    assert overlap(other(x) - target(x)) == pytest.approx(np.mean(np.minimum(1.0, np.exp(ratio))), abs=0.04)
-    assert overlap(np.zeros(100)) == pytest.approx(1.0)
-    assert memory(np.zeros(100)) == pytest.approx(1.5)
+    assert acceptance_overlap(other(x) - target(x)) == pytest.approx(np.mean(np.minimum(1.0, np.exp(ratio))), abs=0.04)
+    assert acceptance_overlap(np.zeros(100)) == pytest.approx(1.0)
+    assert mixing_steps(np.zeros(100)) == pytest.approx(1.5)
 
 
 def test_a_stand_in_is_never_far_below_its_proposal() -> None:
     rng = np.random.default_rng(8)
     points = rng.normal(size=(300, 2))
     level = -0.5 * np.sum(points**2, axis=1)
-    plain, prior = HeavyTail.of(np.zeros(2), np.eye(2), 5.0), log_prior_of(TARGETS["gaussian"])
-    stand_in = StandIn.of(Surrogate.fit(plain, points, level, -level), prior, points)
+    plain, prior = WarpedStudentT.of(np.zeros(2), np.eye(2), 5.0), log_prior_of(TARGETS["gaussian"])
+    surrogate_density = SurrogateDensity.of(Surrogate.fit(plain, points, level, -level), prior, points)
     far = 12.0 * rng.normal(size=(50, 2))
     least = np.log(2.0 * np.pi) + plain.log_density(far) + np.log(0.2)
-    assert np.all(stand_in.log_density(far, prior) > least - 0.5)
+    assert np.all(surrogate_density.log_density(far, prior) > least - 0.5)
 
 
 def test_cuts_find_a_bound_and_a_ledge() -> None:
@@ -191,10 +193,10 @@ def test_cuts_find_a_bound_and_a_ledge() -> None:
         ledge = np.where(x[:, 0] > 0.0, np.maximum(-0.5 * x[:, 0] ** 2, -2.0 - 0.05 * x[:, 0]), -0.5 * x[:, 0] ** 2)
         return np.where(x[:, 1] > 0.5, ledge - 0.5 * x[:, 1] ** 2 - 0.5 * x[:, 2] ** 2, -np.inf)
 
-    middle = HeavyTail.of(np.array([0.0, 0.6, 0.0]), np.eye(3))
-    draws = scout(density, middle).sample(np.random.RandomState(2), 4000)
+    middle = WarpedStudentT.of(np.array([0.0, 0.6, 0.0]), np.eye(3))
+    draws = explore_axes(density, middle).sample(np.random.RandomState(2), 4000)
     assert np.quantile(draws[:, 0], 0.9) > 10.0
     assert np.mean(draws[:, 1] < 0.3) < 0.1
-    assert list(scout(density, middle).warp.bent) == [True, True, False]
-    nowhere = HeavyTail.of(np.array([0.0, -5.0, 0.0]), np.eye(3))
-    assert scout(density, nowhere) is nowhere
+    assert list(explore_axes(density, middle).warp.bent) == [True, True, False]
+    nowhere = WarpedStudentT.of(np.array([0.0, -5.0, 0.0]), np.eye(3))
+    assert explore_axes(density, nowhere) is nowhere

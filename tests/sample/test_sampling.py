@@ -19,7 +19,7 @@ from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.sample.mcmc import Chain, SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail, StretchMove
+from aero_bayes.sample.moves import StretchMove, WarpedStudentT
 from aero_bayes.sample.tuning import Tuned
 
 QUICK = SampleSettings(walkers=16, ess=1500.0, extra_rounds=2, max_steps=3000)
@@ -38,7 +38,7 @@ def off(chain: Chain, quantity: np.ndarray, truth: float) -> float:
 
 def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
     precision = np.linalg.inv(CORRELATED)
-    start = HeavyTail.of(np.array([0.5, 0.5, -1.0]), np.diag([1.0, 0.5, 3.0]))
+    start = WarpedStudentT.of(np.array([0.5, 0.5, -1.0]), np.diag([1.0, 0.5, 3.0]))
     chain = run(lambda x: -0.5 * np.einsum("ni,ij,nj->n", x, precision, x), start, QUICK, 4)
     assert chain.converged
     assert chain.tau < 2.0
@@ -51,7 +51,7 @@ def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
 
 
 def test_banana_has_its_moments() -> None:
-    chain = run(interrupted_run.banana, HeavyTail.of(np.zeros(2), np.diag([1.0, 3.0])), QUICK, 3)
+    chain = run(interrupted_run.banana, WarpedStudentT.of(np.zeros(2), np.diag([1.0, 3.0])), QUICK, 3)
     assert chain.converged
     assert chain.r_hat <= 1.01
     x = chain.points.reshape(-1, 2)
@@ -76,7 +76,7 @@ class AtABound:
 
 
 def test_a_truncated_normal_is_right_up_to_its_bound() -> None:
-    chain = run(AtABound(), HeavyTail.of(np.array([0.5, 0.5]), np.eye(2)), QUICK, 6)
+    chain = run(AtABound(), WarpedStudentT.of(np.array([0.5, 0.5]), np.eye(2)), QUICK, 6)
     assert chain.converged
     x = chain.points.reshape(-1, 2)
     exact = stats.truncnorm(0.5, np.inf)
@@ -92,7 +92,7 @@ def test_two_near_modes_have_their_weights() -> None:
         one, two = -0.5 * ((x[:, 0] - 2.5) / 0.7) ** 2, -0.5 * ((x[:, 0] + 2.5) / 0.7) ** 2
         return np.logaddexp(np.log(0.3) + one, np.log(0.7) + two) - 0.5 * x[:, 1] ** 2
 
-    chain = run(modes, HeavyTail.of(np.zeros(2), np.diag([6.0, 1.0])), QUICK, 7)
+    chain = run(modes, WarpedStudentT.of(np.zeros(2), np.diag([6.0, 1.0])), QUICK, 7)
     assert chain.converged
     assert off(chain, chain.points[..., 0] > 0.0, 0.3) < 5.0
 
@@ -109,7 +109,7 @@ def test_two_separate_modes_are_not_called_converged() -> None:
         return np.logaddexp(-0.5 * ((x[:, 0] - 20) / 0.5) ** 2, -0.5 * ((x[:, 0] + 20) / 0.5) ** 2) - 0.5 * x[:, 1] ** 2
 
     settings = SampleSettings(walkers=8, burn_in=(20,), extra_rounds=0, max_steps=800)
-    chain = run(modes, HeavyTail.of(np.zeros(2), np.diag([400.0, 1.0])), settings, 5, moves=stretch_only)
+    chain = run(modes, WarpedStudentT.of(np.zeros(2), np.diag([400.0, 1.0])), settings, 5, moves=stretch_only)
     assert not chain.converged
 
 

@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import NoiseModel
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.search import LocalSettings, Stop
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions
@@ -34,7 +34,7 @@ BASIS = np.stack(
     [np.ones(600), TIME / 30.0, np.sin(TIME), np.sign(np.sin(1.7 * TIME)), np.sin(TIME) + 1e-9 * np.cos(TIME)]
 )
 NOISE = OutputNoise(0.3, 0.2, 0.2)
-EXACT = ClimbSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
 
 
 class LinearSimulator:
@@ -75,9 +75,9 @@ def study(truth, seed, basis=BASIS, low=-50.0):
 
 
 CANDIDATES = {
-    "sine": Candidate("sine", "one", ((1.0,), (-1.0,)), (2,)),
-    "square": Candidate("square", "two", ((1.0,), (-1.0,)), (3,)),
-    "twin": Candidate("twin", "three", ((1.0,), (-1.0,)), (4,)),
+    "sine": CandidateTerm("sine", "one", ((1.0,), (-1.0,)), (2,)),
+    "square": CandidateTerm("square", "two", ((1.0,), (-1.0,)), (3,)),
+    "twin": CandidateTerm("twin", "three", ((1.0,), (-1.0,)), (4,)),
 }
 
 
@@ -106,7 +106,7 @@ def searched(cache, settings=None, refines=None, parts=None, work=None, floors=N
     refines = refines or {}
     library = Library([tuple(cache.model.candidates)], refines, ())
     search = StructureSearch(
-        cache, library, settings or StructureSettings(), ClimbSettings(), FLOORS if floors is None else floors,
+        cache, library, settings or StructureSettings(), LocalFitSettings(), FLOORS if floors is None else floors,
         parts or Parts(restarts=()), work or Work(),
     )  # fmt: skip
     return search.run(cache.root(**root))
@@ -246,7 +246,7 @@ def test_the_limit_of_what_is_clipped_at_its_very_end_is_closed_in_on():
     limit, noise = 2.85, OutputNoise(0.02, 0.0, 1.0)
     measured = np.minimum(1.0 + 2.0 * TIME / 30.0, limit) + noise.sd_white * rng.normal(size=600)
     starts = tuple((share / 2.4,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.9, 1.2, 2.5))
-    cache = formula_cache(clipped, measured, Candidate("clip", "in", starts, (2,)))
+    cache = formula_cache(clipped, measured, CandidateTerm("clip", "in", starts, (2,)))
     explored = searched(cache, floors={}, values={"a": 1.0, "b": 2.0}, noise=noise)
     assert explored.best.terms == ("clip",)
     assert 1.0 / explored.best.values["c"] == pytest.approx(limit, abs=0.02)
@@ -265,7 +265,7 @@ def test_a_limit_is_found_though_the_other_parameters_readjust_to_it_along_no_li
     exact = limited(TIME, np.array([0.3, 0.7, 1.0 / limit]))[:, 0]
     measured = exact + noise.sd_white * np.random.default_rng(8).normal(size=600)
     starts = tuple((share / 3.8,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0))
-    cache = formula_cache(limited, measured, Candidate("limit", "in", starts, (2,)))
+    cache = formula_cache(limited, measured, CandidateTerm("limit", "in", starts, (2,)))
     explored = searched(cache, floors={}, values={"a": 0.3, "b": 0.7}, noise=noise)
     assert explored.best.terms == ("limit",)
     assert 1.0 / explored.best.values["c"] == pytest.approx(limit, abs=0.02)
@@ -288,7 +288,7 @@ def test_what_only_led_the_fit_out_of_a_local_optimum_is_no_missing_term():
     noise = OutputNoise(0.1)
     exact = damped(TIME, np.array([1.0, 3.7, 0.0]))[:, 0]
     measured = exact + noise.sd_white * np.random.default_rng(4).normal(size=600)
-    cache = formula_cache(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,)))
+    cache = formula_cache(damped, measured, CandidateTerm("damping", "in", ((0.7,), (0.5,)), (2,)))
     assert abs(cache.root({"a": 1.0, "b": 3.0}, noise).values["b"] - 3.7) > 0.1
     parts = Parts(restarts=((FromElsewhere(), 1),))
     explored = searched(cache, parts=parts, floors={}, values={"a": 1.0, "b": 3.0}, noise=noise)
@@ -305,7 +305,7 @@ def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
     rng = np.random.default_rng(11)
     noise = OutputNoise(0.02, 0.0, 1.0)
     measured = 1.0 + 2.0 * TIME / 30.0 + 0.1 * np.sin(TIME) + noise.sd_white * rng.normal(size=TIME.size)
-    cache = formula_cache(breaks, measured, Candidate("wave", "in", ((1.0,), (2.0,)), (2,)))
+    cache = formula_cache(breaks, measured, CandidateTerm("wave", "in", ((1.0,), (2.0,)), (2,)))
     settings = StructureSettings(require=("wave",), max_effects=1)
     explored = searched(cache, settings, floors={}, values={"a": 1.0, "b": 2.0}, noise=noise)
     assert explored.fits[Structure(("wave",))].values["c"] == pytest.approx(0.1, abs=0.02)
@@ -314,28 +314,28 @@ def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
 def test_a_fit_that_converges_to_another_optimum_goes_on_whatever_is_known():
     noise = OutputNoise(0.1)
     measured = damped(TIME, np.array([1.0, 3.7, 0.0]))[:, 0] + 0.1 * np.random.default_rng(4).normal(size=600)
-    objective = formula_cache(damped, measured, Candidate("damping", "in", ((0.7,), (0.5,)), (2,))).model.objective
+    objective = formula_cache(damped, measured, CandidateTerm("damping", "in", ((0.7,), (0.5,)), (2,))).model.objective
     right, wrong = (objective.parameters.to_search(np.array([0.8, w, 0.0, 0.0, 0.0])) for w in (3.72, 4.15))
-    best = climb(objective, right, (0, 1), noise={"y": noise})
-    alone, beside = (climb(objective, wrong, (0, 1), noise={"y": noise}, known=known) for known in ([], [best]))
+    best = local_fit(objective, right, (0, 1), noise={"y": noise})
+    alone, beside = (local_fit(objective, wrong, (0, 1), noise={"y": noise}, known=known) for known in ([], [best]))
     assert alone.log_likelihood < best.log_likelihood - 100.0
-    assert beside.reason is not Stop.MET
+    assert beside.reason is not Stop.KNOWN_OPTIMUM
     np.testing.assert_array_equal(beside.coordinates, alone.coordinates)
 
 
 def test_an_optimum_under_another_noise_is_what_a_fit_under_it_finds():
     """Where there is one output and hardly a prior, another noise moves no optimum."""
     objective = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
-    one = climb(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.3)}, settings=EXACT)
-    other = climb(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.9)}, settings=EXACT)
-    moved = one.under(objective, {"y": OutputNoise(0.9)})
+    one = local_fit(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.3)}, settings=EXACT)
+    other = local_fit(objective, np.zeros(5), (0, 1), noise={"y": OutputNoise(0.9)}, settings=EXACT)
+    moved = one.with_noise(objective, {"y": OutputNoise(0.9)})
     assert moved.log_evidence == pytest.approx(other.log_evidence, abs=1e-3)
     np.testing.assert_allclose(moved.covariance, other.covariance, rtol=1e-6)
 
 
 def test_climb_has_the_exact_posterior_and_evidence():
     held = study([1.0, 2.0, 0.0, 0.0, 0.0], 1)
-    found = climb(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)
+    found = local_fit(held, np.zeros(5), (0, 1), noise={"y": NOISE}, settings=EXACT)
     design, inner = BASIS[:2], np.linalg.inv(covariance())
     precision = design @ inner @ design.T + np.eye(2) / 9.0
     measured = held.series[0].measured
@@ -350,9 +350,9 @@ def test_climb_has_the_exact_posterior_and_evidence():
 
 def test_a_second_climb_into_the_same_valley_is_given_up_at_once():
     held = study([1.0, 2.0, 0.6, 0.0, 0.0], 2)
-    first = climb(held, np.zeros(5), (0, 1, 2), noise={"y": NOISE})
+    first = local_fit(held, np.zeros(5), (0, 1, 2), noise={"y": NOISE})
     far = held.parameters.to_search(np.array([5.0, -3.0, 4.0, 0.0, 0.0]))
     before = held.simulations
-    again = climb(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
-    assert again.reason is Stop.MET
+    again = local_fit(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
+    assert again.reason is Stop.KNOWN_OPTIMUM
     assert held.simulations - before == 1

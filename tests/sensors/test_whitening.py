@@ -8,7 +8,7 @@ from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
 from aero_bayes.sensors.innovations import reading_log_density
-from aero_bayes.sensors.noise import OutputNoise, Sampling, innovations, log_density, renew_noise, whiten
+from aero_bayes.sensors.noise import OutputNoise, Sampling, innovations, log_density, update_output_noise, whiten
 
 NOISES = [
     OutputNoise(0.7),
@@ -79,7 +79,7 @@ def test_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
 
 
 def renewed(time, residual, **more):
-    return renew_noise([residual], [Sampling.of(time, residual)], longest=10.0, **more)
+    return update_output_noise([residual], [Sampling.of(time, residual)], longest=10.0, **more)
 
 
 def test_estimate_recovers_the_noise():
@@ -119,8 +119,8 @@ def test_noise_may_last_no_longer_than_it_is_allowed():
     time = np.arange(3000) * 0.01
     residual = np.sin(0.8 * time) + 0.05 * np.random.default_rng(15).normal(size=3000)
     sampling = Sampling.of(time, residual)
-    assert renew_noise([residual], [sampling]).tau <= 0.02 * 30.0 * (1 + 1e-9)
-    assert renew_noise([residual], [sampling], longest=10.0).tau > 1.0
+    assert update_output_noise([residual], [sampling]).tau <= 0.02 * 30.0 * (1 + 1e-9)
+    assert update_output_noise([residual], [sampling], longest=10.0).tau > 1.0
 
 
 def test_densities_of_single_readings_are_those_of_the_dense_covariance():

@@ -90,7 +90,7 @@ def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
 
 def spoil_slots(problem: Problem) -> None:
     """The shared memory within the model's reach, the pipes of its worker out of it: only the clock can tell."""
-    workers.SILENCE = 1e6
+    workers.MAX_SILENCE = 1e6
     with WorkerPool(1) as pool:
         assert pool._arena_fd < REACH
         taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(40)]
@@ -144,7 +144,7 @@ def of_kind(name: str, kind: int) -> zipfile.ZipInfo:
     ],
 )
 def test_archives_that_are_not_unpacked(tmp_path, monkeypatch, members, message):
-    monkeypatch.setattr("aero_bayes.simulation.archive.MOST_MEMBERS", 50)
+    monkeypatch.setattr("aero_bayes.simulation.archive.MAX_MEMBERS", 50)
     path = packed(tmp_path / "bad.fmu", ("modelDescription.xml", b"<fmiModelDescription/>"), *members)
     with pytest.raises(InputError, match=message):
         Model.load(path)

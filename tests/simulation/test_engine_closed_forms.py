@@ -17,9 +17,9 @@ from aero_bayes.simulation import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
     StartTarget,
-    Target,
     WorkerPool,
 )
 
@@ -35,7 +35,7 @@ def run(
     pool: WorkerPool,
     model: Model,
     experiment: Experiment,
-    targets: tuple[Target | None, ...] = (),
+    targets: tuple[ProblemTarget | None, ...] = (),
     values: tuple[float, ...] = (),
     settings: SolverSettings = TIGHT,
     fixed: dict[str, float] | None = None,

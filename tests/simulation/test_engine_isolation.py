@@ -25,7 +25,7 @@ from aero_bayes.simulation import (
     SolverSettings,
     WorkerPool,
 )
-from aero_bayes.simulation.workers import MOST_LOST
+from aero_bayes.simulation.workers import MAX_LOST_RUNS
 
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)
@@ -75,10 +75,10 @@ def test_a_model_that_is_lost_in_every_run_is_run_no_more(test_fmu, mode):
     with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu, 0.02), pool=workers) as simulator:
         for _ in range(2):
             assert set(simulator.simulate(every).outcomes.ravel()) == EXPECTED[mode]
-        assert workers.replaced <= 2 * (MOST_LOST + 2)  # a run whose worker crashes is tried once more
+        assert workers.replaced <= 2 * (MAX_LOST_RUNS + 2)  # a run whose worker crashes is tried once more
     with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu), pool=workers) as simulator:
         assert np.all(simulator.simulate(np.zeros((1, 1))).outcomes == Outcome.OK)
-        simulator.simulate(np.full((2 * MOST_LOST, 1), float(CRASH)))
+        simulator.simulate(np.full((2 * MAX_LOST_RUNS, 1), float(CRASH)))
         assert np.all(simulator.simulate(np.zeros((1, 1))).outcomes == Outcome.OK)
 
 

@@ -15,14 +15,14 @@ from aero_bayes.simulation import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
     StartTarget,
-    Target,
     open_simulator,
 )
 
 TIGHT = SolverSettings(1e-8, 1e-8)
-CASES: list[tuple[str, tuple[str, ...], tuple[Target, ...], list[float]]] = [
+CASES: list[tuple[str, tuple[str, ...], tuple[ProblemTarget, ...], list[float]]] = [
     ("VanDerPol", ("x0", "x1"), (ParameterTarget("mu"), StartTarget("x1")), [2.0, 0.3]),
     ("BouncingBall", ("h", "v"), (ParameterTarget("e"),), [0.6]),
     ("Stair", ("counter", "x"), (ParameterTarget("kick"),), [0.4]),
@@ -34,7 +34,7 @@ CASES: list[tuple[str, tuple[str, ...], tuple[Target, ...], list[float]]] = [
 ]
 
 
-def problem(model: Model, outputs: tuple[str, ...], targets: tuple[Target, ...]) -> Problem:
+def problem(model: Model, outputs: tuple[str, ...], targets: tuple[ProblemTarget, ...]) -> Problem:
     inputs = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0])),) if model.inputs else ()
     return Problem(model, (Experiment(np.linspace(0.0, 2.0, 57) + 1e-4, outputs, inputs),), (targets,), settings=TIGHT)
 

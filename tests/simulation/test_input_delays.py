@@ -14,8 +14,8 @@ from aero_bayes.simulation import (
     Model,
     Outcome,
     Problem,
+    ProblemTarget,
     SolverSettings,
-    Target,
     open_simulator,
 )
 
@@ -54,7 +54,11 @@ def ramp(at: float) -> np.ndarray:
 
 
 def simulated(
-    model: Model, signals: tuple[InputSignal, ...], targets: tuple[Target, ...], values: tuple[float, ...], engine: str
+    model: Model,
+    signals: tuple[InputSignal, ...],
+    targets: tuple[ProblemTarget, ...],
+    values: tuple[float, ...],
+    engine: str,
 ) -> tuple[np.ndarray, np.ndarray]:
     problem = Problem(model, (Experiment(TIME, ("x", "y"), signals),), (targets,), {}, TIGHT)
     with open_simulator(problem, engine, workers=0) as simulator:

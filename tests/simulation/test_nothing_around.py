@@ -9,7 +9,7 @@ import pytest
 
 from aero_bayes.laws.compose import Models, law_models
 from aero_bayes.laws.fmu_coupling import couple
-from aero_bayes.laws.fmu_ports import Surroundings
+from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import Law, general_laws
 from aero_bayes.laws.use import use_of
 from aero_bayes.simulation import (
@@ -51,7 +51,7 @@ def test_a_law_that_is_off_changes_nothing(
     test_fmu, here, gain, tmp_path: Path, name, directional, defines, output, values
 ) -> None:
     inner = test_fmu(name, directional=directional, defines=defines)
-    around, (law, models) = Surroundings(inner), gain
+    around, (law, models) = FmuBoundary(inner), gain
     port = max((p for p in around.ports if p.kind == "reading"), key=lambda p: p.id == output)
     taken = {*around.names.values(), *(v.name for v in inner.parameters)}
     seam = around.seam([use_of(law, port, taken)], models)

@@ -19,9 +19,9 @@ from aero_bayes.simulation import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
     StartTarget,
-    Target,
     WorkerPool,
     open_simulator,
 )
@@ -33,7 +33,7 @@ TIME = np.linspace(0.0, 3.0, 121)
 def run(
     model: Model,
     outputs: tuple[str, ...],
-    targets: tuple[Target, ...] = (),
+    targets: tuple[ProblemTarget, ...] = (),
     values: tuple[float, ...] = (),
     engine: str = "native",
     pool: WorkerPool | None = None,

@@ -18,7 +18,7 @@ from aero_bayes.simulation.interface import Outcome
 FloatArray = NDArray[np.float64]
 
 #: Numbers of trajectory held at once.
-_MOST_NUMBERS = 4_000_000
+_MAX_TRAJECTORY_NUMBERS = 4_000_000
 
 
 def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
@@ -44,7 +44,7 @@ def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence
     """
     experiments = joint.target.calibration.experiments
     size = sum(e.time.size * len(e.outputs) for e in experiments)
-    batch = max(1, _MOST_NUMBERS // size)
+    batch = max(1, _MAX_TRAJECTORY_NUMBERS // size)
     parts = [_batch(joint, points[k : k + batch], edges) for k in range(0, len(points), batch)]
     return [np.concatenate([part[e] for part in parts]) for e in range(len(experiments))]
 

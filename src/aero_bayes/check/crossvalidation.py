@@ -17,19 +17,19 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import FitSettings, fit_calibration
-from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.levenberg_marquardt import levenberg_marquardt
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.search import search
 from aero_bayes.estimate.target import NoiseLayout, Target
 from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, str], None]
-_REFIT = FitSettings(method="local", staged=False)
+_REFIT_SETTINGS = FitSettings(method="local", staged=False)
 #: Points at which the delay of a recording is tried before it is refined.
-_DELAYS = 21
+_DELAY_POINTS = 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def time_ordered(
             progress("refits", 1.0 - known / blocks, f"first {known} of {blocks} stretches")
         seen = _until(fit.calibration, known / blocks)
         start = replace(seen, parameters=seen.parameters.with_start(fit.values))
-        earlier = fit_calibration(start, open_simulator, _REFIT, rng)
+        earlier = fit_calibration(start, open_simulator, _REFIT_SETTINGS, rng)
         return np.asarray(np.sum(_densities(earlier, fit.calibration, open_simulator, rng, blocks, draws), axis=0))
 
     pooled = np.concatenate(densities, axis=1)
@@ -147,7 +147,7 @@ def leave_one_recording_out(
         if progress is not None:
             progress("recordings", index / len(calibration.names), name)
         others = _select(calibration, [e for e in range(len(calibration.names)) if e != index], fit.values)
-        rest = fit_calibration(others, open_simulator, _REFIT, rng)
+        rest = fit_calibration(others, open_simulator, _REFIT_SETTINGS, rng)
         with open_simulator(others.problem()) as simulator:
             sample = importance_posterior(rest, simulator, 8 * draws, rng).resample(draws, rng)
         alone = _select(calibration, [index], fit.values)
@@ -234,13 +234,13 @@ def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:
     low, high = target.box
     delays = [k for k, p in enumerate(target.parameters) if isinstance(p.target, DelayTarget)]
     if delays:
-        trial = np.tile(start, (_DELAYS, 1))
+        trial = np.tile(start, (_DELAY_POINTS, 1))
         for k in delays:
-            trial[:, k] = np.linspace(low[k], high[k], _DELAYS)
+            trial[:, k] = np.linspace(low[k], high[k], _DELAY_POINTS)
         start = trial[int(np.argmin(target.cost(trial, noise[None])))]
-    found = search(target.at(noise[None]), start, low, high)
-    if found.ground is None:
+    found = levenberg_marquardt(target.cost_function(noise[None]), start, low, high)
+    if found.quadratic is None:
         return -math.inf, target.values(start[None])[0]
-    determinant = float(np.linalg.slogdet(found.ground.hessian)[1])
+    determinant = float(np.linalg.slogdet(found.quadratic.hessian)[1])
     volume = 0.5 * (len(target.free) * math.log(2.0 * math.pi) - determinant)
     return volume - found.cost, target.values(found.point[None])[0]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, levenberg_marquardt
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.search import LocalSettings, search
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,7 @@ def profile(
     if column not in fit.free:
         raise InputError(f"{name} was not fitted, so it has no profile")
     target = fit.target(simulator)
-    terrain = target.at(Objective(fit.calibration, simulator).noise_rows(fit.noise))
+    cost_function = target.cost_function(Objective(fit.calibration, simulator).noise_rows(fit.noise))
     j = fit.free.index(column)
     centre, sd = fit.laplace.mean[: len(fit.free)], fit.laplace.sd[j]
     low, high = target.box
@@ -102,7 +102,7 @@ def profile(
             start[j] = grid[k]
             lower, upper = low.copy(), high.copy()
             lower[j] = upper[j] = grid[k]
-            found = search(terrain, start, lower, upper, limits)
+            found = levenberg_marquardt(cost_function, start, lower, upper, limits)
             cost[k] = found.cost
             if np.isfinite(found.cost):
                 at, last = found.point, grid[k]

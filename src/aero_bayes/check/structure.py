@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import OutputNoise, whiten
 from aero_bayes.sensors.ripple import is_rotor
 
 FloatArray = NDArray[np.float64]
-Verdict = Literal["adequate", "structured"]
+ResidualVerdict = Literal["adequate", "structured"]
 
-#: Chance of calling one residual of right size structured, all of its tests together.
-SIZE = 1e-3
-#: Where a rotor turns, innovations are averaged over so many s before they are tested for autocorrelation: what is left
-#: of its ripple is faster, physics that a fit has missed is slower.
-BLOCK = 0.2
-#: A residual larger than this many noise floors is structured whatever the tests say.
-TIMES_FLOOR = 2.0
+#: Probability that the tests of one residual together call it structured when it is noise.
+FALSE_ALARM_RATE = 1e-3
+#: Where a rotor turns, innovations are averaged over blocks of this many s before the test for autocorrelation: ripple
+#: is faster, and missing physics is slower.
+ROTOR_BLOCK_LENGTH = 0.2
+#: Ratio of residual to noise floor above which a residual is structured whatever the tests say.
+MAX_FLOOR_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ResidualReport:
     correlations: Mapping[str, float]
     worst_time: tuple[float, float]
     worst_share: float
-    verdict: Verdict
+    verdict: ResidualVerdict
 
     @property
     def ratio(self) -> float:
@@ -85,7 +85,7 @@ class ResidualReport:
             "rms": self.rms,
             "noise_floor": self.noise_floor,
             "ratio": None if self.noise_floor is None else self.ratio,
-            "white": self.p_value >= SIZE,
+            "white": self.p_value >= FALSE_ALARM_RATE,
             "p_value": self.p_value,
             "verdict": self.verdict,
             "tests": {test.name: test.p_value for test in self.tests},
@@ -184,7 +184,7 @@ def inspect(
     ----------
     calibration : Calibration
     series : sequence of Series
-        Of the objective that was climbed.
+        Of the objective that was fitted.
     fit : Optimum
     floors : mapping of (recording, output) to float
         Noise floors from the data alone, as far as they are known.
@@ -206,7 +206,7 @@ def inspect(
         rms = float(np.sqrt(np.mean(residual**2)))
         floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
-        structured = worst < SIZE or (floor is not None and rms > TIMES_FLOOR * max(floor, 1e-300))
+        structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
         lags, acf = autocorrelation(residual, own.sampling.interval)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
@@ -250,8 +250,8 @@ def _states(
 
 
 def _blocks(innovations: FloatArray, interval: float) -> FloatArray:
-    """Means of innovations over stretches of :data:`BLOCK` s."""
-    width = max(round(BLOCK / interval), 1)
+    """Means of innovations over stretches of :data:`ROTOR_BLOCK_LENGTH` s."""
+    width = max(round(ROTOR_BLOCK_LENGTH / interval), 1)
     count = innovations.size // width
     if count < 20:
         return innovations

@@ -10,7 +10,7 @@ from aero_bayes.data.recording import FloatArray, Recording
 from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation
 
 #: How long before the first sample the earlier input value is placed, in s: longer than any input delay.
-LEAD = 1.0
+INPUT_LEAD_TIME = 1.0
 
 
 def to_experiment(
@@ -73,7 +73,7 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
     keep = np.concatenate(([True], values[1:] != values[:-1]))
     grid, levels = time[keep], values[keep]
     if before is not None and before != levels[0]:
-        grid, levels = np.concatenate(([time[0] - LEAD], grid)), np.concatenate(([before], levels))
+        grid, levels = np.concatenate(([time[0] - INPUT_LEAD_TIME], grid)), np.concatenate(([before], levels))
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 

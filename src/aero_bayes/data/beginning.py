@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: How many of the first readings are looked at together.
-WINDOWS = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+WINDOW_LENGTHS = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 #: Polynomials of up to this degree are tried, and each is held against the next.
-DEGREE = 2
+MAX_DEGREE = 2
 #: Standard deviations by which what a curve leaves may exceed the noise.
-FITS = 2.0
+MAX_RESIDUAL_RATIO = 2.0
 
 
 class Beginning(NamedTuple):
@@ -44,15 +44,15 @@ def first_level(values: FloatArray, time: FloatArray, floor: float) -> Beginning
     Beginning or None
         None where there is no reading.
     """
-    seen = np.flatnonzero(np.isfinite(values))[: WINDOWS[-1]]
+    seen = np.flatnonzero(np.isfinite(values))[: WINDOW_LENGTHS[-1]]
     if not seen.size:
         return None
     y, t = values[seen], time[seen] - time[0]
     best, error = float(y[0]), floor**2
-    for n in WINDOWS:
+    for n in WINDOW_LENGTHS:
         if n > seen.size:
             break
-        found = [_extrapolated(y[:n], t[:n], degree, floor) for degree in range(min(DEGREE + 2, n))]
+        found = [_extrapolated(y[:n], t[:n], degree, floor) for degree in range(min(MAX_DEGREE + 2, n))]
         for (level, variance, fits), (further, doubt, _) in pairwise(found):
             # What the next degree would change is bias, but for what its own noise makes of it.
             bias = max((further - level) ** 2 - (doubt - variance), 0.0)
@@ -66,5 +66,5 @@ def _extrapolated(y: FloatArray, t: FloatArray, degree: int, floor: float) -> tu
     basis = np.vander(t / (float(t[-1]) or 1.0), degree + 1, increasing=True)
     inverse = np.linalg.pinv(basis)
     left, free = y - basis @ (inverse @ y), y.size - degree - 1
-    fits = float(left @ left) <= floor**2 * (free + FITS * math.sqrt(2.0 * free))
+    fits = float(left @ left) <= floor**2 * (free + MAX_RESIDUAL_RATIO * math.sqrt(2.0 * free))
     return float(inverse[0] @ y), floor**2 * float(inverse[0] @ inverse[0]), fits

@@ -13,10 +13,10 @@ from aero_bayes.data.recording import FloatArray, Recording
 from aero_bayes.declared import Quantity
 from aero_bayes.errors import InputError
 
-#: A pause in the sampling as long as so many of the usual intervals is worth a word.
-PAUSE = 100
-#: Fewest samples that are a recording at all.
-FEWEST = 4
+#: Length of a gap in the sampling, in usual intervals, above which it is reported.
+MIN_PAUSE_INTERVALS = 100
+#: Smallest number of samples of a recording.
+MIN_SAMPLES = 4
 Where = Callable[[int], str]
 
 
@@ -33,8 +33,8 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: W
     """
     place = where or (lambda row: f"sample {row + 1}")
     name = str(recording.path or recording.name)
-    if recording.rows < FEWEST:
-        raise InputError(f"{name}: {recording.rows} samples, expected at least {FEWEST}")
+    if recording.rows < MIN_SAMPLES:
+        raise InputError(f"{name}: {recording.rows} samples, expected at least {MIN_SAMPLES}")
     _check_time(name, recording.time, place)
     for column, values in recording.inputs.items():
         _check_input(name, column, values, place)
@@ -49,7 +49,7 @@ def longest_gap(recording: Recording) -> str:
     """What is to be said of a long pause in the sampling; empty where there is none."""
     steps = np.diff(recording.time)
     row, usual = int(np.argmax(steps)), recording.interval
-    if steps[row] < PAUSE * usual:
+    if steps[row] < MIN_PAUSE_INTERVALS * usual:
         return ""
     start, stop = recording.time[row], recording.time[row + 1]
     return (
@@ -89,9 +89,9 @@ def _check_output(name: str, column: str, values: FloatArray, place: Where) -> N
     if bad.size:
         raise InputError(f"{name}, {place(int(bad[0]))}, column {column}: is infinite, expected a finite reading")
     readings = int(np.isfinite(values).sum())
-    if readings < FEWEST:
+    if readings < MIN_SAMPLES:
         raise InputError(
-            f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least {FEWEST} "
+            f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least {MIN_SAMPLES} "
             "(leave the column out if it was not measured)"
         )
 

@@ -27,15 +27,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.show import nearest
 
 FloatArray = NDArray[np.float64]
-BLOCK = 8 << 20
+BLOCK_BYTES = 8 << 20
 NUMBER = re.compile(rb"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 SPECIAL = re.compile(rb"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)
-STAMP = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
+TIMESTAMP = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
 SEPARATORS = (b",", b";", b"\t")
 COMMENTS = (b"#", b"%")
 #: Where a byte can stand in a number that the bulk parser and NUMBER read alike; others go cell by cell.
-PLAIN = np.zeros(256, dtype=bool)
-PLAIN[list(b"0123456789+-.eE,\n\r")] = True
+IS_PLAIN_BYTE = np.zeros(256, dtype=bool)
+IS_PLAIN_BYTE[list(b"0123456789+-.eE,\n\r")] = True
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """Columns of a file: values of shape (n,) by name, NaN where a cell was empty, and each row's line in the file."""
 
     columns: dict[str, FloatArray]
@@ -67,7 +67,7 @@ class Table:
         return line
 
 
-def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], memory: int | None = None) -> Table:
+def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], memory: int | None = None) -> CsvTable:
     """Parse columns of a CSV file.
 
     Parameters
@@ -92,7 +92,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     if rows == 0:
         raise InputError(f"{path}: holds a header but no data, expected one sample a line")
     # Values, and as much again for what checks and later steps hold at once.
-    needed, free = 2 * 8 * rows * len(picked) + 8 * BLOCK, memory if memory is not None else free_memory()
+    needed, free = 2 * 8 * rows * len(picked) + 8 * BLOCK_BYTES, memory if memory is not None else free_memory()
     if needed > free:
         raise InputError(
             f"{path}: {rows:,} rows of {len(picked)} columns need {needed / 2**20:,.0f} MiB of memory, "
@@ -115,7 +115,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     columns = {name: store[index, :row] for index, name in enumerate(picked)}
     if dates:
         columns[time] = columns[time] - columns[time][0]
-    return Table(columns, sha256, header.line + 1, tuple(skipped))
+    return CsvTable(columns, sha256, header.line + 1, tuple(skipped))
 
 
 def free_memory() -> int:
@@ -170,7 +170,7 @@ def read_header(path: Path) -> Header:
     if _are_numbers(names):
         raise InputError(f"{path}, row {line}: holds numbers, expected a header such as time,u,y")
     units = [_bare(cell) for cell in below.split(separator)]
-    numbers = any(form.fullmatch(cell.replace(b",", b".")) for form in (NUMBER, SPECIAL, STAMP) for cell in units)
+    numbers = any(form.fullmatch(cell.replace(b",", b".")) for form in (NUMBER, SPECIAL, TIMESTAMP) for cell in units)
     if len(units) == len(names) > 1 and any(units) and not numbers:
         marks = (f" [{unit.decode('utf-8', 'replace')}]" if unit else "" for unit in units)
         names, line, size = [n + m for n, m in zip(names, marks, strict=True)], line + 1, size + len(below)
@@ -189,7 +189,7 @@ def _are_numbers(names: list[str]) -> bool:
 
 def _begins_with_a_date(block: bytes, column: int) -> bool:
     cells = block.lstrip(b" \r\n").partition(b"\n")[0].split(b",")
-    return len(cells) > column and bool(STAMP.fullmatch(_bare(cells[column])))
+    return len(cells) > column and bool(TIMESTAMP.fullmatch(_bare(cells[column])))
 
 
 def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
@@ -207,7 +207,7 @@ def _scan(path: Path) -> tuple[str, int]:
     """Hash and number of lines."""
     digest, lines, last = hashlib.sha256(), 0, b""
     with path.open("rb") as file:
-        while block := file.read(BLOCK):
+        while block := file.read(BLOCK_BYTES):
             digest.update(block)
             lines += block.count(b"\n")
             last = block
@@ -215,12 +215,12 @@ def _scan(path: Path) -> tuple[str, int]:
 
 
 def _blocks(path: Path, header: Header) -> Iterator[bytes]:
-    """Whole lines, about ``BLOCK`` bytes at a time, with commas between columns and decimal points."""
+    """Whole lines, about ``BLOCK_BYTES`` bytes at a time, with commas between columns and decimal points."""
     plain = bytes.maketrans(b"," + header.separator, b".,") if header.separator != b"," else None
     with path.open("rb") as file:
         file.seek(header.size)
         rest = b""
-        while block := file.read(BLOCK):
+        while block := file.read(BLOCK_BYTES):
             block = block.translate(plain)
             cut = block.rfind(b"\n") + 1
             if cut:
@@ -228,8 +228,8 @@ def _blocks(path: Path, header: Header) -> Iterator[bytes]:
                 rest = block[cut:]
             else:
                 rest += block
-            if len(rest) > BLOCK:
-                raise InputError(f"{path}: a line is longer than {BLOCK >> 20} MiB, expected one sample a line")
+            if len(rest) > BLOCK_BYTES:
+                raise InputError(f"{path}: a line is longer than {BLOCK_BYTES >> 20} MiB, expected one sample a line")
         if rest:
             yield rest
 
@@ -249,7 +249,7 @@ def _parse(
 def _parse_bulk(block: bytes, width: int) -> FloatArray | None:
     """Values of a block of plain numbers and empty cells; None if anything in it needs a closer look."""
     raw = np.frombuffer(block, dtype=np.uint8)
-    if not PLAIN[raw].all():
+    if not IS_PLAIN_BYTE[raw].all():
         return None
     if b"\r" in block:
         block = block.replace(b"\r\n", b"\n")
@@ -308,7 +308,7 @@ def _bare(cell: bytes) -> bytes:
 def _instant(path: Path, line: int, column: str, cell: bytes) -> float:
     """A time, or a date in s since 1970; without a zone it is taken for universal, which knows no hour twice."""
     text = _bare(cell)
-    if not STAMP.fullmatch(text):
+    if not TIMESTAMP.fullmatch(text):
         if b":" in text:
             shown = text[:40].decode("utf-8", "replace")
             raise InputError(

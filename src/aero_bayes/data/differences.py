@@ -23,28 +23,28 @@ from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-#: Differences that are looked at for each lag, spread evenly over a longer recording.
-WINDOWS = 20_000
-#: Relative differences of the time steps below which they are the same.
-EVEN = 1e-6
-#: Share of the differences, by size, that counts; the largest are jumps of the signal.
-KEPT = 0.8
+#: Largest number of differences for each lag, spread evenly over a longer recording.
+MAX_DIFFERENCES = 20_000
+#: Relative difference below which two time steps count as equal.
+MAX_STEP_DEVIATION = 1e-6
+#: Quantile of the absolute differences above which they are trimmed: the largest are jumps of the signal.
+TRIM_QUANTILE = 0.8
 #: Mean square of a standard normal variable below its 80 % quantile in absolute value.
-TRIMMED = 0.4377
-#: How many samples ago a jump of an input is over: the longest that leaves at least the share ``LEFT`` of the readings.
-SETTLING = (1000, 500, 300, 200, 100, 50, 30, 20, 10, 0)
-LEFT = 0.4
-#: Lags count up to the first whose variance is so many times that of the first: beyond it is nothing but signal.
-NEAR = 10.0
-#: Relative error that the shapes themselves may have.
-SLOPPY = 0.04
-#: How much better (in chi-squared) noise with memory must explain the differences than white noise under a smooth
-#: signal, and than a signal that drifts, before it is believed.
-GAIN, AHEAD = 12.0, 2.0
-#: Longest correlation time as a share of the longest lag: what is longer shows no end, and may as well be a drift.
-LONGEST = 0.5
-#: Samples back for which differences of the inputs are held against those of an output.
-BACK = 12
+TRIMMED_NORMAL_VARIANCE = 0.4377
+#: Samples after a jump of an input that are left out: the most that leave ``MIN_UNDISTURBED_SHARE`` of the readings.
+SETTLING_SAMPLES = (1000, 500, 300, 200, 100, 50, 30, 20, 10, 0)
+MIN_UNDISTURBED_SHARE = 0.4
+#: Lags are used up to the first whose variance is this many times that of the first lag: longer ones show only signal.
+MAX_VARIANCE_RATIO = 10.0
+#: Relative error that the variance curves of the noise models themselves may have.
+SHAPE_ERROR = 0.04
+#: Gain in chi-squared of correlated noise over white noise with a smooth signal, and over a drifting signal, above
+#: which correlated noise is accepted.
+MIN_CHI_SQUARED_GAIN, MIN_GAIN_OVER_DRIFT = 12.0, 2.0
+#: Longest correlation time, as a share of the longest lag: a longer one cannot be told from a drift.
+MAX_CORRELATION_SHARE = 0.5
+#: Lag of the inputs, in samples, up to which their differences may explain those of an output.
+MAX_INPUT_LAG = 12
 
 
 @dataclass(frozen=True)
@@ -99,21 +99,21 @@ class Differences:
         if variances[0] == 0.0:
             return Split(0.0, 0.0, 0.0, 0.0, 0.0, windows)
         lags, variances = lags[variances > 0.0], variances[variances > 0.0]
-        beyond = np.flatnonzero(variances > NEAR * variances[0])
+        beyond = np.flatnonzero(variances > MAX_VARIANCE_RATIO * variances[0])
         stop = int(beyond[0]) + 1 if beyond.size else lags.size
         return _split(lags[:stop], variances[:stop], order, windows, calm)
 
     def explained(self, order: int) -> float:
         """Share of the variance of neighbouring readings' differences that those of the inputs tell in advance.
 
-        A regression on the inputs up to ``BACK`` samples ago, fitted on one half of the recording and judged on the
-        other. 1 where inputs move and there are too few readings for it.
+        A regression on the inputs up to ``MAX_INPUT_LAG`` samples ago, fitted on one half of the recording and judged
+        on the other. 1 where inputs move and there are too few readings for it.
         """
         weights, rows = _weights(self.time, order, 1)
         found = (weights * self.values[rows]).sum(axis=1)
-        use, _ = self._undisturbed(rows, np.isfinite(found) & (rows[:, 0] >= BACK))
+        use, _ = self._undisturbed(rows, np.isfinite(found) & (rows[:, 0] >= MAX_INPUT_LAG))
         weights, rows = weights[use], rows[use]
-        columns = [(weights * u[rows - back]).sum(axis=1) for u in self.inputs for back in range(BACK)]
+        columns = [(weights * u[rows - back]).sum(axis=1) for u in self.inputs for back in range(MAX_INPUT_LAG)]
         columns = [column for column in columns if np.any(column)]
         if not columns:
             return 0.0
@@ -153,9 +153,9 @@ class Differences:
         length = self.time[rows[:, -1]] - self.time[rows[:, 0]]
         # Undisturbed: the jump before the window's end also lies before its start.
         calm = np.where(since[rows[:, -1]] >= length, since[rows[:, 0]] / interval, -1.0)
-        for settled in SETTLING:
+        for settled in SETTLING_SAMPLES:
             chosen = usable & (calm > settled)
-            if chosen.sum() >= LEFT * usable.sum():
+            if chosen.sum() >= MIN_UNDISTURBED_SHARE * usable.sum():
                 return chosen, True
         return usable, False
 
@@ -181,10 +181,14 @@ def _since_jump(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
 def _weights(time: FloatArray, order: int, lag: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Weights of divided differences, of norm one, and the rows that they belong to, both (w, order + 1)."""
     windows = time.size - order * lag
-    first = np.arange(windows) if windows <= WINDOWS else np.linspace(0, windows - 1, WINDOWS).astype(np.intp)
+    first = (
+        np.arange(windows)
+        if windows <= MAX_DIFFERENCES
+        else np.linspace(0, windows - 1, MAX_DIFFERENCES).astype(np.intp)
+    )
     rows = first[:, None] + lag * np.arange(order + 1)
     steps = np.diff(time)
-    if np.ptp(steps) < EVEN * steps.min():
+    if np.ptp(steps) < MAX_STEP_DEVIATION * steps.min():
         row = np.array([(-1.0) ** j * comb(order, j) for j in range(order + 1)]) / comb(2 * order, order) ** 0.5
         return np.broadcast_to(row, rows.shape), rows
     at = time[rows]
@@ -198,7 +202,7 @@ def _weights(time: FloatArray, order: int, lag: int) -> tuple[FloatArray, NDArra
 
 def _trimmed(differences: FloatArray) -> float:
     squares = np.sort(differences**2)
-    return float(squares[: max(int(KEPT * squares.size), 1)].mean() / TRIMMED)
+    return float(squares[: max(int(TRIM_QUANTILE * squares.size), 1)].mean() / TRIMMED_NORMAL_VARIANCE)
 
 
 def _with_memory(lags: FloatArray | float, memory: float, order: int) -> FloatArray:
@@ -212,7 +216,7 @@ def _with_memory(lags: FloatArray | float, memory: float, order: int) -> FloatAr
 def _split(lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool) -> Split:
     """Least squares over the lags; memory is believed where inputs rest and it is likelier than a drift."""
     # A window of p lags holds about one independent difference; their squares spread by sqrt(2).
-    error = np.sqrt(2.0 * order * lags / windows / KEPT + SLOPPY**2)
+    error = np.sqrt(2.0 * order * lags / windows / TRIM_QUANTILE + SHAPE_ERROR**2)
     over = lags / lags[-1]
     steady, smooth, drift, kinks = np.ones(lags.size), over ** (2 * order), over, over**3
 
@@ -223,13 +227,13 @@ def _split(lags: FloatArray, variances: FloatArray, order: int, windows: int, ca
 
     if calm and lags.size >= 5:
         best, memory, shares = np.inf, 0.0, np.zeros(3)
-        for tried in np.geomspace(1.0, LONGEST * lags[-1], 20):
+        for tried in np.geomspace(1.0, MAX_CORRELATION_SHARE * lags[-1], 20):
             misfit, solution = fit(steady, smooth, _with_memory(lags, tried, order))
             if misfit < best:
                 best, memory, shares = misfit, float(tried), solution
         gain, ahead = fit(steady, smooth)[0] - best, fit(steady, smooth, drift)[0] - best
         white, slow = float(shares[0]), float(shares[2])
-        if slow > 0.0 and gain >= GAIN and ahead > AHEAD:
+        if slow > 0.0 and gain >= MIN_CHI_SQUARED_GAIN and ahead > MIN_GAIN_OVER_DRIFT:
             near = white + slow * float(_with_memory(1.0, memory, order))
             return Split(white, slow, memory, near, float(variances[0]), windows)
     white = float(fit(steady, smooth, drift, kinks)[1][0])

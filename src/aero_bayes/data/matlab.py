@@ -37,9 +37,9 @@ from aero_bayes.data.matlab_child import HDF5
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
-TIME_LIMIT, TIME_PER_MIB = 30.0, 0.5
+READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 #: Bytes of addresses that Python with NumPy and SciPy takes before it reads anything.
-INTERPRETER = 2 << 30
+INTERPRETER_BYTES = 2 << 30
 
 
 def is_matlab(path: Path) -> bool:
@@ -126,8 +126,8 @@ def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], list[str]]:
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     # -P: files beside the reader are no modules
-    command = [sys.executable, "-P", matlab_child.__file__, str(path), str(memory + INTERPRETER)]
-    limit = TIME_LIMIT + TIME_PER_MIB * path.stat().st_size / 2**20
+    command = [sys.executable, "-P", matlab_child.__file__, str(path), str(memory + INTERPRETER_BYTES)]
+    limit = READ_TIME_LIMIT + READ_TIME_PER_MIB * path.stat().st_size / 2**20
     try:
         done = subprocess.run(
             command, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, capture_output=True, check=False, timeout=limit

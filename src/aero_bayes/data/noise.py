@@ -34,14 +34,14 @@ from aero_bayes.data.differences import Differences, Split
 from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Orders of differences of which two in a row must agree.
-ORDERS = (3, 4, 5)
-#: Share of the differences' variance that must be noise, and that the inputs may explain.
-SHARE, TOLD = 0.5, 0.25
-#: How far the standard deviations of two orders may be apart, as a factor's logarithm.
-APART = 0.1
-#: Fewer differences leave the standard deviation uncertain by more than a quarter.
-FEWEST = 36
+#: Orders of differences; the estimates of two successive orders must agree.
+DIFFERENCE_ORDERS = (3, 4, 5)
+#: Smallest share of the differences' variance that is noise, and largest share that the inputs explain.
+MIN_NOISE_SHARE, MAX_EXPLAINED_SHARE = 0.5, 0.25
+#: Largest difference of the logarithms of the standard deviations of two orders.
+MAX_LOG_DISAGREEMENT = 0.1
+#: Smallest number of differences: with fewer the standard deviation is uncertain by more than a quarter.
+MIN_DIFFERENCES = 36
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _noise(differences: Differences) -> Split | float | None:
     """The noise where it is known; else how large it is at most, None where there are no differences to say so."""
     lower: Split | None = None
     most: float | None = None
-    for order in ORDERS:
+    for order in DIFFERENCE_ORDERS:
         found = differences.split(order)
         if found is None:
             break
@@ -126,16 +126,19 @@ def _noise(differences: Differences) -> Split | float | None:
         if found.whole == 0.0:
             return found
         if lower is not None and _agree(lower, found):
-            return lower if differences.explained(order - 1) <= TOLD else most
+            return lower if differences.explained(order - 1) <= MAX_EXPLAINED_SHARE else most
         lower = found
     return most
 
 
 def _agree(one: Split, other: Split) -> bool:
     """Whether differences of two orders are mostly noise, and of the same size."""
-    if min(one.windows, other.windows) < FEWEST or min(one.near / one.whole, other.near / other.whole) < SHARE:
+    if (
+        min(one.windows, other.windows) < MIN_DIFFERENCES
+        or min(one.near / one.whole, other.near / other.whole) < MIN_NOISE_SHARE
+    ):
         return False
-    return abs(0.5 * math.log(one.near / other.near)) < APART + 1.0 / math.sqrt(one.windows)
+    return abs(0.5 * math.log(one.near / other.near)) < MAX_LOG_DISAGREEMENT + 1.0 / math.sqrt(one.windows)
 
 
 def noise_of(recording: Recording, output: str) -> NoiseFloor:

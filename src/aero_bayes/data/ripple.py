@@ -10,9 +10,9 @@ from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: Length in s of the pieces within which the integrated angle keeps its phase.
-PIECE = 0.5
-#: Speeds in rad/s below which a rotor is not looked at.
-SLOWEST = 20.0
+PIECE_LENGTH = 0.5
+#: Smallest speed of a rotor whose ripple is examined, in rad/s.
+MIN_ROTOR_SPEED = 20.0
 
 
 def _rotor_speed(recording: Recording) -> FloatArray | None:
@@ -41,7 +41,7 @@ def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) 
     if speed is None or recording.rate_hz <= 0.0:
         return {}
     values, time, angle = recording.outputs[output], recording.time, _rotor_angle(recording, speed)
-    size = max(int(PIECE * recording.rate_hz), 24)
+    size = max(int(PIECE_LENGTH * recording.rate_hz), 24)
     jumps = input_jumps(time, list(recording.inputs.values()))
     powers: dict[int, list[tuple[float, float]]] = {order: [] for order in orders}
     for first in range(0, recording.rows - size + 1, size):
@@ -50,7 +50,7 @@ def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) 
             continue
         y, w = values[part], speed[part]
         ok = np.isfinite(y) & np.isfinite(w)
-        if ok.sum() < 0.8 * size or np.abs(w[ok]).mean() < SLOWEST:
+        if ok.sum() < 0.8 * size or np.abs(w[ok]).mean() < MIN_ROTOR_SPEED:
             continue
         _regress(y[ok], time[part][ok], angle[part][ok], orders, powers)
     found: dict[int, float] = {}

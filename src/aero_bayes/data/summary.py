@@ -15,7 +15,7 @@ from aero_bayes.show import table_html, with_unit
 
 FloatArray = NDArray[np.float64]
 #: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
-STUCK = 5
+MIN_SATURATED_RUN = 5
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
 
 
 def _saturated(values: FloatArray) -> float:
-    """Share of readings in runs of ``STUCK`` or more at an extreme of a sensor that is otherwise continuous.
+    """Share of readings in runs of at least ``MIN_SATURATED_RUN`` at an extreme of an otherwise continuous sensor.
 
     A quantised sensor that stands still looks the same, so one is not judged.
     """
@@ -199,5 +199,5 @@ def _saturated(values: FloatArray) -> float:
         stuck = np.concatenate(([False], values == extreme, [False]))
         edges = np.flatnonzero(np.diff(stuck))
         lengths = edges[1::2] - edges[::2]
-        share += float(lengths[lengths >= STUCK].sum())
+        share += float(lengths[lengths >= MIN_SATURATED_RUN].sum())
     return share / values.size

@@ -13,7 +13,7 @@ from aero_bayes.design.optimise import Progress
 from aero_bayes.design.propose import Design
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -119,11 +119,11 @@ def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator
         return None
     noise = [forecaster.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([draw_noise(design.time, n, rng) for n in noise], axis=1)
-    found = fit_again(forecaster, replace(experiment, measured=readings), noise)
+    found = refit_experiment(forecaster, replace(experiment, measured=readings), noise)
     return None if found is None else found[0] - forecaster.shared.to_search(truth)
 
 
-def fit_again(
+def refit_experiment(
     forecaster: Forecaster, experiment: Experiment, noise: list[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
     """Most probable search coordinates of the shared parameters, from what was known and a new recording.
@@ -139,18 +139,18 @@ def fit_again(
     known = (centre, precision)
     with forecaster.open(forecaster.problem([experiment])) as simulator:
 
-        def ground(point: FloatArray) -> Ground | None:
+        def quadratic(point: FloatArray) -> QuadraticModel | None:
             return _posterior(simulator, free, point, known, rows, forecaster.delay_value)
 
         start = centre.copy()
         if forecaster.delay is not None:
             start = _best_delay(simulator, free, centre, rows)
-        result = search(Plain(ground), start, *free.box, LocalSettings(tolerance=1e-4))
+        result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=1e-4))
     return (result.point[:count], result.cost) if result.reason.converged else None
 
 
 def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, noise: FloatArray) -> FloatArray:
-    """Start with the delay at the best of a grid: its likelihood has a valley between every two samples."""
+    """Start with the delay at the best of a grid: its likelihood has a local optimum between any two samples."""
     low, high = free.box
     starts = np.tile(centre, (21, 1))
     starts[:, -1] = np.linspace(low[-1], high[-1], 21)
@@ -165,7 +165,7 @@ def _posterior(
     known: tuple[FloatArray, FloatArray],
     noise: FloatArray,
     delay: float,
-) -> Ground | None:
+) -> QuadraticModel | None:
     """Negative log-posterior at a point (p,), from the centre and the precision of what was ``known``."""
     centre, precision = known
     values = free.from_search(point[None])
@@ -177,7 +177,7 @@ def _posterior(
     if not np.isfinite(cost):
         return None
     hessian = data.hessian[0] * np.outer(slope, slope) + precision
-    return Ground(cost, data.gradient[0] * slope + away @ precision, hessian)
+    return QuadraticModel(cost, data.gradient[0] * slope + away @ precision, hessian)
 
 
 def draw_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:

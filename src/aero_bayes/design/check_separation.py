@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.check import draw_noise, fit_again
+from aero_bayes.design.check import draw_noise, refit_experiment
 from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.optimise import Progress
 from aero_bayes.design.separate import Separation
@@ -19,7 +19,7 @@ from aero_bayes.simulation.workers import WorkerPool
 FloatArray = NDArray[np.float64]
 
 #: Difference in log-evidence from which two models count as told apart (odds of 20 to 1).
-DECISIVE = 3.0
+MIN_LOG_EVIDENCE_DIFFERENCE = 3.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SeparationCheck:
     @property
     def told_apart(self) -> float:
         """Share of repetitions in which the true model was ahead by the decisive difference."""
-        return float(np.mean(np.array([*self.first_true, *self.second_true]) > DECISIVE))
+        return float(np.mean(np.array([*self.first_true, *self.second_true]) > MIN_LOG_EVIDENCE_DIFFERENCE))
 
     def to_dict(self) -> dict[str, object]:
         return {
@@ -49,7 +49,7 @@ class SeparationCheck:
             "second_true": float(np.mean(self.second_true)),
             "achieved": self.achieved,
             "told_apart": self.told_apart,
-            "decisive": DECISIVE,
+            "decisive": MIN_LOG_EVIDENCE_DIFFERENCE,
             "repeats": len(self.first_true) + len(self.second_true) + self.failures,
             "failures": self.failures,
         }
@@ -115,5 +115,5 @@ def _repetition(separation: Separation, truth: Forecaster, rival: Forecaster, rn
     noise = [rival.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([draw_noise(separation.time, n, rng) for n in noise], axis=1)
     measured = replace(experiment, measured=readings)
-    own, other = fit_again(truth, measured, noise), fit_again(rival, measured, noise)
+    own, other = refit_experiment(truth, measured, noise), refit_experiment(rival, measured, noise)
     return None if own is None or other is None else other[1] - own[1]

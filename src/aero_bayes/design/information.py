@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
 #: Sample times that information is summed over; a faster recording is thinned and its white noise scaled to match.
-MOST_SAMPLES = 1500
+MAX_SAMPLES = 1500
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class Forecaster:
         delays = [j for j, p in enumerate(calibration.parameters) if p.target == DelayTarget()]
         self.delay: Parameter | None = calibration.parameters.items[delays[0]] if delays else None
         self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
-        every = -(-time.size // MOST_SAMPLES)
+        every = -(-time.size // MAX_SAMPLES)
         self.time = time[::every]
         self._noise = [_thinned(fit.noise[name], every) for name in calibration.outputs]
         self._sampling = Sampling.of(self.time, self.time)

@@ -18,7 +18,7 @@ Progress = Callable[[str, float, str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class BestSignal:
     """The best signal of a family: where in the unit cube, its values (n,) within plus and minus one, its score."""
 
     family: Family
@@ -50,7 +50,7 @@ def best_signals(
     rng: np.random.Generator,
     settings: SearchSettings,
     progress: Progress | None = None,
-) -> list[Found]:
+) -> list[BestSignal]:
     """The best signal of each family, best first; the best families are refined.
 
     A step's spread shrinks by half every other round; a family's best only ever improves.
@@ -75,11 +75,11 @@ def best_signals(
     return sorted(found, key=lambda f: f.score)
 
 
-def _best(score: Score, family: Family, cube: FloatArray, time: FloatArray) -> Found:
+def _best(score: Score, family: Family, cube: FloatArray, time: FloatArray) -> BestSignal:
     signals = [family.signal(u, time) for u in cube]
     scores = score(signals)
     best = int(np.argmin(scores))
-    return Found(family, cube[best], signals[best], float(scores[best]))
+    return BestSignal(family, cube[best], signals[best], float(scores[best]))
 
 
 def _latin(count: int, size: int, rng: np.random.Generator) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted, posterior_sd
-from aero_bayes.design.optimise import Found, Progress, SearchSettings, best_signals
+from aero_bayes.design.optimise import BestSignal, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
@@ -272,7 +272,7 @@ def _present(fit: Fit, forecaster: Forecaster, time: FloatArray) -> list[FloatAr
 
 def _design(
     forecaster: Forecaster,
-    found: Sequence[Found],
+    found: Sequence[BestSignal],
     values: FloatArray,
     travel: Mapping[str, float],
     spreads: tuple[FloatArray, FloatArray, FloatArray],

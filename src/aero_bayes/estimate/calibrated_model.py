@@ -22,9 +22,9 @@ from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Values of one element, or of the elements of an array.
-Values = float | list["Values"]
+ParameterValues = float | list["ParameterValues"]
 #: Modifications by component: a value and what is said of it, or those inside.
-Tree = dict[str, "tuple[str, str] | Tree"]
+ModifierTree = dict[str, "tuple[str, str] | ModifierTree"]
 
 
 class Interval(Protocol):
@@ -186,7 +186,7 @@ def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
     return {**own, **given}
 
 
-def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> Tree:
+def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> ModifierTree:
     """Values with their remarks, by components as they are nested; an array's elements are one value."""
     arrays: dict[tuple[str, ...], dict[tuple[int, ...], float]] = {}
     said: dict[tuple[str, ...], list[str]] = {}
@@ -194,7 +194,7 @@ def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> Tree:
         path = tuple(_parts(name))
         arrays.setdefault(path, {})[_indices(name)] = value
         said.setdefault(path, []).extend([remarks[name]] if name in remarks else [])
-    tree: Tree = {}
+    tree: ModifierTree = {}
     for path in sorted(arrays):
         node: Any = tree
         for part in path[:-1]:
@@ -203,7 +203,7 @@ def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> Tree:
     return tree
 
 
-def _modifiers(tree: Tree, indent: str = "") -> list[str]:
+def _modifiers(tree: ModifierTree, indent: str = "") -> list[str]:
     """Lines of a class modification, a parameter a line."""
     lines = []
     for k, (name, node) in enumerate(tree.items(), 1):
@@ -216,7 +216,7 @@ def _modifiers(tree: Tree, indent: str = "") -> list[str]:
     return lines
 
 
-def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> Values:
+def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> ParameterValues:
     """Elements by their indices as nested lists."""
     rows = sorted(elements)
     if rows[0][0] == ():
@@ -225,6 +225,6 @@ def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> Values:
     return [_array((index[1:], value) for index, value in rows if index[0] == first) for first in firsts]
 
 
-def _text(value: Values) -> str:
+def _text(value: ParameterValues) -> str:
     """With as many digits as give the same trajectory again."""
     return f"{{{', '.join(map(_text, value))}}}" if isinstance(value, list) else f"{value:.12g}"

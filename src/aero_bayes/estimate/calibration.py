@@ -1,4 +1,4 @@
-"""What is fitted to what: a model, recordings, free parameters and nuisances, and the problem a simulator gets."""
+"""A fitting problem: model, recordings, free and nuisance parameters, and the problem that a simulator gets."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
-from aero_bayes.estimate.starts import StartPolicy, start_parameters
 from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings
@@ -25,8 +25,8 @@ from aero_bayes.simulation.model import Model
 FloatArray = NDArray[np.float64]
 DelayPolicy = Literal["auto", "free", "none"]
 
-#: Steps of a simulation that are allowed for each change of an input.
-STEPS_A_CHANGE = 60
+#: Largest number of solver steps for each change of an input.
+MAX_STEPS_PER_CHANGE = 60
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Calibration:
         )
         changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
         # An engine starts anew wherever an input changes.
-        steps = max(self.solver.max_steps, STEPS_A_CHANGE * changes)
+        steps = max(self.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
         return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
 
     def beginning(self, share: float) -> Calibration:
@@ -214,7 +214,7 @@ def calibrate(
     noise: NoiseModel | None = None,
     settings: CalibrationSettings | None = None,
 ) -> Calibration:
-    """Put recordings and a model together, with a nuisance delay and start for each recording that needs them.
+    """Combine recordings and a model, with a nuisance delay and initial values for each recording that needs them.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""The input's delay: a likelihood has a valley between every two samples, and a local search stays in its own.
+"""Fit delays of the inputs, whose likelihood has a local optimum between every two samples.
 
-A jump of the input that the delay moves across a sample changes that sample at once (a current follows within 0.14 ms),
-so the log-posterior has kinks at multiples of the sample interval and sometimes a needle beside one, which is high but
-holds hardly any probability. Valleys are therefore compared by the probability they hold, in Laplace's approximation.
+A delay that moves a jump of the input across a sample changes that sample at once (a current follows within 0.14 ms).
+So the log-posterior has kinks at multiples of the sample interval, and sometimes a peak beside one that is high but too
+narrow to hold much probability. Local optima are therefore compared by their probability in Laplace's approximation.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.cost_shape import cost_shape
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, QuadraticModel, SearchResult, levenberg_marquardt
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.search import Found, Ground, LocalSettings, search
-from aero_bayes.estimate.shape import shape_of
 from aero_bayes.estimate.target import Target
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
 
-#: Gain in log-probability at which another valley is preferred.
-LEAST_GAIN = 0.5
-#: Where searches may start between two samples, as shares of the interval. A reading taken a moment after a jump sees
-#: a current on its way, so that the last percents of an interval can hold a valley of their own.
-SHARES = (0.15, 0.5, 0.85, 0.95, 0.98, 0.99, 0.996)
-#: Intervals, the nearest to the delay as it is, in which valleys are looked for.
-NEAREST = 60
-#: Points of a first scan.
-POINTS = 41
+#: Gain in log-probability at which another local optimum is preferred.
+MIN_LOG_EVIDENCE_GAIN = 0.5
+#: Where searches may start between two samples, as shares of the interval. A reading just after a jump catches the
+#: current while it rises, so that the last percents of an interval can have a local optimum of their own.
+START_SHARES = (0.15, 0.5, 0.85, 0.95, 0.98, 0.99, 0.996)
+#: Sample intervals, the nearest to the present delay, that are searched.
+MAX_INTERVALS = 60
+#: Points of the grid in a first scan.
+SCAN_POINTS = 41
 
 
 def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
@@ -40,18 +40,19 @@ def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
 
 
 def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> FloatArray:
-    """Coordinates with each recording's delay at the best of a grid, (p,).
+    """Coordinates (p,) with each recording's delay at the best point of a grid.
 
-    A jump that is missed is a few wild readings: those are weighed, not the slow misfit of a first fit.
+    A jump at the wrong time makes a few outliers. So differences of successive residuals are scored, with a
+    heavy-tailed (Cauchy) loss, and not the slow misfit of a first fit.
     """
     parameters = objective.parameters
     columns = delay_columns(objective, free)
     if not columns:
         return fit.coordinates
-    rows = np.repeat(fit.coordinates[np.newaxis, :], POINTS, axis=0)
+    rows = np.repeat(fit.coordinates[np.newaxis, :], SCAN_POINTS, axis=0)
     for j in columns:
-        rows[:, j] = np.linspace(parameters.box[0][j], parameters.box[1][j], POINTS)
-    costs = np.full((POINTS, len(objective.calibration.experiments)), np.inf)
+        rows[:, j] = np.linspace(parameters.box[0][j], parameters.box[1][j], SCAN_POINTS)
+    costs = np.full((SCAN_POINTS, len(objective.calibration.experiments)), np.inf)
     for k, residual in enumerate(objective.residuals(rows)):
         if residual is None:
             continue
@@ -67,17 +68,20 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
 
 
 @dataclass(frozen=True)
-class Valleys:
-    """How valleys are searched: ``most`` of one delay, the best of a scan with the other parameters held."""
+class DelaySearchSettings:
+    """Settings of the search over delays.
 
-    most: int = 6
+    For each delay, ``max_starts`` local searches start from the best points of a scan with the other parameters fixed.
+    """
+
+    max_starts: int = 6
     settings: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-2, max_iterations=20))
 
 
-def best_valleys(
-    target: Target, point: FloatArray, noise: FloatArray, valleys: Valleys | None = None
+def search_delays(
+    target: Target, point: FloatArray, noise: FloatArray, search_settings: DelaySearchSettings | None = None
 ) -> tuple[FloatArray, bool]:
-    """Search the likeliest valleys of every delay with all parameters free, one delay after the other.
+    """Search the likeliest local optima of each delay in turn, with all parameters free.
 
     Parameters
     ----------
@@ -86,26 +90,29 @@ def best_valleys(
         Search coordinates of the target's free parameters, at a local optimum.
     noise : ndarray
         Noise triples as a simulator takes them.
-    valleys : Valleys, optional
+    search_settings : DelaySearchSettings, optional
 
     Returns
     -------
     ndarray, shape (f,)
-        The point in the best valleys found.
+        The best point found.
     bool
-        Whether that is another one.
+        Whether it differs from the given point.
     """
-    valleys = valleys or Valleys()
-    terrain, (low, high) = target.at(noise), target.box
+    search_settings = search_settings or DelaySearchSettings()
+    cost_function, (low, high) = target.cost_function(noise), target.box
     intervals = target.calibration.intervals
-    shape = shape_of(target.parameters, range(len(target.free)), intervals)
+    shape = cost_shape(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):
-        starts = _starts(target, point, noise, k, item, intervals, valleys.most)
-        found = [search(terrain, start, low, high, valleys.settings, shape=shape) for start in starts]
-        scores = [log_mass(f) for f in found]
+        starts = _starts(target, point, noise, k, item, intervals, search_settings.max_starts)
+        found = [
+            levenberg_marquardt(cost_function, start, low, high, search_settings.settings, shape=shape)
+            for start in starts
+        ]
+        scores = [laplace_log_mass(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
-        if best > 0 and scores[best] > scores[0] + LEAST_GAIN:
+        if best > 0 and scores[best] > scores[0] + MIN_LOG_EVIDENCE_GAIN:
             point, moved = found[best].point, True
     return point, moved
 
@@ -113,13 +120,13 @@ def best_valleys(
 def _starts(
     target: Target, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float], most: int
 ) -> list[FloatArray]:
-    """The point itself, then the best of the valleys of one delay; empty for what is no delay, or has no valleys."""
+    """The point itself, then the best points of a scan over one delay; empty if there is nothing to scan."""
     if not isinstance(item.target, DelayTarget):
         return []
     width = item.upper - item.lower
     interval = intervals[item.recording] if item.recording is not None else min(intervals)
-    offsets = np.add.outer(interval * np.arange(width / interval), interval * np.array(SHARES)).ravel()
-    offsets = offsets[(offsets < width) & (np.abs(offsets - point[k] * width) <= 0.5 * NEAREST * interval)]
+    offsets = np.add.outer(interval * np.arange(width / interval), interval * np.array(START_SHARES)).ravel()
+    offsets = offsets[(offsets < width) & (np.abs(offsets - point[k] * width) <= 0.5 * MAX_INTERVALS * interval)]
     if offsets.size < 2:
         return []
     trial = np.tile(point, (offsets.size, 1))
@@ -128,9 +135,9 @@ def _starts(
     return [point, *trial[order]]
 
 
-def log_mass(found: Found[Ground]) -> float:
-    """Log-probability about the end of a search but for a constant; minus infinity where it failed."""
-    if found.ground is None:
+def laplace_log_mass(found: SearchResult[QuadraticModel]) -> float:
+    """Log-probability of an optimum up to a constant, by Laplace's approximation; minus infinity where it failed."""
+    if found.quadratic is None:
         return -np.inf
-    sign, determinant = np.linalg.slogdet(found.ground.hessian)
+    sign, determinant = np.linalg.slogdet(found.quadratic.hessian)
     return float(-found.cost - 0.5 * determinant) if sign > 0 else -np.inf

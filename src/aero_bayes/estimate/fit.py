@@ -18,18 +18,25 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.ascent import Ascent, AscentSettings, Climber, Cost, Progress, straighter
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.growing import OpenSimulator
-from aero_bayes.estimate.held_guesses import name_held_guesses
+from aero_bayes.estimate.global_search import (
+    CostKind,
+    GlobalSearch,
+    GlobalSearchResult,
+    GlobalSearchSettings,
+    Progress,
+)
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
-from aero_bayes.estimate.laplace import Laplace, noise_covariance, parameter_covariance, spread_of
+from aero_bayes.estimate.interpolation import choose_interpolation
+from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, parameter_covariance
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, Wish, chosen_parameters
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit, stage_report, structure_warnings
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
@@ -82,7 +89,7 @@ class FitSettings(Settings):
     """
 
     method: Literal["chain", "pso", "local"] = "chain"
-    cost: Cost = "posterior"
+    cost: CostKind = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
     swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
@@ -96,11 +103,11 @@ class FitSettings(Settings):
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def ascent(self) -> AscentSettings:
+    def ascent(self) -> GlobalSearchSettings:
         """The part that is about the search."""
         swarm = self.swarm if self.method != "local" else None
         local = self.local if self.method != "pso" else replace(self.local, max_iterations=0)
-        return AscentSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
+        return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
 
 
 def fit(
@@ -169,7 +176,7 @@ def fit(
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
         found = _with_sensors(found, opened, settings, progress, kept) if settings.cost == "posterior" else found
-        judged = name_held_guesses(found.identifiability, found.calibration, found.optimum, opened)
+        judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         return replace(found, identifiability=judged)
 
 
@@ -185,8 +192,8 @@ def _with_sensors(
         cleaned, ripple = without_ripple(calibration, first.fitted)
         if ripple and subtract:
             with opened(cleaned.problem()) as simulator:
-                objective = Objective(cleaned, simulator, answers=kept)
-                found = _again(first, Climber(objective, settings.ascent, progress), settings)
+                objective = Objective(cleaned, simulator, result_cache=kept)
+                found = _again(first, GlobalSearch(objective, settings.ascent, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
     )]  # fmt: skip
@@ -194,11 +201,11 @@ def _with_sensors(
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
 
 
-def _again(first: Fit, climber: Climber, settings: FitSettings) -> Fit:
+def _again(first: Fit, climber: GlobalSearch, settings: FitSettings) -> Fit:
     """The fit to readings without their ripple, from where the first one ended."""
     start = climber.objective.parameters.to_search(first.values)
-    optimum = climber.again(start, first.free, first.noise)
-    again = _finish(climber, Ascent(optimum, first.swarm, (), climber.iterations), settings, first.seconds)
+    optimum = climber.refit(start, first.free, first.noise)
+    again = _finish(climber, GlobalSearchResult(optimum, first.swarm, (), climber.iterations), settings, first.seconds)
     outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
     return replace(again, stages=first.stages, iterations=first.iterations + again.iterations, outcomes=outcomes)
 
@@ -248,35 +255,37 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        climber = Climber(Objective(calibration, simulator, answers=checkpoint), settings.ascent, progress)
+        climber = GlobalSearch(Objective(calibration, simulator, result_cache=checkpoint), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
-        ascent = climber.to_optimum(free, open_simulator, rng)
+        ascent = climber.run(free, open_simulator, rng)
         lines = (
-            straighter(climber, ascent, open_simulator, rng) if settings.calibration.interpolation == "auto" else None
+            choose_interpolation(climber, ascent, open_simulator, rng)
+            if settings.calibration.interpolation == "auto"
+            else None
         )
         if lines is not None:
             simulator = stack.enter_context(open_simulator(lines[0].problem()))
-            climber = Climber(climber.objective.on(lines[0], simulator), settings.ascent)
-            ascent = replace(ascent, optimum=climber.again(lines[1].coordinates, free, lines[1].noise))
+            climber = GlobalSearch(climber.objective.with_calibration(lines[0], simulator), settings.ascent)
+            ascent = replace(ascent, optimum=climber.refit(lines[1].coordinates, free, lines[1].noise))
         wider = _free_what_shows(climber, ascent.optimum)
         if wider != free:
-            optimum = climber.again(ascent.optimum.coordinates, wider, ascent.optimum.noise)
+            optimum = climber.refit(ascent.optimum.coordinates, wider, ascent.optimum.noise)
             ascent = replace(ascent, optimum=optimum, iterations=climber.iterations)
         return _finish(climber, ascent, settings, time.perf_counter() - began)
 
 
-def _free_what_shows(climber: Climber, here: Optimum) -> tuple[int, ...]:
+def _free_what_shows(climber: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     """The free columns and each optional parameter that the data would narrow to a third of its prior."""
     parameters = climber.objective.parameters
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
         return here.free
-    verdict = judge(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
+    verdict = assess_columns(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
     shown = [j for j in optional if verdict.status[parameters.names[j]] is Status.IDENTIFIED]
     return tuple(sorted({*here.free, *shown}))
 
 
-def judge(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
+def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
     """What the data says of some columns at an optimum, and the optimum with slopes by all of them."""
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = objective.evaluate(here.coordinates, columns)
@@ -284,7 +293,7 @@ def judge(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tupl
     white = objective.whiten(found.residual, found.slopes, here.noise)
     wide = replace(here, free=columns, evaluation=found, whitened=white)
     information = white.slopes @ white.slopes.T
-    spread = spread_of(objective.series, wide, part.prior_sd())
+    spread = curvature_adjustment(objective.series, wide, part.prior_sd())
     if spread is not None:
         information = spread.map.T @ information @ spread.map
     values = objective.parameters.from_search(here.coordinates)[list(columns)]
@@ -292,27 +301,29 @@ def judge(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tupl
     return verdict, wide
 
 
-def _finish(climber: Climber, ascent: Ascent, settings: FitSettings, seconds: float) -> Fit:
+def _finish(climber: GlobalSearch, ascent: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
     """Judge what was found and put it together: with the noise as it is, whatever the search minimised."""
     objective, here = climber.objective, ascent.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":
-        climber = Climber(objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0)))
-        here = climber.settle(replace(here, noise=climber.first_noise()))
+        climber = GlobalSearch(
+            objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0))
+        )
+        here = climber.settle_noise(replace(here, noise=climber.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
-    verdict, _ = judge(objective, here, tuple(sorted({*here.free, *optional})))
+    verdict, _ = assess_columns(objective, here, tuple(sorted({*here.free, *optional})))
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}
     sampled = tuple(j for j in here.free if j not in blind)
     point = here.coordinates.copy()
     point[list(blind)] = calibration.parameters.to_search(calibration.parameters.start)[list(blind)]
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
-    _, here = judge(objective, replace(here, coordinates=point), sampled)
+    _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
     verdict = with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
     rest = [j for j in range(len(values)) if j not in sampled]
     values[rest] = calibration.parameters.start[rest]
     fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
-    spread = spread_of(objective.series, here, part.prior_sd())
+    spread = curvature_adjustment(objective.series, here, part.prior_sd())
     hessian = here.whitened.slopes @ here.whitened.slopes.T
     if spread is not None:
         hessian = spread.map.T @ hessian @ spread.map

@@ -20,12 +20,12 @@ FloatArray = NDArray[np.float64]
 
 #: Posterior over prior standard deviation below which a parameter counts as identified, and above which as not at all.
 IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE = 1.0 / 3.0, 0.95
-#: Information below which a column changes no output at all (in units of its prior's).
-NO_EFFECT = 1e-8
-#: Share (squared) of what parameters change alone that is left of a common change of them, below which they are
-#: collinear: the values rest on so small a part of the readings that a small error of the model changes them. And the
-#: least part that a parameter has in such a change.
-COLLINEAR, PART = 1e-5, 0.1
+#: Information, relative to that of the prior, below which a parameter has no effect on any output.
+MIN_INFORMATION = 1e-8
+#: Eigenvalue of the scaled information below which its direction counts as collinear: the estimate then depends on so
+#: small a part of the readings that a small model error changes it. And the smallest component with which a parameter
+#: belongs to such a direction.
+MAX_COLLINEAR_SHARE, MIN_PART = 1e-5, 0.1
 
 
 class Status(StrEnum):
@@ -158,7 +158,7 @@ def assess(
     """
     scaled = information * prior_sd[:, None] * prior_sd[None, :]
     diagonal = np.diag(scaled)
-    blind = diagonal < NO_EFFECT
+    blind = diagonal < MIN_INFORMATION
     eigenvalues, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     eigenvalues = np.maximum(eigenvalues, 0.0)
     posterior = np.sqrt(np.sum(vectors**2 / (1.0 + eigenvalues), axis=1))
@@ -189,8 +189,8 @@ def _flat(names: Sequence[str], information: FloatArray) -> tuple[FlatDirection,
     if len(names) < 2:
         return ()
     sizes, vectors = collinear(information)
-    directions = vectors[:, sizes < COLLINEAR].T
-    found = [tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > PART) for v in directions]
+    directions = vectors[:, sizes < MAX_COLLINEAR_SHARE].T
+    found = [tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART) for v in directions]
     return tuple(FlatDirection(members) for members in dict.fromkeys(found))
 
 

@@ -1,29 +1,37 @@
-"""Does a recorded input hold from sample to sample, or was it read off a signal that moves in between?
+"""Choose how an input runs between its samples: it holds its value, or it is interpolated linearly.
 
-A commanded voltage is held by its converter. A measured force is a reading of something smooth, for which straight
-lines are closer. The fit decides for each input that moves from sample to sample while it acts; one that jumps now and
-then was a step, and holds.
+A converter holds a commanded voltage (zero-order hold). A measured force is a sample of a smooth signal, for which
+linear interpolation is closer. The fit decides for each input that changes at most samples; an input that jumps now and
+then was commanded in steps, and holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from aero_bayes.data.align import to_experiment
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.progressive_horizon import OpenSimulator, floor_ratio
 from aero_bayes.simulation.interface import Interpolation
 
-#: Share of an input's changes that must follow another at once for straight lines to make sense.
-MOVING = 0.5
-#: Gain in log-likelihood at which another reading of an input is preferred.
-LEAST_GAIN = 10.0
+#: Least share of an input's changes that follow another change at once, for linear interpolation to make sense.
+MIN_FOLLOWING_SHARE = 0.5
+#: Gain in log-likelihood at which another interpolation of an input is preferred.
+MIN_LOG_LIKELIHOOD_GAIN = 10.0
+#: Residual over noise floor above which a fit with other interpolation starts anew: it may be at a wrong optimum.
+MAX_FLOOR_RATIO = 1.5
 
 
 def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
-    """Inputs that may run in straight lines between their samples: what changes mostly changed a sample ago as well."""
+    """Inputs that may be linear between their samples: most of their changes follow another change at once."""
     changes: dict[str, int] = {}
     follow: dict[str, int] = {}
     for recording in calibration.recordings:
@@ -32,11 +40,11 @@ def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
             changes[name] = changes.get(name, 0) + int(changed.sum())
             follow[name] = follow.get(name, 0) + int((changed[1:] & changed[:-1]).sum())
     discrete = {variable.name for variable in calibration.model.inputs if variable.discrete}
-    return tuple(n for n, count in changes.items() if follow[n] > MOVING * count and n not in discrete)
+    return tuple(n for n, count in changes.items() if follow[n] > MIN_FOLLOWING_SHARE * count and n not in discrete)
 
 
-def read_as(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
-    """The calibration with some of its inputs held or in straight lines between their samples, the others as before."""
+def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
+    """The calibration with another interpolation of some of its inputs."""
     at_rest = calibration.model.declared.recording.zero_at_rest
     wanted = {**calibration.interpolation, **interpolation}
     experiments = []
@@ -46,14 +54,54 @@ def read_as(calibration: Calibration, interpolation: Mapping[str, Interpolation]
     return replace(calibration, experiments=tuple(experiments))
 
 
-def with_lines(calibration: Calibration) -> Calibration | None:
-    """The calibration with straight lines between the samples of its moving inputs; None where there are none."""
+def with_linear_inputs(calibration: Calibration) -> Calibration | None:
+    """The calibration with linear interpolation of its moving inputs; None if there are none."""
     moving = moving_inputs(calibration)
-    return read_as(calibration, dict.fromkeys(moving, "linear")) if moving else None
+    return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
 
 
-def read_otherwise(calibration: Calibration) -> Calibration | None:
-    """The calibration with its moving inputs read the other way between the samples; None where there are none."""
+def with_other_interpolation(calibration: Calibration) -> Calibration | None:
+    """The calibration with the other interpolation of its moving inputs; None if there are none."""
     if "linear" not in calibration.interpolation.values():
-        return with_lines(calibration)
-    return read_as(calibration, dict.fromkeys(calibration.interpolation, "hold"))
+        return with_linear_inputs(calibration)
+    return with_interpolation(calibration, dict.fromkeys(calibration.interpolation, "hold"))
+
+
+def choose_interpolation(
+    search: GlobalSearch, result: GlobalSearchResult, open_simulator: OpenSimulator, rng: np.random.Generator
+) -> tuple[Calibration, Optimum] | None:
+    """Choose the likelier interpolation of each input, hold or linear; None if no input changes.
+
+    With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
+    at the samples as an alias below it. So a fit that leaves far more than the noise is searched anew with linear
+    inputs. Then the interpolation of each input is changed alone.
+    """
+    before, here = search.objective.calibration, result.optimum
+    if (linear := with_linear_inputs(before)) is None:
+        return None
+    far = floor_ratio(search.objective, here.evaluation.residual) > MAX_FLOOR_RATIO
+    found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
+    best, here = (before, here) if found is None else (linear, found)
+    moving = moving_inputs(before)
+    for name in moving if len(moving) > 1 else ():
+        other = with_interpolation(best, {name: "hold" if best.interpolation[name] == "linear" else "linear"})
+        found = _better_fit(search, here, other, open_simulator)
+        best, here = (best, here) if found is None else (other, found)
+    return None if best is before else (best, here)
+
+
+def _better_fit(
+    search: GlobalSearch, here: Optimum, other: Calibration, open_simulator: OpenSimulator,
+    anew: tuple[np.random.Generator, pso.SwarmResult | None] | None = None,
+) -> Optimum | None:  # fmt: skip
+    """The best fit of another calibration if it is likelier: from a known optimum, and from the start if ``anew``."""
+    enough = here.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN
+    with open_simulator(other.problem()) as simulator:
+        study = search.objective.with_calibration(other, simulator)
+        if anew is not None:
+            with suppress(CannotFinishError):
+                found = GlobalSearch(study, search.settings).run(here.free, open_simulator, *anew).optimum
+                if found.log_likelihood > enough:
+                    return found
+        found = GlobalSearch(study, search.settings).refit(here.coordinates, here.free, here.noise)
+    return found if found.log_likelihood > enough else None

@@ -1,4 +1,4 @@
-"""The Gaussian that touches the posterior at its mode, and how much wider it is where the residual is no noise."""
+"""Laplace approximation of the posterior, and its sandwich covariance where the residual is not white noise."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.target import NoiseLayout, Spread
+from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
 from aero_bayes.sensors.noise import OutputNoise, log_density
 
 FloatArray = NDArray[np.float64]
 
 #: Bandwidth of the residual's autocovariance, in its effective correlation lengths and as a share of the readings.
-LENGTHS, LARGEST = 8.0, 0.25
+BANDWIDTH_LENGTHS, MAX_BANDWIDTH_SHARE = 8.0, 0.25
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,19 @@ def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArra
     return np.asarray(inverse * prior_sd[:, None] * prior_sd[None, :])
 
 
-def spread_of(series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray) -> Spread | None:
-    """How much wider than its likelihood the posterior is, None where all outputs' noise describes their residuals.
+def curvature_adjustment(
+    series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray
+) -> CurvatureAdjustment | None:
+    """Curvature adjustment by the sandwich covariance; None where the noise of all outputs describes their residuals.
 
     With whitened slopes S and residuals of correlation R, the estimate's covariance is the sandwich (S S')^-1 S R S'
-    (S S')^-1 (White, 1982, Econometrica 50, 1; Newey & West, 1987, Econometrica 55, 703). It is never taken for
-    narrower than that of independent readings.
+    (S S')^-1 (White, 1982, Econometrica 50, 1; Newey & West, 1987, Econometrica 55, 703). It is never narrower
+    than that of independent readings.
 
     Parameters
     ----------
     series : sequence of Series
-        Of the objective that was climbed.
+        Of the objective that was fitted.
     optimum : Optimum
     prior_sd : ndarray, shape (f,)
         Standard deviation of the free columns' priors in search coordinates; only sets the scale.
@@ -81,7 +83,7 @@ def spread_of(series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray) 
     shrink = (axes / np.sqrt(np.maximum(sizes, 1.0))) @ axes.T
     full = np.where(seen, root, 1.0)
     scaled = ((vectors / full) @ vectors.T) @ shrink @ ((vectors * full) @ vectors.T)
-    return Spread(optimum.coordinates[list(optimum.free)], scaled * prior_sd[:, None] / prior_sd[None, :])
+    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], scaled * prior_sd[:, None] / prior_sd[None, :])
 
 
 def _correlated(slopes: FloatArray, residual: FloatArray) -> FloatArray:
@@ -90,9 +92,9 @@ def _correlated(slopes: FloatArray, residual: FloatArray) -> FloatArray:
     size = 1 << (2 * n - 1).bit_length()
     covariance = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2, size)[:n] / n
     rho = covariance / max(float(covariance[0]), 1e-300)
-    limit = max(int(LARGEST * n), 1)
+    limit = max(int(MAX_BANDWIDTH_SHARE * n), 1)
     length = float(np.sum(rho[:limit] ** 2))
-    lags = np.arange(n) / min(max(LENGTHS * length, 2.0), limit)
+    lags = np.arange(n) / min(max(BANDWIDTH_LENGTHS * length, 2.0), limit)
     taper = np.where(lags <= 0.5, 1.0 - 6.0 * lags**2 + 6.0 * lags**3, 2.0 * np.clip(1.0 - lags, 0.0, None) ** 3)
     kernel = np.zeros(size)
     kernel[:n] = taper * covariance

@@ -1,7 +1,7 @@
-"""The objective: recordings held against one model, as residuals with their slopes or reduced inside the engine.
+"""Compare recordings with a model: residuals with their sensitivities, or likelihoods reduced inside the engine.
 
-Both ways lead through the same calibration and the same noise, and agree (tested). A search that renews the noise
-between its steps needs the residuals; a sampler, which asks for thousands of values, has them reduced in the engine.
+Both routes use the same calibration and noise, and agree (tested). A local fit that estimates the noise between its
+steps needs the residuals. A sampler asks for thousands of likelihoods, which the engine reduces itself.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.checkpoint import Answers, Arrays, digest
+from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.sensors.innovations import LOG_2PI
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
 from aero_bayes.simulation.interface import GaussNewton, Outcome, Simulator, Trajectories
 
 FloatArray = NDArray[np.float64]
-#: What an output weighs that a stage leaves out: its range times this much noise.
-IGNORED = 1e6
-#: What is beyond it, in any unit, is no prediction, and has no square.
-AWAY = 1e100
+#: Noise of an output that does not count, over its range.
+IGNORED_NOISE_FACTOR = 1e6
+#: Largest output or sensitivity, in any unit, that counts as a prediction: the square of a larger one overflows.
+MAX_MAGNITUDE = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One output of one recording: where it stands in the experiments, when it was read, what was read."""
+    """The readings of one output in one recording: experiment, column, sample times and values."""
 
     experiment: int
     column: int
@@ -39,7 +39,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A model held against the data.
+    """A model compared with the data at one parameter vector.
 
     ``predicted`` and ``residual`` have one array (n,) a series; ``slopes`` one array (k, n) a series, the derivative
     of the prediction by the search coordinates of the k active columns, or None.
@@ -52,7 +52,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Residual and slopes in noise units, all series end to end: shapes (N,) and (k, N), for ``readings`` readings."""
+    """Whitened residual (N,) and sensitivities (k, N), all series end to end, of ``readings`` readings."""
 
     residual: FloatArray
     slopes: FloatArray
@@ -65,7 +65,7 @@ class Whitened:
 
 
 class Objective:
-    """One calibration, its simulator, and what a parameter vector makes of them.
+    """The likelihood of one calibration as a function of its parameters.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ class Objective:
     outputs : sequence of str, optional
         Outputs that count; all by default.
     outcomes : Counter, optional
-        Where simulations are counted, shared with the objective that this one is a part of.
-    answers : Answers, optional
-        Where the ends of searches are kept.
+        Counts simulations by their outcome; shared between objectives of one search.
+    result_cache : ResultCache, optional
+        Keeps the results of searches.
     """
 
     def __init__(
@@ -87,36 +87,40 @@ class Objective:
         *,
         outputs: Sequence[str] | None = None,
         outcomes: Counter[Outcome] | None = None,
-        answers: Answers | None = None,
+        result_cache: ResultCache | None = None,
     ) -> None:
-        self.calibration, self.simulator, self.answers = calibration, simulator, answers
+        self.calibration, self.simulator, self.result_cache = calibration, simulator, result_cache
         self.parameters = calibration.parameters
         self.outputs = tuple(o for o in calibration.outputs if outputs is None or o in outputs)
         self.series = tuple(s for s in _series(calibration) if s.output in self.outputs)
         self.outcomes: Counter[Outcome] = Counter() if outcomes is None else outcomes
 
-    def part(self, outputs: Sequence[str]) -> Objective:
-        """The same with only some outputs counted."""
-        return self.on(self.calibration, self.simulator, outputs)
+    def with_outputs(self, outputs: Sequence[str]) -> Objective:
+        """The objective of some of the outputs."""
+        return self.with_calibration(self.calibration, self.simulator, outputs)
 
-    def on(self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None) -> Objective:
+    def with_calibration(
+        self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None
+    ) -> Objective:
         """Another calibration, its simulations counted and its searches kept where those of this one are."""
-        return Objective(calibration, simulator, outputs=outputs, outcomes=self.outcomes, answers=self.answers)
+        return Objective(
+            calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
+        )
 
-    def once(self, kind: str, asked: Sequence[object], work: Callable[[], Arrays]) -> Arrays:
-        """What work finds that asks for nothing else than what is given; known already if it was kept.
+    def cached(self, kind: str, arguments: Sequence[object], work: Callable[[], Arrays]) -> Arrays:
+        """The result of ``work``, from the cache if it is there (memoised by kind, calibration and arguments).
 
-        Its simulations count either way.
+        ``work`` must depend on nothing else. Its simulations are counted either way.
         """
-        if self.answers is None:
+        if self.result_cache is None:
             return work()
-        key = digest(kind, self.calibration.identity, self.outputs, asked)
-        found = self.answers.get(key)
+        key = digest(kind, self.calibration.identity, self.outputs, arguments)
+        found = self.result_cache.get(key)
         if found is None:
             before = Counter(self.outcomes)
             found = work()
             spent = [(int(outcome), count) for outcome, count in (self.outcomes - before).items()]
-            self.answers.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
+            self.result_cache.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
         else:
             self.outcomes.update({Outcome(outcome): count for outcome, count in found["spent"].tolist()})
         return found
@@ -136,17 +140,17 @@ class Objective:
 
     @property
     def commonest_failure(self) -> str:
-        """How most of the runs that failed ended, in words."""
+        """The most frequent reason why simulations failed, in words."""
         failed = {outcome: count for outcome, count in self.outcomes.items() if outcome is not Outcome.OK and count}
         return max(failed, key=lambda outcome: failed[outcome]).text if failed else "no reason given"
 
     # by residuals
 
     def evaluate(self, coordinates: FloatArray, active: Sequence[int] | None = None) -> Evaluation | None:
-        """Hold one parameter vector (search coordinates) against the data; None if a simulation failed or ran away."""
+        """Compare one parameter vector (search coordinates) with the data; None if a simulation failed or diverged."""
         values = self.parameters.from_search(coordinates)
         if active is not None:
-            values = self.parameters.awake(values, active)
+            values = self.parameters.away_from_zero(values, active)
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
@@ -161,7 +165,7 @@ class Objective:
                 assert found.sensitivities is not None
                 by = found.sensitivities[series.experiment][0, :, series.column, :][index]
                 slopes.append(np.ascontiguousarray(by.T) * scale[:, np.newaxis])
-        if any(np.max(np.abs(rows), initial=0.0) > AWAY for rows in (*residual, *slopes)):
+        if any(np.max(np.abs(rows), initial=0.0) > MAX_MAGNITUDE for rows in (*residual, *slopes)):
             return None
         return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
 
@@ -178,7 +182,7 @@ class Objective:
     def whiten(
         self, residual: Sequence[FloatArray], slopes: Sequence[FloatArray] | None, noise: Mapping[str, OutputNoise]
     ) -> Whitened:
-        """Residual and slopes in units of the noise."""
+        """Whiten residual and sensitivities by the noise of each output."""
         white, by, log_det = [], [], 0.0
         for k, series in enumerate(self.series):
             rows = residual[k][np.newaxis, :]
@@ -205,16 +209,16 @@ class Objective:
         return found.log_likelihood
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products at SI values (n, p) by SI values."""
-        found = self.simulator.gauss_newton(self.parameters.awake(values, active), noise, active=active)
+        """Likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
+        found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
 
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
-        """Noise triples as the engine takes them, shape (1, 1, m, 3); outputs that do not count get much of it."""
+        """Noise triples as the engine takes them, shape (1, 1, m, 3); outputs that do not count get large noise."""
         scale = self.calibration.scale
         rows = [
-            noise[name].as_row() if name in self.outputs else (IGNORED * float(scale[k]), 0.0, 0.0)
+            noise[name].as_row() if name in self.outputs else (IGNORED_NOISE_FACTOR * float(scale[k]), 0.0, 0.0)
             for k, name in enumerate(self.calibration.outputs)
         ]
         return np.array([[rows]])

@@ -1,4 +1,4 @@
-"""Parameters of a search: physical values on one side, a scaled box on the other."""
+"""Parameters of a search: values in SI units, and search coordinates scaled to a box."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
 from aero_bayes.show import nearest
-from aero_bayes.simulation.interface import ParameterTarget, Target
+from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
-#: How far a parameter that nobody bounded may lie from its start, as a factor.
-WIDE = 1e3
-#: A bound of a model that is a smaller share of the start than this says no more than the parameter's sign.
-BEYOND_MEASURE = 1e-12
+#: Default bounds of a parameter: its start over and times this factor.
+DEFAULT_BOUND_FACTOR = 1e3
+#: A model's lower bound below this share of the start only says that the parameter is positive.
+MIN_BOUND_RATIO = 1e-12
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
-ON_BOUND = 1e-6
-#: Share of its upper bound that a parameter which may be zero is lifted to where a slope is asked for.
-HAIR = 1e-9
+BOUND_TOLERANCE = 1e-6
+#: Share of its upper bound to which a parameter at zero is moved where its sensitivity is needed.
+ZERO_OFFSET = 1e-9
 Scale = Literal["log", "linear"]
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that the data shall determine.
+    """One unknown number.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Parameter:
         Density in the parameter's own unit; it is truncated to the bounds.
     scale : {"log", "linear"}
         Axis on which it is searched. ``log`` needs a positive lower bound.
-    target : Target
+    target : ProblemTarget
         What it means to the simulator.
     recording : int, optional
         Index of the one recording that it belongs to; None for all.
@@ -63,7 +63,7 @@ class Parameter:
     prior: Prior
     scale: Scale
     description: str
-    target: Target
+    target: ProblemTarget
     recording: int | None = None
     auto: bool = False
 
@@ -145,12 +145,12 @@ class ParameterSet:
     def on_bound(self, coordinates: FloatArray) -> NDArray[np.bool_]:
         """Which search coordinates (p,) lie on a bound."""
         low, high = self.box
-        return np.asarray(np.minimum(coordinates - low, high - coordinates) <= ON_BOUND * (high - low))
+        return np.asarray(np.minimum(coordinates - low, high - coordinates) <= BOUND_TOLERANCE * (high - low))
 
     def revived(self, coordinates: FloatArray, columns: Sequence[int]) -> FloatArray:
         """Search coordinates (p,) with those of ``columns`` that lie on a bound back at their start.
 
-        What a fit has put out of action, a factor near zero say, has no slope by which another fit could call it back.
+        A factor that a fit has driven to zero has a zero sensitivity, from which no further fit could move it.
         """
         ended = self.on_bound(coordinates) & np.isin(np.arange(len(self)), columns)
         return np.where(ended, self.to_search(self.start), coordinates)
@@ -171,16 +171,16 @@ class ParameterSet:
         clipped = np.clip(values, [item.lower for item in self.items], [item.upper for item in self.items])
         return np.where(inside, clipped, values)
 
-    def awake(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
-        """SI values (..., p) with the active ones that are off, at a lower bound of zero, a hair above it.
+    def away_from_zero(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
+        """SI values (..., p) with active parameters at a lower bound of zero moved slightly above it.
 
-        A law that is off has no slope at all: what it would need to move is not simulated.
+        The sensitivities of a law vanish where its magnitude is exactly zero.
         """
         lifted = values.copy()
         for j in active:
             item = self.items[j]
             if item.lower == 0.0:
-                lifted[..., j] = np.maximum(lifted[..., j], HAIR * item.upper)
+                lifted[..., j] = np.maximum(lifted[..., j], ZERO_OFFSET * item.upper)
         return lifted
 
     def jacobian(self, values: FloatArray) -> FloatArray:
@@ -232,15 +232,15 @@ class ParameterSet:
         return sd
 
     def with_start(self, values: FloatArray) -> ParameterSet:
-        """The same parameters started elsewhere."""
+        """The same parameters with other starting values."""
         return ParameterSet(tuple(replace(p, start=float(v)) for p, v in zip(self.items, values, strict=True)))
 
     def without(self, names: Sequence[str]) -> ParameterSet:
-        """The parameters but for some."""
+        """The parameters without some of them."""
         return ParameterSet(tuple(p for p in self.items if p.name not in names))
 
     def extended(self, more: Sequence[Parameter]) -> ParameterSet:
-        """The parameters and some more after them."""
+        """The parameters followed by more."""
         return ParameterSet(self.items + tuple(more))
 
 
@@ -370,7 +370,7 @@ def parameters_from_model(
 
 def _meant(bound: float | None, start: float) -> float | None:
     """A bound of the model; one that is small beyond measure (``Modelica.Constants.small``) only says a sign."""
-    return 0.0 if bound is not None and abs(bound) < BEYOND_MEASURE * abs(start) else bound
+    return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
 
 
 def _bounds(start: float, lower: float | None, upper: float | None, nominal: float | None) -> tuple[float, float]:
@@ -378,13 +378,13 @@ def _bounds(start: float, lower: float | None, upper: float | None, nominal: flo
     low = lower if lower is not None and math.isfinite(lower) else None
     high = upper if upper is not None and math.isfinite(upper) else None
     if start > 0.0 and (low is None or low == 0.0):
-        low = start / WIDE
+        low = start / DEFAULT_BOUND_FACTOR
     if start < 0.0 and (high is None or high == 0.0):
-        high = start / WIDE
+        high = start / DEFAULT_BOUND_FACTOR
     size = abs(start) or abs(nominal or 0.0) or 1.0
     return (
-        low if low is not None else start - WIDE * size,
-        high if high is not None else start + (WIDE - 1.0) * size,
+        low if low is not None else start - DEFAULT_BOUND_FACTOR * size,
+        high if high is not None else start + (DEFAULT_BOUND_FACTOR - 1.0) * size,
     )
 
 

@@ -1,4 +1,4 @@
-"""Is this a recording of that model? What can be told before anything is fitted."""
+"""Check before a fit that a recording can be one of the model: its inputs and the units of its temperatures."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from aero_bayes.data import Recording
 from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.starts import state_of
+from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.model import Model, Variable
 
-#: A temperature in K that starts above the first is no reading below the second: those are degrees Celsius.
-WARM, COLD = 200.0, 150.0
+#: If the model starts above the first temperature in K, readings that stay below the second must be degrees Celsius.
+MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
 
 
 def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
@@ -49,7 +49,7 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
             continue
         start = _start(v, model) or warm
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if start > WARM and high < COLD:
+        if start > MIN_KELVIN_START and high < MAX_CELSIUS_READING:
             raise InputError(
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
                 f'starts at {start:.4g} K: looks like degC; say so by [data.columns.{v.name}] unit = "degC"'

@@ -13,18 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
-from aero_bayes.estimate.ascent import StageEnd
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.global_search import FittedStage
 from aero_bayes.estimate.identifiability import Identifiability, Status
 from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.search import Stop
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmResult
-from aero_bayes.estimate.target import JointTarget, NoiseLayout, Spread, Target
+from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
 from aero_bayes.sensors.whiteness import slow_excess
 from aero_bayes.show import nearest, table_html, with_unit
@@ -106,7 +106,7 @@ class Fit:
     identifiability : Identifiability
     laplace : Laplace
         Gaussian approximation of the posterior of free and noise parameters in search coordinates.
-    spread : Spread, optional
+    spread : CurvatureAdjustment, optional
         How much wider than its likelihood the posterior is, where a residual is no noise.
     log_posterior : float
     fitted, residuals : tuples of ndarray, shape (n, m)
@@ -160,7 +160,7 @@ class Fit:
     series: tuple[Series, ...]
     identifiability: Identifiability
     laplace: Laplace
-    spread: Spread | None
+    spread: CurvatureAdjustment | None
     log_posterior: float
     fitted: tuple[FloatArray, ...]
     residuals: tuple[FloatArray, ...]
@@ -495,7 +495,7 @@ def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> d
     }
 
 
-def stage_report(end: StageEnd, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
+def stage_report(end: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
     """A stage of an ascent as a reader sees it."""
     squares: dict[str, list[FloatArray]] = {}
     own = [s for s in series if s.output in end.stage.outputs]
@@ -516,17 +516,17 @@ def structure_warnings(
         n, unit = noise[name], units.get(name, "")
         if n.held:
             lines.append(
-                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is no sensor's noise. The fit "
-                "weighs it as least squares does, and intervals are widened to match its correlation, but a systematic "
-                "error of the model can still lie outside of them."
+                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
+                "weights it as least squares does. Its intervals are enlarged because the residual is not white; a "
+                "systematic error of the model can still lie outside of them."
             )
             continue
         white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
         excess = slow_excess(np.concatenate(white))
         if excess > 2.0:
             lines.append(
-                f"The residual of {name} wanders more slowly than its noise model allows ({excess:.1f} times the "
-                "variance expected of averages): its intervals are too narrow."
+                f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "
+                "times the expected variance, so that its intervals are too narrow."
             )
     return tuple(lines)
 

@@ -1,6 +1,6 @@
-"""Fitting in the direction of causality: first what moves few outputs, then what depends on it.
+"""Fit in the order of causality: parameters that affect few outputs first, then those that depend on them.
 
-A badly wrong model of what comes last otherwise drags along the parameters of what drives it.
+Otherwise a wrong model of the last outputs would bias the parameters of what drives them.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stage:
-    """One step: which parameters move, on which outputs they are judged."""
+    """One stage: the parameters that are fitted, and the outputs that they are fitted to."""
 
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
 
 
 def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
-    """Stages from who moves what.
+    """Stages from the effects of parameters on outputs.
 
     Parameters
     ----------

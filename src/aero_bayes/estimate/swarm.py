@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Cost = Callable[[FloatArray], FloatArray]
+BatchCost = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Swarm:
 
 
 def minimise(
-    cost: Cost,
+    cost: BatchCost,
     low: FloatArray,
     high: FloatArray,
     rng: np.random.Generator,

@@ -1,4 +1,4 @@
-"""The posterior that a search climbs and a sampler draws from, over search coordinates.
+"""The log-posterior that searches maximise and samplers draw from, over search coordinates.
 
 A point is the free parameters' search coordinates followed by the logarithms of the noise parameters.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.search import Ground, Plain
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
 
@@ -85,7 +85,7 @@ class NoiseLayout:
 
 
 @dataclass(frozen=True, eq=False)
-class Products:
+class QuadraticModels:
     """Cost, gradient and Gauss-Newton Hessian at a batch of points: shapes (k,), (k, p), (k, p, p).
 
     The cost is not finite where the evaluation failed.
@@ -97,9 +97,9 @@ class Products:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
-    """How much wider the posterior is than a likelihood that takes every reading for independent (Ribatet, Cooley &
-    Davison, 2012, Statistica Sinica 22, 813).
+class CurvatureAdjustment:
+    """Curvature adjustment of a likelihood that takes correlated readings for independent (Ribatet, Cooley & Davison,
+    2012, Statistica Sinica 22, 813).
 
     The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
     sandwich covariance; shapes (f,) and (f, f).
@@ -127,8 +127,8 @@ class Target:
         Columns that are searched.
     prior : bool
         Whether the priors count; without them it is the negative log-likelihood that a search minimises.
-    spread : Spread, optional
-        Widens the likelihood where the residual is no noise.
+    spread : CurvatureAdjustment, optional
+        Widens the likelihood where the residual is not noise.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class Target:
         free: Sequence[int],
         *,
         prior: bool = True,
-        spread: Spread | None = None,
+        spread: CurvatureAdjustment | None = None,
     ) -> None:
         self.calibration, self.simulator, self.prior, self.spread = calibration, simulator, prior, spread
         self.objective = Objective(calibration, simulator)
@@ -174,7 +174,9 @@ class Target:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
 
-    def products(self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True) -> Products:
+    def quadratic_models(
+        self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
+    ) -> QuadraticModels:
         """Negative log-posterior at given noise with its gradient and Gauss-Newton Hessian in search coordinates."""
         at = coordinates if self.spread is None else self.spread(coordinates)
         result = self.objective.gauss_newton(self.values(at), noise, self.free)
@@ -191,20 +193,20 @@ class Target:
             hessian[:, range(len(self.free)), range(len(self.free))] += np.maximum(-second, 0.0)
         failed = ~np.isfinite(cost)
         cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
-        return Products(cost, gradient, hessian)
+        return QuadraticModels(cost, gradient, hessian)
 
-    def at(self, noise: FloatArray) -> Plain:
-        """The ground that a search walks over at given noise, one reduced run a step."""
+    def cost_function(self, noise: FloatArray) -> FixedCost:
+        """The cost function at given noise; each evaluation is one simulation, reduced in the engine."""
 
-        def ground(point: FloatArray) -> Ground | None:
-            found = self.products(point[None], noise)
+        def quadratic(point: FloatArray) -> QuadraticModel | None:
+            found = self.quadratic_models(point[None], noise)
             if not np.isfinite(found.cost[0]):
                 return None
-            return Ground(float(found.cost[0]), found.gradient[0], found.hessian[0])
+            return QuadraticModel(float(found.cost[0]), found.gradient[0], found.hessian[0])
 
-        return Plain(ground)
+        return FixedCost(quadratic)
 
-    def fitted(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
+    def predict(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
         """Outputs at one point, shape (n, m) for each experiment."""
         return tuple(y[0] for y in self.objective.simulate(self.values(coordinates[None])).outputs)
 

@@ -17,7 +17,7 @@ from aero_bayes.language.syntax import names_in
 #: Begins the names of what is added to a model so that rumoca, which refuses an imbalance, flattens it.
 ADDED = "added_unknown_"
 #: Names that a message lists at most.
-MOST = 6
+MAX_LISTED = 6
 
 
 def balancing(model: str, missing: int) -> str:
@@ -79,4 +79,4 @@ def _plain(names: Iterable[str]) -> set[str]:
 
 
 def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
+    return ", ".join(names[:MAX_LISTED]) + (f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else "")

@@ -21,7 +21,7 @@ from aero_bayes.export.library import check_model_name, library_roots, needed_li
 from aero_bayes.export.library_view import linked, words_of
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
-from aero_bayes.language.edits import Edit, apply
+from aero_bayes.language.edits import TextEdit, apply
 from aero_bayes.language.sources import modelica_files, modelica_text, sources_in
 from aero_bayes.language.tokens import line_of, split_outside, tokenize
 from aero_bayes.language.units import spelled
@@ -164,7 +164,7 @@ def _spell_units(files: Iterable[Path]) -> None:
         tokens = tokenize(text, strict=False)
         given = (t for key, equals, t in zip(tokens, tokens[1:], tokens[2:], strict=False)
                  if key.word in ("unit", "displayUnit") and equals.word == "=" and t.kind == "text")  # fmt: skip
-        edits = [Edit(t.start + 1, t.end - 1, s) for t in given if (s := spelled(t.word[1:-1])) != t.word[1:-1]]
+        edits = [TextEdit(t.start + 1, t.end - 1, s) for t in given if (s := spelled(t.word[1:-1])) != t.word[1:-1]]
         if edits or file.read_bytes().startswith(codecs.BOM_UTF8):
             file.write_bytes(apply(text, edits).encode())
 

@@ -19,9 +19,9 @@ from aero_bayes.simulation.worker_main import watch_parent
 P = ParamSpec("P")
 T = TypeVar("T")
 #: Tasks after which a process of this machine is replaced, so that what leaks cannot grow.
-RENEWED = 50
+TASKS_PER_PROCESS = 50
 #: How long a scheduler is looked for, in s.
-PATIENCE = 20.0
+CONNECT_TIMEOUT = 20.0
 #: One core is what one task gets: BLAS threads would fight the other tasks.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -45,7 +45,7 @@ class LocalPool(Executor):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self.workers, context, _begin, (os.getpid(),), max_tasks_per_child=RENEWED)
+        return ProcessPoolExecutor(self.workers, context, _begin, (os.getpid(),), max_tasks_per_child=TASKS_PER_PROCESS)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """As any executor, but never broken."""
@@ -112,7 +112,7 @@ def open_executor(dask: str | None = None, workers: int | None = None) -> Iterat
             cluster = LocalCluster(n_workers=count, **one_core)  # type: ignore[no-untyped-call]
             where = {"address": stack.enter_context(cluster)}
         try:
-            client = Client(**where, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
+            client = Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(f"{dask}: no Dask scheduler answers there ({type(error).__name__})") from None
         yield stack.enter_context(client).get_executor()

@@ -17,11 +17,11 @@ from scipy.special import ndtr, ndtri
 
 FloatArray = NDArray[np.float64]
 #: Fewest rigs from which a spread is inferred: with fewer its flat prior says more than they.
-FEWEST = 4
+MIN_RIGS = 4
 #: Points of the grid over τ: first over all sizes, then where the posterior is; nats below its peak that are left out.
-COARSE, FINE, DEEP = 160, 400, 18.0
+COARSE_POINTS, FINE_POINTS, MAX_DEPTH = 160, 400, 18.0
 #: Rigs that are left out at a time, which bounds the memory.
-CHUNK = 256
+CHUNK_RIGS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def population(centres: FloatArray, widths: FloatArray) -> Population:
     Parameters
     ----------
     centres, widths : ndarray, shape (n,)
-        m_i and s_i; at least :data:`FEWEST` rigs, widths positive.
+        m_i and s_i; at least :data:`MIN_RIGS` rigs, widths positive.
     """
     coarse = _spreads_to_try(centres, widths)
     spreads = _where_likely(coarse, _sums(centres, widths, coarse))
@@ -95,7 +95,7 @@ def stand_out(centres: FloatArray, widths: FloatArray, found: Population) -> tup
         The same as a number of standard deviations, with its sign.
     """
     # Without a rig that is far off the others may differ much less than with it.
-    spreads = np.union1d(found.spreads, np.linspace(0.0, found.spreads[0], FINE // 2))
+    spreads = np.union1d(found.spreads, np.linspace(0.0, found.spreads[0], FINE_POINTS // 2))
     total = _sums(centres, widths, spreads)
     tail, above = np.empty_like(centres), np.empty_like(centres, dtype=bool)
     for part in _chunks(len(centres)):
@@ -157,15 +157,15 @@ def _posterior(spreads: FloatArray, sums: _Sums) -> Population:
 def _spreads_to_try(centres: FloatArray, widths: FloatArray) -> FloatArray:
     """From none to far beyond what the rigs differ by."""
     largest = 30.0 * max(float(np.ptp(centres)), float(np.median(widths)))
-    return np.concatenate([[0.0], np.geomspace(1e-6 * largest, largest, COARSE - 1)])
+    return np.concatenate([[0.0], np.geomspace(1e-6 * largest, largest, COARSE_POINTS - 1)])
 
 
 def _where_likely(spreads: FloatArray, sums: _Sums) -> FloatArray:
     """A fine grid over what is not negligible; denser towards its lower end, where the density may be steep."""
     log = sums.log_posterior()
-    kept = np.flatnonzero(log > log.max() - DEEP)
+    kept = np.flatnonzero(log > log.max() - MAX_DEPTH)
     low, high = spreads[max(kept[0] - 1, 0)], spreads[min(kept[-1] + 1, len(spreads) - 1)]
-    return np.asarray(low + (high - low) * np.linspace(0.0, 1.0, FINE) ** 1.5)
+    return np.asarray(low + (high - low) * np.linspace(0.0, 1.0, FINE_POINTS) ** 1.5)
 
 
 def _cells(points: FloatArray) -> FloatArray:
@@ -188,5 +188,5 @@ def _mixture_quantiles(weights: FloatArray, means: FloatArray, sds: FloatArray, 
 
 
 def _chunks(size: int) -> Iterator[slice]:
-    for first in range(0, size, CHUNK):
-        yield slice(first, first + CHUNK)
+    for first in range(0, size, CHUNK_RIGS):
+        yield slice(first, first + CHUNK_RIGS)

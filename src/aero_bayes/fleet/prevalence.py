@@ -18,10 +18,10 @@ from scipy.special import log_ndtr
 
 FloatArray = NDArray[np.float64]
 #: Grid of the share; of centre and width of the logarithm of gain over bar; and the width's prior scale.
-SHARES = (np.arange(200) + 0.5) / 200.0
-CENTRES, WIDTHS, USUAL = np.linspace(-4.0, 10.0, 57), np.geomspace(0.1, 4.0, 16), 1.0
+SHARE_GRID = (np.arange(200) + 0.5) / 200.0
+CENTRE_GRID, WIDTH_GRID, WIDTH_PRIOR_SCALE = np.linspace(-4.0, 10.0, 57), np.geomspace(0.1, 4.0, 16), 1.0
 #: What an effect that no rig names for sure counts where names are shared out.
-FAINT, ROUNDS = 0.1, 30
+UNNAMED_WEIGHT, EM_ROUNDS = 0.1, 30
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Prevalence:
     Parameters
     ----------
     density : ndarray, shape (200,)
-        Posterior of the share of rigs that have it, on :data:`SHARES`; sums to one.
+        Posterior of the share of rigs that have it, on :data:`SHARE_GRID`; sums to one.
     seen : float
         Probability that a rig that has it is noticed to have it.
     unseen : float
@@ -53,7 +53,7 @@ class Prevalence:
 
     def quantiles(self, levels: FloatArray) -> FloatArray:
         """Quantiles of the share, shape of ``levels``."""
-        return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARES))
+        return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARE_GRID))
 
 
 def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
@@ -73,12 +73,14 @@ def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevale
     Priors: Jeffreys' for the share, flat for the centre, half-normal for the width.
     """
     count = float(weights.sum())
-    a, b = CENTRES[:, None], WIDTHS[None, :]
+    a, b = CENTRE_GRID[:, None], WIDTH_GRID[None, :]
     misfit = ((strengths[:, None, None] - a) / b) ** 2
     gains = np.tensordot(weights, -0.5 * misfit, 1) - count * np.log(b) if len(strengths) else np.zeros(a.shape)
-    prior = np.log(WIDTHS) - 0.5 * (WIDTHS / USUAL) ** 2  # the grid of widths is even in their logarithm
+    prior = (
+        np.log(WIDTH_GRID) - 0.5 * (WIDTH_GRID / WIDTH_PRIOR_SCALE) ** 2
+    )  # the grid of widths is even in their logarithm
     seen = np.exp(log_ndtr(a / b))
-    share = SHARES[:, None, None]
+    share = SHARE_GRID[:, None, None]
     log = (count - 0.5) * np.log(share) - 0.5 * np.log1p(-share)
     log = log + (rigs - count) * np.log1p(-share * seen) + gains + prior
     joint = np.exp(log - log.max())
@@ -101,7 +103,7 @@ def shared_out(rigs: Sequence[Sequence[Named]]) -> list[list[dict[str, float]]]:
         for group in rig:
             common.update({id_: 1.0 / len(group) for id_ in group})
     several = any(len(group) > 1 for rig in groups for group in rig)
-    for _ in range(ROUNDS if several else 1):
+    for _ in range(EM_ROUNDS if several else 1):
         shares = [[_split(group, common) for group in rig] for rig in groups]
         common = Counter()
         for rig_shares in shares:
@@ -111,5 +113,5 @@ def shared_out(rigs: Sequence[Sequence[Named]]) -> list[list[dict[str, float]]]:
 
 
 def _split(group: Sequence[str], common: Counter[str]) -> dict[str, float]:
-    weights = [common[id_] + FAINT for id_ in group]
+    weights = [common[id_] + UNNAMED_WEIGHT for id_ in group]
     return {id_: weight / sum(weights) for id_, weight in zip(group, weights, strict=True)}

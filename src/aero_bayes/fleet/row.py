@@ -15,9 +15,9 @@ from aero_bayes.schema import LoopPart, ParameterResult, RunResult
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
 #: What an effect's parameters cost in log-evidence, about: what is added to a gain before its logarithm is taken.
-PRICE = 4.0
+EFFECT_PRICE = 4.0
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
-TELLING = 0.05
+MIN_LIKELIHOOD_SHARE = 0.05
 
 
 def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
@@ -93,7 +93,7 @@ def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: boo
     if log:
         slope, bend = slope * value + 1.0, bend * value**2 + slope * value
     precision = 1.0 / sd**2 + bend
-    if precision < TELLING / sd**2:
+    if precision < MIN_LIKELIHOOD_SHARE / sd**2:
         return None
     return centre - slope / precision, precision**-0.5
 
@@ -114,6 +114,6 @@ def _named(loop: LoopPart) -> list[dict[str, Any]]:
     for effect in loop.effects:
         alike = next((group for group in loop.equivalent if effect.id in group), [])
         gain, bar = effect.evidence.log_evidence_gain, effect.evidence.needed
-        strength = math.log((gain + PRICE) / (bar + PRICE)) if gain and bar and gain > bar > 0.0 else 0.0
+        strength = math.log((gain + EFFECT_PRICE) / (bar + EFFECT_PRICE)) if gain and bar and gain > bar > 0.0 else 0.0
         found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
     return found

@@ -27,11 +27,11 @@ Task = TypeVar("Task", bound=Keyed)
 Progress = Callable[[int], None]
 #: Tasks that wait or run at a time where the executor does not say; enough for thousands of workers, and what bounds
 #: the memory of the caller.
-WINDOW = 4096
+MAX_PENDING_TASKS = 4096
 #: How often a task is given to a worker before it counts as what killed them.
-TRIES = 3
+MAX_TRIES = 3
 #: Fingerprint of a row that says that its workers died.
-DIED = "worker died"
+WORKER_DIED = "worker died"
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def run_all(
     running: dict[Future[tuple[Row, Row]], _Sent[Task]] = {}
     # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
     suspects: deque[_Sent[Task]] = deque()
-    window = int(getattr(executor, "window", WINDOW))
+    window = int(getattr(executor, "window", MAX_PENDING_TASKS))
 
     def send(sent: _Sent[Task]) -> None:
         try:
@@ -100,7 +100,7 @@ def run_all(
     def receive(future: Future[tuple[Row, Row]]) -> None:
         sent = running.pop(future)
         problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
-        if problem is not None and sent.tries < TRIES:
+        if problem is not None and sent.tries < MAX_TRIES:
             again = _Sent(sent.task, sent.tries + 1)
             suspects.append(again) if isinstance(problem, BrokenExecutor) else send(again)
             return
@@ -109,7 +109,7 @@ def run_all(
         else:
             row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
         # A row for want of a worker is made of nothing, so that the next start tries again.
-        table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else DIED)
+        table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else WORKER_DIED)
         if ended.empty():
             table.flush()
         progress(1)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.fleet.population import FEWEST, Population, population, stand_out
+from aero_bayes.fleet.population import MIN_RIGS, Population, population, stand_out
 from aero_bayes.fleet.prevalence import Named, Prevalence, prevalence, shared_out
 from aero_bayes.fleet.table import Table
 from aero_bayes.report.fleet_page import FleetColumns, OneParameter
@@ -19,17 +19,17 @@ from aero_bayes.schema import FleetCost, FleetEffect, FleetParameter, FleetResul
 from aero_bayes.schema.base import Level
 
 FloatArray = NDArray[np.float64]
-LEVELS = np.array([0.05, 0.5, 0.95])
+QUANTILE_LEVELS = np.array([0.05, 0.5, 0.95])
 #: A rig stands out where one so far away is expected once in so many fleets.
-FLEETS = 100.0
+OUTLIER_FLEETS = 100.0
 #: Its residual does where it is so many times the fleet's median, and so far above the noise.
-LARGER, ABOVE = 3.0, 1.5
+MIN_MEDIAN_RATIO, MIN_FLOOR_RATIO = 3.0, 1.5
 #: Rigs that a list names.
-LISTED = 100
+MAX_LISTED_RIGS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class FleetFacts:
     """What the table says of the rigs that were finished, column by column."""
 
     names: list[str]
@@ -84,9 +84,9 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
         standing_out=len(reasons),
         stand_out=[
             RigReason(rig=rig, reasons=reasons[rig], p_value=unlikely.get(rig))
-            for rig in sorted(reasons, key=lambda rig: (unlikely.get(rig, 1.0), rig))[:LISTED]
+            for rig in sorted(reasons, key=lambda rig: (unlikely.get(rig, 1.0), rig))[:MAX_LISTED_RIGS]
         ],
-        failures=[RigReason(rig=rig, reasons=[reason]) for rig, reason in told.failures[:LISTED]],
+        failures=[RigReason(rig=rig, reasons=[reason]) for rig, reason in told.failures[:MAX_LISTED_RIGS]],
         cost=cost,
         table_sha256=table.digest(),
     )
@@ -95,7 +95,7 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
     return result, FleetColumns(told.names, drawn, told.over_floor, seconds, present, flagged)
 
 
-def _read(table: Table) -> Told:
+def _read(table: Table) -> FleetFacts:
     names: list[str] = []
     found: dict[str, dict[str, Any]] = {}
     words: dict[str, str] = {}
@@ -117,7 +117,7 @@ def _read(table: Table) -> Told:
         outcomes.append(row["outcome"])
         effects.append([Named(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
         words |= row["words"]
-    return Told(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
+    return FleetFacts(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
 
 
 def _cost(table: Table, names: list[str]) -> tuple[FleetCost, FloatArray]:
@@ -148,13 +148,13 @@ def _parameter(
     out = np.exp if log else np.asarray
     values, shrunk, halves = (np.full(len(names), math.nan) for _ in range(3))
     values[at], halves[at] = out(centres), widths
-    if len(at) < FEWEST:
+    if len(at) < MIN_RIGS:
         shared = FleetParameter(unit=entry["unit"], log=log, rigs=len(at))
         return shared, OneParameter(values, halves, shrunk, None, shared)
     found = population(centres, widths)
     shrunk[at] = out(found.shrunken(centres, widths)[0])
     p_values, away = stand_out(centres, widths, found)
-    for k in np.flatnonzero(p_values < 1.0 / (FLEETS * len(at) * parameters)).tolist():
+    for k in np.flatnonzero(p_values < 1.0 / (OUTLIER_FLEETS * len(at) * parameters)).tolist():
         rig = names[at[k]]
         reasons.setdefault(rig, []).append(_unlike(name, centres[k], float(away[k]), found, log=log))
         unlikely[rig] = min(unlikely.get(rig, 1.0), float(p_values[k]))
@@ -162,31 +162,31 @@ def _parameter(
         unit=entry["unit"],
         log=log,
         rigs=len(at),
-        mean=_range(out(found.mean_quantiles(LEVELS))),
-        spread=_range(found.spread_quantiles(LEVELS)),
-        next=_range(out(found.next_quantiles(LEVELS))),
+        mean=_range(out(found.mean_quantiles(QUANTILE_LEVELS))),
+        spread=_range(found.spread_quantiles(QUANTILE_LEVELS)),
+        next=_range(out(found.next_quantiles(QUANTILE_LEVELS))),
     )
     grid = np.linspace(0.0005, 0.9995, 121)
     return shared, OneParameter(values, halves, shrunk, (out(found.next_quantiles(grid)), grid), shared)
 
 
 def _unlike(name: str, centre: float, away: float, found: Population, *, log: bool) -> str:
-    middle = float(found.mean_quantiles(LEVELS)[1])
+    middle = float(found.mean_quantiles(QUANTILE_LEVELS)[1])
     far = f"{math.exp(centre - middle):.3g} times" if log else f"{centre - middle:+.3g} from"
     return f"`{name}` is {far} the fleet's typical value, {abs(away):.1f} standard deviations from the other rigs"
 
 
-def _residuals(told: Told, reasons: dict[str, list[str]]) -> None:
+def _residuals(told: FleetFacts, reasons: dict[str, list[str]]) -> None:
     known = told.over_floor[np.isfinite(told.over_floor)]
     if not known.size:
         return
-    limit = max(ABOVE, LARGER * float(np.median(known)))
+    limit = max(MIN_FLOOR_RATIO, MIN_MEDIAN_RATIO * float(np.median(known)))
     for k in np.flatnonzero(told.over_floor > limit).tolist():
         text = f"its residual is {told.over_floor[k]:.3g} times the noise floor (fleet's median {np.median(known):.3g})"
         reasons.setdefault(told.names[k], []).append(text)
 
 
-def _effects(told: Told) -> tuple[list[FleetEffect], FloatArray]:
+def _effects(told: FleetFacts) -> tuple[list[FleetEffect], FloatArray]:
     """Effects that some rig's loop named, the commonest first; and how probable each is in each rig, (n, k).
 
     A rig whose residual stays unexplained says nothing of effects that it does not name.
@@ -217,7 +217,7 @@ def _effects(told: Told) -> tuple[list[FleetEffect], FloatArray]:
 def _effect(effect: FleetEffect, common: Prevalence, *, told: bool) -> FleetEffect:
     if not told:
         return effect
-    return effect.model_copy(update={"share": _range(common.quantiles(LEVELS)), "noticed": common.seen})
+    return effect.model_copy(update={"share": _range(common.quantiles(QUANTILE_LEVELS)), "noticed": common.seen})
 
 
 def _range(values: FloatArray) -> Range:

@@ -15,7 +15,7 @@ from aero_bayes.errors import InputError
 
 Row = dict[str, Any]
 #: How long a row may wait for others that are written with it, in s.
-HELD = 0.5
+MAX_COMMIT_DELAY = 0.5
 _TABLE = """
 CREATE TABLE IF NOT EXISTS rows (
   key TEXT PRIMARY KEY, made_of TEXT NOT NULL, row TEXT NOT NULL, cost TEXT NOT NULL
@@ -65,14 +65,14 @@ class Table:
     def put(self, row: Row, cost: Mapping[str, Any], made_of: str = "") -> None:
         """Write a row, which carries its key under ``key``, whole or not at all.
 
-        It is safe once :meth:`flush` was called, or the next row comes :data:`HELD` later.
+        It is safe once :meth:`flush` was called, or the next row comes :data:`MAX_COMMIT_DELAY` later.
         """
         texts = (json.dumps(row, sort_keys=True), json.dumps(cost, sort_keys=True))
         if not self._database.in_transaction:
             self._database.execute("BEGIN")
             self._began = time.monotonic()
         self._database.execute("REPLACE INTO rows VALUES (?, ?, ?, ?)", (row["key"], made_of, *texts))
-        if time.monotonic() - self._began > HELD:
+        if time.monotonic() - self._began > MAX_COMMIT_DELAY:
             self.flush()
 
     def flush(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
+from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
 from aero_bayes.judge.holdout import held_out_gain
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
@@ -15,12 +15,12 @@ from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
 from aero_bayes.show import listed
 
-#: Readings that there have to be for each free parameter.
-READINGS_PER_PARAMETER = 5
+#: Smallest number of readings for each free parameter.
+MIN_READINGS_PER_PARAMETER = 5
 #: Standard errors by which a term has to improve the prediction of readings that were left out.
-STANDARD_ERRORS = 2.0
-#: Structure that is less than so much above the noise floor is not seen.
-VISIBLE = 1.1
+MIN_STANDARD_ERRORS = 2.0
+#: Ratio of residual to noise floor below which structure in the residual is ignored.
+MIN_VISIBLE_FLOOR_RATIO = 1.1
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class EnoughReadings:
 
     def judge(self, case: Case) -> Verdict:
         readings, parameters = case.fitted.optimum.whitened.readings, len(case.fitted.optimum.free)
-        few = readings < READINGS_PER_PARAMETER * parameters
+        few = readings < MIN_READINGS_PER_PARAMETER * parameters
         reason = f"{readings} readings are too few for {parameters} free parameters" if few else ""
         return Verdict("EnoughReadings", not few, reason)
 
@@ -89,8 +89,8 @@ class LeaveBlockOut:
         for id_ in case.fitted.terms:
             rival = fits.get(case.fitted.structure.minus(id_))
             if rival is not None:
-                found = held_out_gain(case.fitted.under(noise), rival.under(noise))
-                if found.in_errors < STANDARD_ERRORS:
+                found = held_out_gain(case.fitted.with_noise(noise), rival.with_noise(noise))
+                if found.in_errors < MIN_STANDARD_ERRORS:
                     weak.append(f"{id_} by {found.in_errors:.1f} standard errors over {found.blocks} {found.by}")
         reason = f"readings that were left out are not surely predicted better: {listed(weak)}" if weak else ""
         return Verdict("LeaveBlockOut", not weak, reason)
@@ -111,8 +111,12 @@ class LeftOver:
     def judge(self, case: Case) -> Verdict:
         before = {(r.recording, r.output): r for r in case.before}
         pairs = [(before[r.recording, r.output], r) for r in case.after]
-        left = [(one, other) for one, other in pairs if other.verdict == "structured" and other.ratio >= VISIBLE]
-        far = [pair for pair in left if pair[1].ratio > TIMES_FLOOR or pair[1].noise_floor is None]
+        left = [
+            (one, other)
+            for one, other in pairs
+            if other.verdict == "structured" and other.ratio >= MIN_VISIBLE_FLOOR_RATIO
+        ]
+        far = [pair for pair in left if pair[1].ratio > MAX_FLOOR_RATIO or pair[1].noise_floor is None]
         if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
             return Verdict("LeftOver", True)
         outputs = listed(sorted({r.output for _, r in left}))

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 #: Least curvature, as a share of what all readings tell.
 UNSEEN = 1e-12
 #: Blocks of a recording, and readings that one has at least.
-BLOCKS, FEWEST = 20, 4
+BLOCK_COUNT, MIN_BLOCK_READINGS = 20, 4
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
         own = [k for k, s in enumerate(series) if s.experiment == e]
         columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
         columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
-        count = max(min(BLOCKS, columns.size // FEWEST), 1)
+        count = max(min(BLOCK_COUNT, columns.size // MIN_BLOCK_READINGS), 1)
         # Half by leverage and half by number, so that no block is empty.
         share = leverage[columns] / max(float(leverage[columns].sum()), 1e-300) + 1.0 / columns.size
         place = np.minimum((np.cumsum(share) - 0.5 * share) / 2.0 * count, count - 1).astype(int)

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import autocorrelation
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 
-#: Standard deviations by which one prediction is surely worse than another.
-SURE = 2.0
-#: Share by which an error that grows is said to.
-GROWN = 1.05
+#: Standard deviations by which one prediction must be worse than another to count as worse.
+SIGNIFICANT_DEVIATIONS = 2.0
+#: Ratio of two errors above which the error is said to grow.
+MIN_GROWTH_RATIO = 1.05
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             sd = _sd_of_mean(change, r.interval)
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
-    return [output for output, extra in more.items() if extra > SURE * math.sqrt(variance[output])]
+    return [output for output, extra in more.items() if extra > SIGNIFICANT_DEVIATIONS * math.sqrt(variance[output])]
 
 
 def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
@@ -133,7 +133,7 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
         return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
 
     verb = "falls" if second[most] < first[most] else "goes"
-    grown = [change(o, "grows") for o in first if o != most and second[o] > GROWN * first[o]]
+    grown = [change(o, "grows") for o in first if o != most and second[o] > MIN_GROWTH_RATIO * first[o]]
     return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 
 

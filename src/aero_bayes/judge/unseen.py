@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.starts import loosened
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.family import Family
 from aero_bayes.predict.carry import first_reading, typical
-from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget, Target
+from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 
 #: Share of a recording that was not fitted from which its initial states are estimated.
-SETTLING = 0.05
+INITIAL_STATE_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Unseen:
 
     A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
     readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`SETTLING` share.
+    are estimated from its first :data:`INITIAL_STATE_SHARE` share.
     """
 
     recordings: Recordings
@@ -127,7 +127,7 @@ class Unseen:
 
     def _begun_otherwise(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
         """SI values with each start of the unseen at its reading a standard deviation off, there and back (2, p)."""
-        by_state: dict[Target, dict[int, float]] = {}
+        by_state: dict[ProblemTarget, dict[int, float]] = {}
         for j, p in enumerate(whole.parameters):
             if p.recording is not None and p.recording >= self._fitted:
                 first = first_reading(self._everything[p.recording], p.target, whole)
@@ -162,7 +162,7 @@ class Unseen:
         known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
         starts = known_as.parameters
         if not close:
-            starts = loosened(starts, known_as.experiments, plain)
+            starts = with_free_starts(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
         whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
@@ -182,13 +182,13 @@ class Unseen:
         if not starts:
             return rows, []
         settled, ends = rows.copy(), []
-        beginning = whole.beginning(SETTLING)
+        beginning = whole.beginning(INITIAL_STATE_SHARE)
         with self.open_simulator(beginning.problem()) as simulator:
             objective = Objective(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):
                 with suppress(CannotFinishError):
-                    held = ClimbSettings(hold_noise=True)
-                    ends.append(climb(objective, at, starts, noise=fit.noise, settings=held))
+                    held = LocalFitSettings(hold_noise=True)
+                    ends.append(local_fit(objective, at, starts, noise=fit.noise, settings=held))
                     settled[k] = whole.parameters.from_search(ends[-1].coordinates)
         return settled, ends
 

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from aero_bayes.check.structure import ResidualReport, those_structured
-from aero_bayes.judge.prediction import GROWN, Prediction, surely_worse
+from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_worse
 from aero_bayes.judge.recordings import Recordings
 
 if TYPE_CHECKING:
     from aero_bayes.loop.base_fit import BaseFit
     from aero_bayes.loop.workbench import Workbench
 
-#: Share of its unseen error that some output must lose where the named terms leave structure.
-VISIBLY = 0.9
-#: How many standard deviations of its own uncertainty a prediction may be off on unseen data.
-SENSITIVE = 4.0
+#: Largest ratio of an output's error on validation data with the named terms to that without them, required of at
+#: least one output where the named terms leave structure.
+MAX_ERROR_RATIO = 0.9
+#: Largest error of a prediction of validation data, in standard deviations of the prediction.
+MAX_PREDICTION_DEVIATIONS = 4.0
 
 
 def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
@@ -29,10 +30,10 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     if not after.test:
         return ""
     first, last = before.pooled("test"), after.pooled("test")
-    worse = [o for o in surely_worse(after, before, recordings) if last[o] > GROWN * first[o]]
+    worse = [o for o in surely_worse(after, before, recordings) if last[o] > MIN_GROWTH_RATIO * first[o]]
     if worse:
         return f"unseen data are predicted worse ({', '.join(worse)})."
-    better = any(error.rms < VISIBLY * before.test[key].rms for key, error in after.test.items())
+    better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
     if those_structured(left) and not better:
         return "unseen data are predicted hardly better."
     return ""
@@ -61,7 +62,7 @@ def far_off(bench: Workbench, base: BaseFit, before: Prediction) -> FarOff:
     if not far:
         return FarOff({}, {})
     unsure = bench.unseen.uncertainty_of(base.plain, base.fit)
-    sensitive = {k for k in far if before.test[k].rms <= SENSITIVE * unsure[k]}
+    sensitive = {k for k in far if before.test[k].rms <= MAX_PREDICTION_DEVIATIONS * unsure[k]}
     return FarOff(
         {k: v for k, v in far.items() if k in sensitive}, {k: v for k, v in far.items() if k not in sensitive}
     )

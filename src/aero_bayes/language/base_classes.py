@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import Edit, add_equations, apply, replace_names
+from aero_bayes.language.edits import TextEdit, add_equations, apply, replace_names
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group, split_outside
 
@@ -34,14 +34,14 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
             raise InputError(f"{base.full_name}: a base class with classes of its own cannot be written out")
         current = next(s for s in own.declarations if s.first == "extends")
         declared = _declarations(inner_file.text, inner, arguments)
-        edits = [Edit(current.start, current.end, "\n  ".join(declared))]
+        edits = [TextEdit(current.start, current.end, "\n  ".join(declared))]
         stated = _whole(inner)
         lines = {k: [one_line(inner_file.text[s.start : s.end]) for s in v] for k, v in stated.items()}
         edits += add_equations(text, own, lines["equation"])
         if lines["initial equation"]:
             at = own.annotation_start if own.annotation_start >= 0 else own.close
             edits.append(
-                Edit(at, at, "\n".join(["initial equation", *(f"  {k}" for k in lines["initial equation"]), ""]))
+                TextEdit(at, at, "\n".join(["initial equation", *(f"  {k}" for k in lines["initial equation"]), ""]))
             )
         text = apply(text, edits)
     (own,) = read_classes(text)
@@ -55,7 +55,7 @@ def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
     meanings = {k: v for k, v in known.meanings(cls).items() if k not in own}
     begin = file.text.rfind("\n", 0, cls.start) + 1
     margin = file.text[begin : cls.start] if not file.text[begin : cls.start].strip() else ""
-    changed: list[Edit] = []
+    changed: list[TextEdit] = []
     for inner in cls.walk():
         local = {c.name for c in inner.components()} | set(inner.class_names)
         outer = {k: v for k, v in meanings.items() if k not in local}
@@ -102,9 +102,9 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
     return lines if section == "public" else [*lines, "public"]
 
 
-def _modified(c: Component, modifier: Sequence[Token]) -> list[Edit]:
+def _modified(c: Component, modifier: Sequence[Token]) -> list[TextEdit]:
     """Edits of a declaration by what follows its name in a modifier: ``(start = 1) = 2``."""
-    edits: list[Edit] = []
+    edits: list[TextEdit] = []
     at = 0
     after = (c.arguments[-1] if c.arguments else c.name_token).end
     if modifier and modifier[0].word == "(":
@@ -113,15 +113,15 @@ def _modified(c: Component, modifier: Sequence[Token]) -> list[Edit]:
         old = {p[0].word: _words(p) for p in split_outside(c.arguments[1:-1])}
         text = f"({', '.join({**old, **inner}.values())})"
         start = c.arguments[0].start if c.arguments else after
-        edits.append(Edit(start, after, text))
+        edits.append(TextEdit(start, after, text))
     if at < len(modifier) and modifier[at].word == "=":
         value = _words(modifier[at + 1 :])
         if c.binding:
-            edits.append(Edit(c.binding[0].start, c.binding[-1].end, value))
+            edits.append(TextEdit(c.binding[0].start, c.binding[-1].end, value))
         elif edits:
-            edits = [Edit(edits[0].start, edits[0].end, f"{edits[0].text} = {value}")]
+            edits = [TextEdit(edits[0].start, edits[0].end, f"{edits[0].text} = {value}")]
         else:
-            edits.append(Edit(after, after, f" = {value}"))
+            edits.append(TextEdit(after, after, f" = {value}"))
     return edits
 
 

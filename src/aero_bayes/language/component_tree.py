@@ -17,7 +17,7 @@ from aero_bayes.language.tokens import words_of
 _DEEPEST = 12
 
 #: Classes by their full names.
-Library = Mapping[str, ClassText]
+ClassLibrary = Mapping[str, ClassText]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Tree:
         )
 
 
-def read_library(files: Iterable[Path]) -> Library:
+def read_library(files: Iterable[Path]) -> ClassLibrary:
     """All classes with a body of Modelica files; a file that cannot be read has none."""
     library: dict[str, ClassText] = {}
     for path in files:
@@ -61,7 +61,7 @@ def read_library(files: Iterable[Path]) -> Library:
     return library
 
 
-def grow(library: Library, name: str, given: Mapping[str, str] | None = None, depth: int = 0) -> Tree:
+def grow(library: ClassLibrary, name: str, given: Mapping[str, str] | None = None, depth: int = 0) -> Tree:
     """The tree of a class; ``given`` are the full names of redeclared classes.
 
     Raises
@@ -102,7 +102,7 @@ def grow(library: Library, name: str, given: Mapping[str, str] | None = None, de
     return tree
 
 
-def look_up(library: Library, name: str, scope: str) -> str | None:
+def look_up(library: ClassLibrary, name: str, scope: str) -> str | None:
     """Full name of a class as seen from within another, by Modelica's rule: from the inside outwards."""
     parts = scope.split(".")
     return next(
@@ -110,7 +110,7 @@ def look_up(library: Library, name: str, scope: str) -> str | None:
     )
 
 
-def _redeclared(library: Library, modifiers: Modifiers, aliases: Mapping[str, str], scope: str) -> dict[str, str]:
+def _redeclared(library: ClassLibrary, modifiers: Modifiers, aliases: Mapping[str, str], scope: str) -> dict[str, str]:
     names = {key: dotted_name(value)[0] for key, value in modifiers}
     full = {key: aliases.get(name) or look_up(library, name, scope) for key, name in names.items() if name}
     return {key: name for key, name in full.items() if name is not None}

@@ -11,18 +11,18 @@ from aero_bayes.language.tokens import Token, tokenize, words_of
 
 
 @dataclass(frozen=True)
-class Edit:
+class TextEdit:
     """``text`` in place of the characters ``start`` to ``end``."""
 
     start: int
     end: int
     text: str
 
-    def moved(self, by: int) -> Edit:
-        return Edit(self.start + by, self.end + by, self.text)
+    def moved(self, by: int) -> TextEdit:
+        return TextEdit(self.start + by, self.end + by, self.text)
 
 
-def apply(text: str, edits: Iterable[Edit]) -> str:
+def apply(text: str, edits: Iterable[TextEdit]) -> str:
     """The text with all edits made. Edits at one place keep their order. Raises ValueError where two overlap."""
     pieces: list[str] = []
     at = 0
@@ -48,7 +48,7 @@ def indentation(text: str, at: int) -> str:
     return line[: len(line) - len(line.lstrip())]
 
 
-def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]:
+def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextEdit]:
     """New lines after the last public declaration of a class, or at its beginning where there is none."""
     if not lines:
         return []
@@ -61,10 +61,10 @@ def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Ed
     else:
         at = _rest_of_line(text, cls.body, cls.close)
         indent = indentation(text, cls.start) + "  "
-    return [Edit(at, at, "".join(f"\n{indent}{line}" if line else "\n" for line in lines))]
+    return [TextEdit(at, at, "".join(f"\n{indent}{line}" if line else "\n" for line in lines))]
 
 
-def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]:
+def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextEdit]:
     """New lines at the end of a class's equations; an equation section is opened where there is none."""
     if not lines:
         return []
@@ -81,18 +81,18 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Edit]
         at = _rest_of_line(text, at, cls.close)
         first = next((s for s in cls.statements if start <= s.start < end and not s.inside), None)
         indent = indentation(text, first.start) if first is not None else outer + "  "
-        return [Edit(at, at, "".join(f"\n{indent}{line}" for line in lines))]
+        return [TextEdit(at, at, "".join(f"\n{indent}{line}" for line in lines))]
     at = cls.annotation_start if cls.annotation_start >= 0 else cls.close
     before = text[text.rfind("\n", 0, at) + 1 : at]
     body = "".join(f"{outer}  {line}\n" for line in lines)
     if before.strip():
-        return [Edit(at, at, f"\n{outer}equation\n{body}{outer}")]
-    return [Edit(at - len(before), at - len(before), f"{outer}equation\n{body}")]
+        return [TextEdit(at, at, f"\n{outer}equation\n{body}{outer}")]
+    return [TextEdit(at - len(before), at - len(before), f"{outer}equation\n{body}")]
 
 
 def insert_before_connector(
     text: str, connects: Sequence[Statement], connector: str, chain: Sequence[tuple[str, str]]
-) -> list[Edit]:
+) -> list[TextEdit]:
     """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
 
     ``chain`` are the near and the far ends of what comes between, each connected to the next. None where the connector
@@ -105,18 +105,20 @@ def insert_before_connector(
     nexts = [*(near for near, _ in chain[1:]), connector]
     pairs = zip((far for _, far in chain), nexts, strict=True)
     also = "".join(f"\n{indentation(text, last.start)}connect({far}, {to});" for far, to in pairs)
-    return [*(Edit(end[0].start, end[-1].end, chain[0][0]) for _, end in found), Edit(last.end, last.end, also)]
+    return [*(TextEdit(end[0].start, end[-1].end, chain[0][0]) for _, end in found), TextEdit(last.end, last.end, also)]
 
 
-def rename_class(cls: ClassText, name: str) -> list[Edit]:
+def rename_class(cls: ClassText, name: str) -> list[TextEdit]:
     """A new name at the head and the end of a class."""
-    edits = [Edit(cls.name_token.start, cls.name_token.end, name)]
+    edits = [TextEdit(cls.name_token.start, cls.name_token.end, name)]
     if cls.end_name is not None and cls.end_name.word == cls.name:
-        edits.append(Edit(cls.end_name.start, cls.end_name.end, name))
+        edits.append(TextEdit(cls.end_name.start, cls.end_name.end, name))
     return edits
 
 
-def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None], *, functions: bool = True) -> list[Edit]:
+def replace_names(
+    tokens: Sequence[Token], new: Callable[[str], str | None], *, functions: bool = True
+) -> list[TextEdit]:
     """Replace the first part of references; names of modifiers and what follows a dot stay.
 
     ``new`` gives the text for a name, or None where it stays. Without ``functions`` it gives none for a function, so
@@ -135,7 +137,7 @@ def replace_names(tokens: Sequence[Token], new: Callable[[str], str | None], *, 
             continue
         text = new(token.word)
         if text is not None:
-            edits.append(Edit(token.start, token.end, text))
+            edits.append(TextEdit(token.start, token.end, text))
     return edits
 
 

@@ -11,7 +11,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.law import STANDING, Law
 from aero_bayes.ports.find import find_ports
-from aero_bayes.ports.port import KELVIN, MINUS, Port
+from aero_bayes.ports.port import DIFFERENCE_SIGN, KELVIN, Port
 
 
 def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
@@ -57,7 +57,7 @@ def fits(law: Law, port: Port) -> bool:
 
 def _against(port: Port) -> bool:
     """Whether a motion is taken against what is fed in, on which nothing reacts."""
-    return not port.neighbours and any(MINUS in given for given in port.signals.values())
+    return not port.neighbours and any(DIFFERENCE_SIGN in given for given in port.signals.values())
 
 
 def _is_unit(unit: str, asked: str) -> bool:

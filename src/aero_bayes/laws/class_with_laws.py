@@ -9,7 +9,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.language.base_classes import alone, with_bases
 from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText, Component
-from aero_bayes.language.edits import Edit, add_declarations, add_equations, apply, rename_class, replace_names, text_of
+from aero_bayes.language.edits import (
+    TextEdit,
+    add_declarations,
+    add_equations,
+    apply,
+    rename_class,
+    replace_names,
+    text_of,
+)
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token
 from aero_bayes.laws.component_copies import ComponentCopy, retyped
@@ -43,7 +51,7 @@ class ClassWithLaws:
         self.instances: dict[str, tuple[str, dict[str, str]]] = {}
         self.variables: list[str] = []
         self.equations: list[str] = []
-        self.edits: list[Edit] = []
+        self.edits: list[TextEdit] = []
         #: what the rest of the class reads in place of a signal, and signals that the class itself computes
         self.read: dict[str, str] = {}
         self.computed: set[str] = set()
@@ -146,7 +154,7 @@ class ClassWithLaws:
                 lines += apply(copy.text, edits).rstrip("\n").split("\n")
         return lines
 
-    def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[Edit]:
+    def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
         """Declare the components of a class by the copies of their classes."""
         held = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
         return retyped(cls, held, text)
@@ -168,13 +176,13 @@ class ClassWithLaws:
         for name, tokens in self.moved.items():
             instance = self.read[name].removesuffix(".u")
             self.instances[instance][1]["u"] = self._renamed(tokens)
-            edits.append(Edit(tokens[0].start, tokens[-1].end, self.given[name]))
+            edits.append(TextEdit(tokens[0].start, tokens[-1].end, self.given[name]))
         self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed.items()]
         self.equations += [f"{name} = {y};" for name, y in self.given.items() if name not in self.moved]
         gone = [(tokens[0].start, tokens[-1].end) for tokens in (*self.moved.values(), *self.freed.values())]
         for tokens in self.freed.values():
             equals = text.rindex("=", 0, tokens[0].start)
-            edits.append(Edit(equals, tokens[-1].end, ""))
+            edits.append(TextEdit(equals, tokens[-1].end, ""))
         for s in cls.statements:
             names = {c.name_token.start for c in self.components.values() if c.statement is s}
             if s.section == "equation" and [t.word for t in s.core[1:2]] == ["="] and s.core[0].word in self.computed:
@@ -195,6 +203,6 @@ class ClassWithLaws:
         edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get, functions=False)]
         return apply(text_of(self.file.text, tokens), edits)
 
-    def _description(self) -> Edit:
+    def _description(self) -> TextEdit:
         head = self.cls.name_token.end
-        return Edit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')
+        return TextEdit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from aero_bayes.language.base_classes import with_bases
 from aero_bayes.language.classes import ClassText, Component
-from aero_bayes.language.edits import Edit, indentation, text_of
+from aero_bayes.language.edits import TextEdit, indentation, text_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import skip_group
 
@@ -21,7 +21,7 @@ class ComponentCopy:
     origin: ClassText
     text: str
     cls: ClassText
-    edits: list[Edit] = field(default_factory=list)
+    edits: list[TextEdit] = field(default_factory=list)
     declarations: list[str] = field(default_factory=list)
     inputs: dict[str, str] = field(default_factory=dict)
 
@@ -48,9 +48,9 @@ def without_numbers(path: str) -> tuple[str, dict[str, int]]:
     return plain, numbers
 
 
-def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
+def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """Declare components by the copies of their classes, and give those what they take."""
-    edits: list[Edit] = []
+    edits: list[TextEdit] = []
     for statement in cls.declarations:
         together = cls.declared_in(statement)
         if any(c.name in held for c in together):
@@ -59,27 +59,27 @@ def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> lis
     return edits
 
 
-def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], text: str) -> list[Edit]:
+def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """The type of each component of a statement; where there are several, each gets a statement of its own."""
     first, *others = together
     own = {c.name: held[c.name].name if c.name in held else text_of(text, c.type_tokens) for c in together}
     tokens = first.statement.tokens
     prefix = text[tokens[0].start : first.type_tokens[0].start]
-    edits = [Edit(first.type_tokens[0].start, first.type_tokens[-1].end, own[first.name])]
+    edits = [TextEdit(first.type_tokens[0].start, first.type_tokens[-1].end, own[first.name])]
     for c in others:
         comma = tokens[tokens.index(c.name_token) - 1]
         begin = f";\n{indentation(text, tokens[0].start)}{prefix}{own[c.name]} "
-        edits.append(Edit(comma.start, c.name_token.start, begin))
+        edits.append(TextEdit(comma.start, c.name_token.start, begin))
     return edits
 
 
-def _arguments(c: Component, copy: ComponentCopy) -> list[Edit]:
+def _arguments(c: Component, copy: ComponentCopy) -> list[TextEdit]:
     given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
     if not c.arguments:
         tokens = c.statement.tokens
         after = tokens.index(c.name_token) + 1
         if after < len(tokens) and tokens[after].word == "[":
             after = skip_group(tokens, after)
-        return [Edit(tokens[after - 1].end, tokens[after - 1].end, f"({given})")]
+        return [TextEdit(tokens[after - 1].end, tokens[after - 1].end, f"({given})")]
     comma = ", " if len(c.arguments) > 2 else ""
-    return [Edit(c.arguments[-1].start, c.arguments[-1].start, comma + given)]
+    return [TextEdit(c.arguments[-1].start, c.arguments[-1].start, comma + given)]

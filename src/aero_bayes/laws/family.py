@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.simulation import Model
@@ -20,12 +20,12 @@ from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator,
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 
-#: An effect's magnitude is expected within so many of its typical scales (one standard deviation).
-SPREAD = 3.0
+#: Prior standard deviation of an effect's magnitude, in typical scales.
+MAGNITUDE_PRIOR_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateTerm:
     """A term that the model may lack: values (SI units) to start its parameters from, and their columns in a model.
 
     The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
@@ -43,7 +43,7 @@ class Offer:
 
     model: Model
     parameters: tuple[Parameter, ...]
-    candidates: tuple[tuple[Candidate, int], ...]
+    candidates: tuple[tuple[CandidateTerm, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def magnitude(
     target = ParameterTarget(name)
     if low > 0.0:
         return Parameter(name, unit, default, low, high, LogUniform(low, high), "log", description, target)
-    prior = Normal(0.0, SPREAD * scale)
+    prior = Normal(0.0, MAGNITUDE_PRIOR_FACTOR * scale)
     return Parameter(name, unit, default, low, high, prior, "linear", description, target)
 
 

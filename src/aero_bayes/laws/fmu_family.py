@@ -11,20 +11,20 @@ from pathlib import Path
 from aero_bayes.declared import Declaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.candidates import Candidate, candidates
 from aero_bayes.laws.family import OpenSimulator, moved
 from aero_bayes.laws.fmu_coupling import couple, state_name
 from aero_bayes.laws.fmu_export import modelica_text, write_ssp
-from aero_bayes.laws.fmu_ports import Seam, Surroundings
+from aero_bayes.laws.fmu_ports import FmuBoundary, Seam
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.rig_family import RigFamily, Sizes
 from aero_bayes.laws.use import Use
 from aero_bayes.laws.write import Written
 from aero_bayes.ports.port import Port
-from aero_bayes.ports.sizes import pace, recorded, signal_size, signals_of, typical_time
+from aero_bayes.ports.sizes import pace, recorded, signal_size, typical_time, watched_signals
 from aero_bayes.simulation import Model
 
 
@@ -51,8 +51,8 @@ class FmuFamily(RigFamily):
         return Model.load(self.fmu)
 
     @cached_property
-    def surroundings(self) -> Surroundings:
-        return Surroundings(self.inner, self.laws)
+    def surroundings(self) -> FmuBoundary:
+        return FmuBoundary(self.inner, self.laws)
 
     @cached_property
     def declared(self) -> Declaration:
@@ -103,7 +103,7 @@ class FmuFamily(RigFamily):
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
-        found = signals_of(calibration, sorted(names), fit, open_simulator)
+        found = watched_signals(calibration, sorted(names), fit, open_simulator)
         seen = {name: signal_size(parts) or 1.0 for name, parts in found.items()}
         given = {
             v.name: signal_size([s.values for s in recorded(calibration, v.name)]) or v.nominal or 1.0

@@ -47,7 +47,7 @@ class Seam:
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class FmuBoundary:
     """An FMU's ports, and the flat models of laws at them.
 
     Parameters

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.language.classes import Component, Statement
-from aero_bayes.language.edits import Edit, apply, indentation, replace_names, text_of
+from aero_bayes.language.edits import TextEdit, apply, indentation, replace_names, text_of
 from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
 from aero_bayes.language.tokens import one_line, words_of
@@ -52,7 +52,7 @@ def class_text(
         edits = _edits(s, components, sizes, signals)
         # a unit that a law asks for is that of a port, in which it may be spelled otherwise
         asked = [c.arguments for c in components if c.name in law.needs_unit and c.arguments]
-        edits += [Edit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
+        edits += [TextEdit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
         found[s.section].append(one_line(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
     lines = [f'model {name} "{law.description}"', *(f"  {line}" for line in (*declarations, *found.pop("public")))]
     for section, inside in found.items():
@@ -100,26 +100,26 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
 
 def _edits(
     statement: Statement, components: Sequence[Component], sizes: Mapping[str, float], signals: Mapping[str, str]
-) -> list[Edit]:
+) -> list[TextEdit]:
     """A declaration with the values of sizes and the expressions of signals."""
-    edits: list[Edit] = []
+    edits: list[TextEdit] = []
     # what the program sets and what follows from that alone is no parameter to tune
     if any(c.name in sizes or "final" in c.prefixes for c in components):
         first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
         last = next(t for t in statement.tokens if t.word == "parameter")
-        edits.append(Edit(first.start, last.end, "constant"))
+        edits.append(TextEdit(first.start, last.end, "constant"))
     for c in components:
         value = signals.get(c.name, repr(float(sizes[c.name])) if c.name in sizes else None)
         if value is None:
             continue
         if c.name in signals:
             word = next(t for t in statement.tokens if t.word == "input")
-            edits.append(Edit(word.start, word.end + 1, ""))
+            edits.append(TextEdit(word.start, word.end + 1, ""))
         if c.binding:
-            edits.append(Edit(c.binding[0].start, c.binding[-1].end, value))
+            edits.append(TextEdit(c.binding[0].start, c.binding[-1].end, value))
         else:
             end = (c.arguments[-1] if c.arguments else c.name_token).end
-            edits.append(Edit(end, end, f" = {value}"))
+            edits.append(TextEdit(end, end, f" = {value}"))
     return edits
 
 

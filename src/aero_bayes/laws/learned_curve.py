@@ -17,10 +17,10 @@ from aero_bayes.laws.compose import Models
 from aero_bayes.laws.family import Basis
 from aero_bayes.laws.redeclare import component_of
 from aero_bayes.laws.use import Use
-from aero_bayes.ports.sizes import NO_MORE
+from aero_bayes.ports.sizes import NEGLIGIBLE
 
 #: Points of a curve.
-POINTS = 61
+CURVE_POINTS = 61
 
 
 def basis_of(use: Use, models: Models) -> Basis:
@@ -32,7 +32,7 @@ def basis_of(use: Use, models: Models) -> Basis:
     at |= {b.symbol(name): value for name, value in sizes.items()}
     heights = [b.symbol(p.name) for p in law.parameters]
     size = next(name for name, of in law.shape.sizes.items() if of == law.learned and name.endswith("_n"))
-    x = sizes.get(f"{size[:-2]}_0", 0.0) + sizes[size] * np.linspace(-1.0, 1.0, POINTS)
+    x = sizes.get(f"{size[:-2]}_0", 0.0) + sizes[size] * np.linspace(-1.0, 1.0, CURVE_POINTS)
 
     def given(on: int) -> list[float]:
         height = {symbol: float(k == on) for k, symbol in enumerate(heights)}
@@ -85,5 +85,5 @@ def watched_curves(flat: FlatModel, uses: Sequence[Use]) -> tuple[FlatModel, dic
     names = {use.id: f"learned_over_{k}" for k, use in enumerate(uses)}
     for use in uses:
         signal = Name(f"{component_of(use, uses)}.{use.law.learned}")
-        flat = add_output(flat, names[use.id], Call("+", (signal, NO_MORE)))
+        flat = add_output(flat, names[use.id], Call("+", (signal, NEGLIGIBLE)))
     return flat, names

@@ -13,9 +13,12 @@ from aero_bayes.laws.use import Use
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
 #: not, which may act only beyond a threshold that a coarse grid steps over.
-SIZES, SIZES_ALONE = (1.0, 0.2, 5.0), (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0)
+START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
+    (1.0, 0.2, 5.0),
+    (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0),
+)
 #: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
-LEVELS, NARROW = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
+START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
 
 
 def parameters_of(use: Use) -> list[Parameter]:
@@ -47,10 +50,12 @@ def starts_of(use: Use, effect: Effect | None = None, highest: float = 1.0) -> t
         scale = limits["nominal"]
         if k == 0:
             static = len(parameters) == 1 and low >= 0.0 and not use.law.moves
-            sizes = [m * scale for m in (SIZES_ALONE if static or use.law.threshold else SIZES)]
+            sizes = [
+                m * scale for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or use.law.threshold else START_MAGNITUDES)
+            ]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
-        elif low > 0.0 and high < NARROW * low:
-            values = [m * scale for m in LEVELS if low < m * scale < high]
+        elif low > 0.0 and high < NARROW_BOUND_RATIO * low:
+            values = [m * scale for m in START_LEVELS if low < m * scale < high]
         elif low > 0.0:
             values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
         else:

@@ -14,7 +14,7 @@ from aero_bayes.laws.law import Law, LawParameter, Shape, is_fitted, noted, para
 
 #: A law at a replaceable model connects to it by itself; one that learns a curve has it as ``y`` over ``x``, whose
 #: largest value in a fit is its parameter ``x_n``.
-SHAPE = Shape("replaceable", "y", ("x",), {"x_n": "x"})
+REPLACEABLE_SHAPE = Shape("replaceable", "y", ("x",), {"x_n": "x"})
 
 
 def laws_within(known: Sources, constraint: str) -> tuple[Law, ...]:
@@ -50,7 +50,7 @@ def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | Non
     fitted = tuple(parameter_of(c) for c in switches)
     set_from_outside = [c for c in own if "parameter" in c.prefixes and not c.prefixes & {"final", "protected"}]
     others = {c.name: value for c in set_from_outside if not is_fitted(c) and (value := _number(c)) is not None}
-    sizes = {name: value for name, value in others.items() if name in SHAPE.sizes}
+    sizes = {name: value for name, value in others.items() if name in REPLACEABLE_SHAPE.sizes}
     widths = {name: value for name, value in others.items() if name not in sizes}
     _check(fitted, sizes)
     notes = [noted(cls.annotation, word) for word in ("refines", "learned", "threshold")]
@@ -59,7 +59,7 @@ def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | Non
     refines, learned, threshold = notes
     return Law(
         snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, sizes, frozenset(), {}, "",
-        refines, learned, threshold, SHAPE, "", cls, widths, constraint,
+        refines, learned, threshold, REPLACEABLE_SHAPE, "", cls, widths, constraint,
     )  # fmt: skip
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from aero_bayes.declared import Declaration
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.export.compose import TRUE
 from aero_bayes.export.embedded import export_flat
@@ -26,10 +26,9 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declaration_of, declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.sources import Sources
-from aero_bayes.laws.candidates import Candidate as Trial
-from aero_bayes.laws.candidates import candidates, listed, ports_of, with_laws
+from aero_bayes.laws.candidates import Candidate, candidates, listed, ports_of, with_laws
 from aero_bayes.laws.compose import Models, compose_laws, law_models
-from aero_bayes.laws.family import Basis, Candidate, Extension, Offer, OpenSimulator, moved, rounded
+from aero_bayes.laws.family import Basis, CandidateTerm, Extension, Offer, OpenSimulator, moved, rounded
 from aero_bayes.laws.law import Law, general_laws, laws_of
 from aero_bayes.laws.learned_curve import basis_of, curve_alone, over, watched_curves
 from aero_bayes.laws.model_sources import names_taken, read_sources
@@ -43,7 +42,7 @@ from aero_bayes.ports.equal_variables import structure_of
 from aero_bayes.ports.find import replaceable_ports
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.replaceable import replaceables_of
-from aero_bayes.ports.sizes import port_sizes, signal_size, signals_of
+from aero_bayes.ports.sizes import port_sizes, signal_size, watched_signals
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Sizes of ports by their ids.
@@ -118,7 +117,7 @@ class RigFamily:
         return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.replaceables))
 
     @cached_property
-    def every(self) -> tuple[Trial, ...]:
+    def every(self) -> tuple[Candidate, ...]:
         """Every law at every port that it fits; where the package names effects, these and learned curves alone."""
         found = candidates(self.ports, (*self.laws, *self.replaceable_laws))
         return listed(found, self.declared) if self.declared.effects else found
@@ -148,7 +147,7 @@ class RigFamily:
         self.narrowed.check([c.id for c in self.every], list(laws), list(ports))
         self._kept(self.every)
 
-    def _kept(self, found: Sequence[Trial]) -> list[Trial]:
+    def _kept(self, found: Sequence[Candidate]) -> list[Candidate]:
         kept = [c for c in found if self.narrowed.keeps(c.id, c.law.id, self.named(c.port))]
         if not kept:
             left = "[loop] effects, exclude, ports and laws leave none"
@@ -173,17 +172,17 @@ class RigFamily:
         self._sizing[:] = [partial(self._curve_sizes, calibration, fit, open_simulator)]
         return tuple(self._uses)
 
-    def _candidates(self, calibration: Calibration) -> Sequence[Trial]:
+    def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
         return self.tried()
 
-    def tried(self) -> tuple[Trial, ...]:
+    def tried(self) -> tuple[Candidate, ...]:
         """Every law at every port where the source has a place for one."""
         every = self.every
         edited = {c.port.id: c for c in every if c.port.via in ("equation", "signal")}.values()
         barred = {c.port.id for c in edited if not self._can_be_written(c)}
         return tuple(c for c in every if c.port.id not in barred)
 
-    def _can_be_written(self, c: Trial) -> bool:
+    def _can_be_written(self, c: Candidate) -> bool:
         use = use_of(c.law, c.port, self._taken(), sizes={}, neighbour=c.neighbour)
         try:
             with tempfile.TemporaryDirectory() as folder:
@@ -248,7 +247,7 @@ class RigFamily:
         also = {id_ for id_, use in self._uses.items() if go_together(use) and id_ not in curves}
         uses = self._ordered(id_ for id_ in self._uses if id_ in ids or (inside and id_ in also))
         model = self._with(uses)
-        own = [(Candidate(u.id, self.named(u.port), self.starts(u.id)), self.parameters(u.id)) for u in uses]
+        own = [(CandidateTerm(u.id, self.named(u.port), self.starts(u.id)), self.parameters(u.id)) for u in uses]
         return Offer(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     def _with(self, uses: Sequence[Use]) -> Model:
@@ -294,7 +293,7 @@ class RigFamily:
         found: dict[str, float] = {}
         with suppress(InputError):
             own = self.on(calibration, self._export(flat, "watched"))
-            seen = signals_of(own, list(names.values()), fit, open_simulator)
+            seen = watched_signals(own, list(names.values()), fit, open_simulator)
             found = {id_: float(f"{signal_size(seen[name]) or 1.0:.3g}") for id_, name in names.items()}
         return found
 

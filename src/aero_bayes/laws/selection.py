@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 
 #: What each key names.
-WHAT = {
+KEY_MEANINGS = {
     "effects": "effect", "exclude": "effect, law or port", "ports": "port", "laws": "law", "require": "effect",
 }  # fmt: skip
 
@@ -57,8 +57,8 @@ class Narrowed:
             for name in names:
                 if name not in known:
                     near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-                    raise InputError(f"[loop] {key}: unknown {WHAT[key]} {name!r}; did you mean {near[0]!r}?" if near
-                                     else f"[loop] {key}: unknown {WHAT[key]} {name!r}; there is none")  # fmt: skip
+                    hint = f"did you mean {near[0]!r}?" if near else "there is none"
+                    raise InputError(f"[loop] {key}: unknown {KEY_MEANINGS[key]} {name!r}; {hint}")
         for name in self.require:
             if name in self.exclude:
                 raise InputError(f"[loop] require and exclude both name {name!r}")

@@ -12,7 +12,7 @@ from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.model_sources import read_sources
 from aero_bayes.laws.redeclare import extending_class, parted
 from aero_bayes.laws.use import Use
-from aero_bayes.laws.writer import Writer
+from aero_bayes.laws.writer import LawWriter
 from aero_bayes.scratch import ScratchFolder
 
 
@@ -58,7 +58,7 @@ def write_law(
     known = read_sources(sources, flat)
     file, cls = known.find(model)
     title = name or "_".join([cls.name, *(u.instance for u in uses)])
-    writer = Writer(known, (file, cls), flat, uses, title)
+    writer = LawWriter(known, (file, cls), flat, uses, title)
     text = writer.text()
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)

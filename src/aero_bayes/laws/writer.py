@@ -9,7 +9,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import Edit, insert_before_connector, text_of
+from aero_bayes.language.edits import TextEdit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
@@ -21,17 +21,17 @@ from aero_bayes.laws.use import Use, plain_name
 from aero_bayes.ports.balance import Entry, entry_of, in_vector
 from aero_bayes.ports.equal_variables import structure_of
 from aero_bayes.ports.find import driver_names, is_driver
-from aero_bayes.ports.port import MINUS, Port, Via
+from aero_bayes.ports.port import DIFFERENCE_SIGN, Port, Via
 from aero_bayes.ports.residual import parameter_values
 
 #: A law whose formula is longer than this is written as a component.
-LONGEST_FORMULA = 70
+MAX_FORMULA_LENGTH = 70
 #: Which laws are written before others.
-_FIRST: Mapping[Via, int] = {"output": 0, "input": 1}
+_WRITING_ORDER: Mapping[Via, int] = {"output": 0, "input": 1}
 _COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
-class Writer:
+class LawWriter:
     """Adds laws to the text of a class."""
 
     def __init__(
@@ -54,7 +54,7 @@ class Writer:
             "equation": self._in_equation, "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
         # what a law in a balance reads is called by then as laws at outputs and inputs have it
-        for use in sorted(self.uses, key=lambda u: _FIRST.get(u.port.via, 2)):
+        for use in sorted(self.uses, key=lambda u: _WRITING_ORDER.get(u.port.via, 2)):
             ways[use.port.via](use)
         return self.target.written()
 
@@ -66,7 +66,7 @@ class Writer:
         given = {signal: self._read(name) for signal, name in given.items()}
         near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
         text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
-        if text is None or len(text) > LONGEST_FORMULA:
+        if text is None or len(text) > MAX_FORMULA_LENGTH:
             self.target.declare(use, given, {})
             text = f"{use.instance}.{use.law.shape.acts}"
         self._term(use.port, text, 1)
@@ -75,8 +75,8 @@ class Writer:
 
     def _read(self, given: str) -> str:
         """A variable, or a difference of two, as it is called beside laws at outputs."""
-        parts = [self.target.read.get(name, name) for name in given.split(MINUS)]
-        return f"({MINUS.join(parts)})" if len(parts) > 1 else parts[0]
+        parts = [self.target.read.get(name, name) for name in given.split(DIFFERENCE_SIGN)]
+        return f"({DIFFERENCE_SIGN.join(parts)})" if len(parts) > 1 else parts[0]
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
@@ -183,7 +183,7 @@ class Writer:
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
         elif use.neighbour is not None and port.kind == "motion":
             other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(use.neighbour).items()}
-            inside = {k: f"{v}{MINUS}{other[k]}" for k, v in inside.items() if k in other}
+            inside = {k: f"{v}{DIFFERENCE_SIGN}{other[k]}" for k, v in inside.items() if k in other}
         given = {k: v for k, v in port.signals.items() if k not in inside}
         self.target.declare(use, given, inside, self._connectors(port, *ends), flows)
         self.target.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
@@ -193,7 +193,7 @@ class Writer:
         potential = f"port.{port.potential}"
         if port.kind == "storage":
             return {"h": potential}
-        position = port.signals.get("x", "").partition(MINUS)[0]
+        position = port.signals.get("x", "").partition(DIFFERENCE_SIGN)[0]
         if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(position):
             return {"v": f"der({potential})", "x": potential}
         return {"v": potential}
@@ -223,7 +223,7 @@ class Writer:
         self.target.edits += edits
 
     @staticmethod
-    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[Edit]:
+    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[TextEdit]:
         return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])
 
     # inputs and outputs
@@ -258,7 +258,7 @@ class Writer:
         given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
         self.target.declare(use, {"u": given[use.instance]}, {})
         if use.instance == mine[0]:
-            self.target.edits.append(Edit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
+            self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
 
     @staticmethod
     def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
@@ -329,7 +329,7 @@ class Writer:
             parts = split_outside(c.arguments[1:-1])
             kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
             text = f"({', '.join(text_of(self.target.file.text, p) for p in kept)})" if kept else ""
-            self.target.edits.append(Edit(c.arguments[0].start, c.arguments[-1].end, text))
+            self.target.edits.append(TextEdit(c.arguments[0].start, c.arguments[-1].end, text))
 
     # what has to be written out first
 

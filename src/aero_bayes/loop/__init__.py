@@ -7,14 +7,14 @@
 >>> loop.sentence, loop.diff  # doctest: +SKIP
 """
 
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import FoundEffect, LoopResult, NewParameter
 from aero_bayes.search.settings import StructureSettings
 
 __all__ = [
-    "ClimbSettings",
     "FoundEffect",
+    "LocalFitSettings",
     "LoopResult",
     "LoopSettings",
     "NewParameter",

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.data import floors_of
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.ascent import Climber, straighter
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.coarse import leading
 from aero_bayes.estimate.fit import without_ripple
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.interpolation import choose_interpolation
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.estimate.starts import loosened
+from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
@@ -28,12 +29,12 @@ from aero_bayes.simulation.interface import StartTarget
 FloatArray = NDArray[np.float64]
 Floors = Mapping[tuple[str, str], float]
 
-#: Error of an output, as a share of its range, that a search on fewer samples may make.
-CLOSE = 0.005
-#: Largest change of an output by a parameter's whole range, over that of the strongest, at which it is not seen at all.
-UNSEEN = 1e-12
-#: Standard deviations that an estimated initial value may be off its reading before it is said to imitate a term.
-FAR_FROM_READING = 5.0
+#: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
+MAX_AVERAGING_ERROR = 0.005
+#: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it counts as none.
+MIN_RELATIVE_EFFECT = 1e-12
+#: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
+MAX_READING_DEVIATIONS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
-    plain = replace(close, parameters=loosened(close.parameters, close.experiments, close.model))
+    plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
     floors = floors_of([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
@@ -90,7 +91,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
 
 
-def fit_again(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
+def refit_base(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
     """The first model as the search read and freed it, from where the search found its optimum."""
     plain, own = with_setting(base.plain, base.fit.free, found.structure)
     values = np.array([found.values[name] for name in plain.parameters.names])
@@ -105,7 +106,9 @@ def best_fit(bench: Workbench, calibration: Calibration, values: FloatArray, las
     left."""
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        found = Climber(study, bench.settings.ascent).again(study.parameters.to_search(values), last.free, last.noise)
+        found = GlobalSearch(study, bench.settings.ascent).refit(
+            study.parameters.to_search(values), last.free, last.noise
+        )
         bench.tally.count(study)
     return found
 
@@ -116,7 +119,7 @@ def for_search(bench: Workbench, plain: Calibration) -> Calibration:
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
         return plain
     with bench.open(plain.problem()) as simulator:
-        return leading(plain, simulator, samples, CLOSE)
+        return with_few_samples(plain, simulator, samples, MAX_AVERAGING_ERROR)
 
 
 def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
@@ -139,11 +142,15 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        climber = Climber(study, settings.ascent)
+        climber = GlobalSearch(study, settings.ascent)
         rng = np.random.default_rng(settings.seed)
-        ascent = climber.to_optimum(_seen(study), bench.open, rng)
+        ascent = climber.run(_seen(study), bench.open, rng)
         found = ascent.optimum
-        lines = straighter(climber, ascent, bench.open, rng) if settings.calibration.interpolation == "auto" else None
+        lines = (
+            choose_interpolation(climber, ascent, bench.open, rng)
+            if settings.calibration.interpolation == "auto"
+            else None
+        )
         fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
         bench.tally.count(study)
     if lines is not None:
@@ -161,7 +168,9 @@ def _seen(study: Objective) -> tuple[int, ...]:
     if found is None or found.slopes is None:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
-    return tuple(j for j, own in zip(every, size, strict=True) if own > UNSEEN * float(size.max(initial=0.0)))
+    return tuple(
+        j for j, own in zip(every, size, strict=True) if own > MIN_RELATIVE_EFFECT * float(size.max(initial=0.0))
+    )
 
 
 def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
@@ -171,7 +180,7 @@ def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[s
     for p, value in zip(close.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
             off = abs(value - p.prior.mean) / p.prior.sd
-            if off > FAR_FROM_READING:
+            if off > MAX_READING_DEVIATIONS:
                 said.append(
                     f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations off its reading: it may "
                     "imitate what is missing."

@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import TIMES_FLOOR, ResidualReport, those_structured
+from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
-from aero_bayes.loop.base_fit import BaseFit, fit_again
+from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.result import FoundEffect, LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
@@ -24,10 +24,10 @@ from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.show import listed
 
-#: What a term may be instead is named where it is no more than so many.
-NAMED = 2
+#: Largest number of equivalent alternatives that are listed by name.
+MAX_NAMED_ALTERNATIVES = 2
 #: Effective samples for each free parameter below which nothing can be told.
-SAMPLES_PER_PARAMETER = 3.0
+MIN_SAMPLES_PER_PARAMETER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
     """Name the structure that was chosen, unless unseen readings refuse it."""
     settings, explored, chosen = bench.settings, choice.explored, choice.fitted
     within = settings.structures.equivalence
-    base = fit_again(bench, base, _first_of(explored, chosen))
+    base = refit_base(bench, base, _first_of(explored, chosen))
     before = bench.unseen.predict(base.plain, base.fit)
     bench.tally.lap("judgement")
     if not chosen.terms:
@@ -148,7 +148,7 @@ def _why_not(base: BaseFit, explored: Explored, choice: Choice, structured: Sequ
             "disturbance that is not made into physics."
         )
     parameters, samples = len(explored.first_model.optimum.free), explored.noise.total_samples
-    if samples < SAMPLES_PER_PARAMETER * parameters:
+    if samples < MIN_SAMPLES_PER_PARAMETER * parameters:
         return (
             f"The readings count for {samples:.0f} independent ones, too few beside {parameters} free parameters to "
             "tell what is missing."
@@ -204,7 +204,7 @@ def _named(effect: FoundEffect, same: Sequence[str]) -> str:
         others = [other for other in same if other != effect.id]
         if not others:
             return effect.id
-        instead = " or ".join(others) if len(others) <= NAMED else f"one of {len(others)} others"
+        instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
         return f"{effect.id} (or {instead}, which the data cannot tell from it)"
     return f"something at {effect.port} that no listed law describes, learned as a curve over {effect.over}"
 
@@ -214,7 +214,9 @@ def _left(structured: Sequence[ResidualReport]) -> list[str]:
     worst: dict[str, float] = {}
     for report in structured:
         worst[report.output] = max(report.ratio, worst.get(report.output, 0.0))
-    return [f"{o} ({_ratio(worst[o])} times the noise floor)" if worst[o] > TIMES_FLOOR else o for o in sorted(worst)]
+    return [
+        f"{o} ({_ratio(worst[o])} times the noise floor)" if worst[o] > MAX_FLOOR_RATIO else o for o in sorted(worst)
+    ]
 
 
 def _ratio(ratio: float) -> str:
@@ -223,7 +225,7 @@ def _ratio(ratio: float) -> str:
 
 def _how(report: ResidualReport) -> str:
     """What tells that a residual is no noise."""
-    if report.ratio > TIMES_FLOOR or not report.tests:
+    if report.ratio > MAX_FLOOR_RATIO or not report.tests:
         return "is far from it"
     plainest = min(report.tests, key=lambda t: t.p_value).name
     return {"autocorrelation": "is not white", "slow": "drifts"}.get(plainest, f"depends on {plainest}")

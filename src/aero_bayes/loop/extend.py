@@ -10,9 +10,9 @@ import numpy as np
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.ascent import Climber
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.family import Basis, Extension
@@ -58,7 +58,7 @@ def extend(
         study = bench.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = Climber(study, bench.settings.ascent).again(start, free, base.fit.noise)
+        fit = GlobalSearch(study, bench.settings.ascent).refit(start, free, base.fit.noise)
         reports = inspect(calibration, study.series, fit, base.floors)
         bench.tally.count(study)
     after = bench.unseen.predict(calibration, fit)
@@ -134,10 +134,10 @@ def _width_influence(bench: Workbench, effect: FoundEffect, calibration: Calibra
     if not doubled:
         return None
     wider = replace(calibration, fixed={**calibration.fixed, **doubled})
-    settings = ClimbSettings(hold_noise=True).rough(4, 0.02)
+    settings = LocalFitSettings(hold_noise=True).with_limits(4, 0.02)
     try:
         with bench.open(wider.problem()) as simulator:
-            again = climb(
+            again = local_fit(
                 bench.objective(wider, simulator), fit.coordinates, fit.free, noise=fit.noise, settings=settings
             )
     except CannotFinishError:

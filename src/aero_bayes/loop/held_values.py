@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.simulation.model import Model
 
-#: Share of a term's gain that a held value must promise to be fitted, and how many are.
-LIKELY, TRIED = 0.05, 3
-#: Held values that are looked at; an FMU may have hundreds.
-MOST = 40
+#: Share of a term's gain that freeing a fixed parameter must predict for a refit, and the largest number of refits.
+MIN_GAIN_SHARE, MAX_REFITS = 0.05, 3
+#: Largest number of fixed parameters that are examined; an FMU may have hundreds.
+MAX_PARAMETERS = 40
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def held_in(model: Model, parameters: ParameterSet) -> ParameterSet:
         if variable.name not in parameters.names and variable.start:
             with suppress(InputError):
                 found += parameters_from_model(model, [variable.name])
-    return ParameterSet(tuple(found[:MOST]))
+    return ParameterSet(tuple(found[:MAX_PARAMETERS]))
 
 
 def doubts(cache: ModelCache, explored: Explored, chosen: FittedModel, settings: LoopSettings) -> tuple[Doubt, ...]:
@@ -70,10 +70,10 @@ def _in_place_of(
     model = wider.of(rest.structure)
     here = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.noise, fit)
     promises = _promises(here, held)
-    needed = LIKELY * here.temperature * (chosen.log_evidence - here.log_evidence)
+    needed = MIN_GAIN_SHARE * here.temperature * (chosen.log_evidence - here.log_evidence)
     likely = sorted((n for n in promises if promises[n] > needed), key=lambda n: -promises[n])
     found = []
-    for name in likely[:TRIED]:
+    for name in likely[:MAX_REFITS]:
         with suppress(CannotFinishError):
             end = _freed(here, name, fit)
             behind = chosen.log_evidence - end.log_evidence
@@ -83,7 +83,7 @@ def _in_place_of(
     return found
 
 
-def _freed(here: FittedModel, name: str, fit: ClimbSettings) -> FittedModel:
+def _freed(here: FittedModel, name: str, fit: LocalFitSettings) -> FittedModel:
     freed = replace(here.model, own=(*here.model.own, here.model.objective.parameters.index(name)))
     return freed.fit(here.structure, here.optimum.coordinates, here.noise, fit)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import one, paths_of, several
-from aero_bayes.checkpoint import Answers, Checkpoint
+from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -99,10 +99,10 @@ def close_loop(
         family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.plain().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
-        answers = Checkpoint.at(checkpoint) or Answers()
-        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), answers)
+        result_cache = Checkpoint.at(checkpoint) or ResultCache()
+        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
         base = fit_as_it_stands(bench)
-        cache, choice = search(bench, base)
+        cache, choice = search_structures(bench, base)
         conclusion = conclude(bench, base, choice)
         bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
         doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
@@ -114,7 +114,7 @@ def close_loop(
         return result
 
 
-def search(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
+def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
     """Search over structures from the first model at its best, and choose."""
     settings, family = bench.settings, bench.family
     plain = for_search(bench, base.plain)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aero_bayes.arguments import names_of, paths_of
-from aero_bayes.estimate.ascent import AscentSettings
 from aero_bayes.estimate.calibration import CalibrationSettings
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.global_search import GlobalSearchSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.judge.checks import Check
 from aero_bayes.search.parts import Parts
@@ -76,8 +76,8 @@ class LoopSettings(Settings):
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
-    climb: ClimbSettings = field(default_factory=ClimbSettings)
-    ascent: AscentSettings = field(default_factory=lambda: AscentSettings(swarm=None))
+    climb: LocalFitSettings = field(default_factory=LocalFitSettings)
+    ascent: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)

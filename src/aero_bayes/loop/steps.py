@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from aero_bayes.estimate.search import Stop
+from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.score import UNLISTED, odds
+from aero_bayes.search.score import UNLISTED_PROBABILITY, odds
 from aero_bayes.search.structure import Structure
 
 
@@ -90,7 +90,7 @@ def _step(explored: Explored, base: Structure, id_: str | None, number: int, wit
     if here is None:
         return None
     gains = {
-        s.new_terms(base)[0]: -math.inf if f.optimum.reason is Stop.BEATEN else f.log_evidence - here.log_evidence
+        s.new_terms(base)[0]: -math.inf if f.optimum.reason is Stop.OUT_OF_REACH else f.log_evidence - here.log_evidence
         for s, f in explored.fits.items()
         if s.contains(base) and len(s.new_terms(base)) == 1
     }
@@ -114,10 +114,17 @@ def _step(explored: Explored, base: Structure, id_: str | None, number: int, wit
         same = (id_, *(t for t in near if explored.refines.get(t) != id_))
         why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed {price:.1f})"
         why += f"; {', '.join(same[1:])} within {within:g} of it" if len(same) > 1 else ""
-        return Step(number, rivals, price, id_, same, why, nothing, UNLISTED)
+        return Step(number, rivals, price, id_, same, why, nothing, UNLISTED_PROBABILITY)
     if not ranked:
-        return Step(number, (), price, None, (), "no candidate promises a gain", nothing, UNLISTED)
+        return Step(number, (), price, None, (), "no candidate promises a gain", nothing, UNLISTED_PROBABILITY)
     best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:.1f}"
     return Step(
-        number, rivals, price, None, (), f"no candidate gains {price:.1f} in log-evidence: {best}", nothing, UNLISTED
+        number,
+        rivals,
+        price,
+        None,
+        (),
+        f"no candidate gains {price:.1f} in log-evidence: {best}",
+        nothing,
+        UNLISTED_PROBABILITY,
     )

@@ -12,10 +12,10 @@ from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.fit import judge, with_bounds
-from aero_bayes.estimate.held_guesses import name_held_guesses
+from aero_bayes.estimate.deciding_constants import name_deciding_constants
+from aero_bayes.estimate.fit import assess_columns, with_bounds
 from aero_bayes.estimate.identifiability import Identifiability
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
@@ -33,8 +33,8 @@ from aero_bayes.simulation.model import ModelicaSource
 
 FloatArray = NDArray[np.float64]
 
-#: How far a loop looks for an experiment, among signals of few jumps; the command for designs looks further.
-EFFORT = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
+#: Search for a separating experiment within the loop: few signals, of few jumps; the command ``design`` tries more.
+EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
 def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]) -> LoopResult:
@@ -84,10 +84,10 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
 def _identifiability(bench: Workbench, calibration: Calibration, refit: Optimum) -> Identifiability:
     """What the data say of each parameter of the model that came out."""
     with bench.open(calibration.problem()) as simulator:
-        found, _ = judge(bench.objective(calibration, simulator), refit, refit.free)
+        found, _ = assess_columns(bench.objective(calibration, simulator), refit, refit.free)
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in refit.free))
     found = with_bounds(found, part, refit.coordinates[list(refit.free)])
-    return name_held_guesses(found, calibration, refit, bench.open)
+    return name_deciding_constants(found, calibration, refit, bench.open)
 
 
 def _calibrated(
@@ -218,7 +218,7 @@ def _separating_experiments(
         try:
             apart = separating_experiment(
                 _Rival.of(chosen), _Rival.of(rival), workers=bench.pool.size,
-                settings=replace(EFFORT, seed=bench.settings.seed),
+                settings=replace(EXPERIMENT_SEARCH, seed=bench.settings.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
             continue

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from aero_bayes.ahead import Ahead
-from aero_bayes.checkpoint import Answers
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
@@ -65,7 +65,7 @@ class Workbench:
     """What the stages share.
 
     ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1);
-    ``answers`` are what searches have found so far.
+    ``result_cache`` keeps the results of searches.
     """
 
     family: Family
@@ -75,7 +75,7 @@ class Workbench:
     folder: Path
     progress: Progress
     tally: Tally
-    answers: Answers
+    result_cache: ResultCache
 
     @property
     def units(self) -> dict[str, str]:
@@ -98,12 +98,12 @@ class Workbench:
 
     def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
         """A calibration on a simulator that is open; what its searches find is kept."""
-        return Objective(calibration, simulator, answers=self.answers)
+        return Objective(calibration, simulator, result_cache=self.result_cache)
 
     @property
     def ahead(self) -> Ahead:
-        """Helpers, one a worker, that find answers before they are asked for."""
-        return Ahead(self.answers, self.pool, self.tally.late)
+        """Helpers, one a worker, that compute results before they are needed."""
+        return Ahead(self.result_cache, self.pool, self.tally.late)
 
     @property
     def unseen(self) -> Unseen:

@@ -23,7 +23,7 @@ from aero_bayes.report.thinning import band_envelope, column_means
 __all__ = ["FloatArray", "Picture", "draw_panels", "ground"]
 
 #: Width of a figure in inches, inches for each pixel of a panel's height, and time columns of a cloud.
-WIDTH, INCHES, COLUMNS = 8.2, 0.0115, 900
+WIDTH, INCHES, COLUMN_COUNT = 8.2, 0.0115, 900
 
 
 class Picture(Figure):
@@ -129,11 +129,11 @@ def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
 
 
 def _line(axes: Axes, layer: Line, colour: str) -> None:
-    if layer.cloud and len(layer.x) > 4 * COLUMNS:
-        at, low, high = band_envelope(layer.x, layer.y, layer.y, COLUMNS)
+    if layer.cloud and len(layer.x) > 4 * COLUMN_COUNT:
+        at, low, high = band_envelope(layer.x, layer.y, layer.y, COLUMN_COUNT)
         axes.fill_between(at, low, high, color=colour, alpha=layer.cloud, linewidth=0.5)
         if layer.trend:
-            axes.plot(*column_means(layer.x, layer.y, COLUMNS // 4), color=colour, linewidth=1.4)
+            axes.plot(*column_means(layer.x, layer.y, COLUMN_COUNT // 4), color=colour, linewidth=1.4)
         return
     style = "steps-post" if layer.held else "default"
     width = 0.8 * layer.width

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from aero_bayes.language.syntax import Expression, Name, children, names_in
-from aero_bayes.ports.equal_variables import Structure, derived_names
-from aero_bayes.ports.port import KELVIN, MINUS, Port
+from aero_bayes.ports.equal_variables import EqualVariables, derived_names
+from aero_bayes.ports.port import DIFFERENCE_SIGN, KELVIN, Port
 from aero_bayes.ports.quantities import unit_in
 from aero_bayes.ports.relative_motion import differences, taken_apart
 
 
-def ambient_differences(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+def ambient_differences(s: EqualVariables, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two whose difference stands in the model, and for a temperature and every one that is fed in.
 
     What one storage stands against is there for all of its unit. A difference that only has a name, such as that of a
@@ -36,14 +36,14 @@ def ambient_differences(s: Structure, balances: Sequence[Port]) -> Iterator[Port
                 signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
                 for signal, own in port.signals.items()
             }
-            signals = {n: f"{port.signals[n]}{MINUS}{name}" for n, name in other.items() if name}
+            signals = {n: f"{port.signals[n]}{DIFFERENCE_SIGN}{name}" for n, name in other.items() if name}
             if signals:
                 units = {n: unit for n, unit in port.units.items() if n in (*signals, "f")}
                 name = other.get("v") or other["x"]
                 yield replace(port, id=f"{port.id}-{name}", signals=signals, units=units, neighbours=())
 
 
-def _fed(s: Structure) -> dict[str, str]:
+def _fed(s: EqualVariables) -> dict[str, str]:
     """Classes of equal variables that inputs alone give, and the name of each with the fewest dots."""
     seen = {n for n, v in s.variables.items() if n in s.same and "[" not in n and not (v.protected and "." in n)}
     found = {s.of(n): n for n, v in s.variables.items() if v.causality == "input" and "." not in n and n in seen}
@@ -63,7 +63,7 @@ def _fed(s: Structure) -> dict[str, str]:
     return found
 
 
-def _inside(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
+def _inside(s: EqualVariables, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference is a part of an expression and not all of it."""
     for inner in children(tree):
         yield from differences(s, inner)

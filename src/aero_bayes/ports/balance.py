@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.dimensions import Dimension, dimension, has_number
-from aero_bayes.language.edits import Edit
+from aero_bayes.language.edits import TextEdit
 from aero_bayes.language.syntax import (
     DIVIDES,
     Array,
@@ -26,9 +26,9 @@ from aero_bayes.language.values import BOOLEAN, OPERATORS, evaluate
 Driver = Callable[[Expression], bool]
 Factors = tuple[tuple[str, Expression], ...]
 #: Of a vector equation: the number of a row, from one, and of how many.
-Row = tuple[int, int]
-#: Rows up to which a vector with one term is written out.
-WRITTEN_OUT = 6
+RowIndex = tuple[int, int]
+#: Largest number of rows of a vector that is written out.
+MAX_WRITTEN_ROWS = 6
 
 
 @dataclass(frozen=True)
@@ -45,17 +45,17 @@ class Entry:
     side: int
     like: tuple[Expression, ...]
     factors: Factors = ()
-    row: Row | None = None
+    row: RowIndex | None = None
     loop: tuple[str, int] | None = None
 
-    def insert(self, text: str, sign: int = 1) -> list[Edit]:
+    def insert(self, text: str, sign: int = 1) -> list[TextEdit]:
         """Append ``text`` so that it opposes, or with ``sign`` -1 so that it drives."""
         (start, end), wrap = self.group.span, _binds_less(self.group)
         operator = "+" if self.sign * sign > 0 else "-"
-        opening = [Edit(start, start, "(")] if wrap else []
+        opening = [TextEdit(start, start, "(")] if wrap else []
         text = in_vector(text, self.row) if self.row else text
         text = f"(if {self.loop[0]} == {self.loop[1]} then {text} else 0)" if self.loop else text
-        return [*opening, Edit(end, end, f"{')' if wrap else ''} {operator} {text}")]
+        return [*opening, TextEdit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
     def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Expression] = ()) -> Dimension | None:
         """Unit of its terms, from the first one whose names all have one; a plain name before a product.
@@ -69,10 +69,10 @@ class Entry:
         return next((d for t in ordered if (d := dimension(t, of)) is not None), None)
 
 
-def in_vector(text: str, row: Row) -> str:
+def in_vector(text: str, row: RowIndex) -> str:
     """A vector that is zero but for one row."""
     k, of = row
-    if of > WRITTEN_OUT:
+    if of > MAX_WRITTEN_ROWS:
         return f"{{if row_k == {k} then {text} else 0 for row_k in 1:{of}}}"
     return f"{{{', '.join(text if i == k else '0' for i in range(1, of + 1))}}}"
 
@@ -83,7 +83,7 @@ def entry_of(
     *,
     constants: frozenset[str],
     values: Mapping[str, float],
-    row: Row | None = None,
+    row: RowIndex | None = None,
 ) -> Entry | None:
     """Find where an opposing term enters an equation.
 
@@ -134,7 +134,7 @@ def _binds_less(tree: Expression) -> bool:
     return isinstance(tree, If) or (isinstance(tree, Call) and OPERATORS.get(tree.function, tree.function) in BOOLEAN)
 
 
-def row_of(side: Expression, row: Row) -> Expression:
+def row_of(side: Expression, row: RowIndex) -> Expression:
     """The row of a side that is written element by element; any other side as it is."""
     return side.items[row[0] - 1] if isinstance(side, Array) and len(side.items) == row[1] else side
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Expression, Name, Number, names_in, summands
-from aero_bayes.ports.equal_variables import Structure, derived_in
+from aero_bayes.ports.equal_variables import EqualVariables, derived_in
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
 from aero_bayes.ports.residual import Entrance
 
 
-def _sets(s: Structure) -> Iterator[tuple[int, list[str]]]:
+def _sets(s: EqualVariables) -> Iterator[tuple[int, list[str]]]:
     """Sums of flows at connections of the model's own class, by the names of the flows."""
     flow = {v.name for v in s.flat.variables if v.flow}
     for i, e in enumerate(s.flat.equations):
@@ -27,13 +27,13 @@ def _sum_names(tree: Expression) -> list[str]:
     return [t.name for _, t in summands(tree) if isinstance(t, Name)]
 
 
-def _potential(s: Structure, connector: str) -> str:
+def _potential(s: EqualVariables, connector: str) -> str:
     """The one variable of a connector that is no flow, without the connector's name; empty where there are more."""
     inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
     return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
 
 
-def node(s: Structure, state: str, position: str) -> Port | None:
+def node(s: EqualVariables, state: str, position: str) -> Port | None:
     """A node whose potential is the state or its position; the one at the component that has the state comes first."""
     owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
@@ -64,7 +64,7 @@ def node(s: Structure, state: str, position: str) -> Port | None:
     )  # fmt: skip
 
 
-def joined(s: Structure, one: Port, other: Port) -> set[str]:
+def joined(s: EqualVariables, one: Port, other: Port) -> set[str]:
     """Components with a connector at each of two nodes and no balance of their own at either."""
     both: list[set[str]] = []
     for port in (one, other):
@@ -74,12 +74,12 @@ def joined(s: Structure, one: Port, other: Port) -> set[str]:
     return set.intersection(*both) - {owner_of(s, x) for p in (one, other) for x in p.states}
 
 
-def _moves(s: Structure, connector: str, potential: str) -> str:
+def _moves(s: EqualVariables, connector: str, potential: str) -> str:
     """What a connector's potential moves with; empty where it has none of that name."""
     return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
 
 
-def series(s: Structure, state: str) -> Port | None:
+def series(s: EqualVariables, state: str) -> Port | None:
     """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
     if not is_current(s, state):
         return None
@@ -97,7 +97,7 @@ def series(s: Structure, state: str) -> Port | None:
     return None
 
 
-def beside_storage(s: Structure, state: str) -> Port | None:
+def beside_storage(s: EqualVariables, state: str) -> Port | None:
     """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
     owner = owner_of(s, state) + "."
     if unit_in(s, state) != "V":
@@ -106,7 +106,7 @@ def beside_storage(s: Structure, state: str) -> Port | None:
     return _drop_at(s, state, pins) if pins else None
 
 
-def in_branches(s: Structure, taken: Iterable[Port]) -> Iterator[Port]:
+def in_branches(s: EqualVariables, taken: Iterable[Port]) -> Iterator[Port]:
     """Pins of components that pass a current by their own voltage, a resistor's: one in each branch without a port."""
     seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
     sets = [flows for _, flows in _sets(s) if len(flows) > 1]
@@ -124,7 +124,7 @@ def in_branches(s: Structure, taken: Iterable[Port]) -> Iterator[Port]:
             yield replace(_drop_at(s, "", pins), place=s.variables[at].place)
 
 
-def _drop_at(s: Structure, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
+def _drop_at(s: EqualVariables, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
     """A port before the pin that is declared first, of some with the sums of flows that they are in."""
     order = list(s.variables)
     flow, flows = min(pins, key=lambda one: order.index(one[0]))
@@ -133,7 +133,7 @@ def _drop_at(s: Structure, state: str, pins: Iterable[tuple[str, list[str]]]) ->
     return _drop(s, state, pin, (other, pin), name)
 
 
-def _drop(s: Structure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
+def _drop(s: EqualVariables, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
     """A port before the second of two connectors; what flows into that is what a law is given."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"

@@ -16,7 +16,7 @@ from aero_bayes.ports.scalar_equations import Origin, by_elements
 
 
 @dataclass(frozen=True)
-class Structure:
+class EqualVariables:
     """Classes of equal variables; each is named by one of its members.
 
     ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
@@ -61,7 +61,7 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
-def structure_of(flat: FlatModel) -> Structure:
+def structure_of(flat: FlatModel) -> EqualVariables:
     """Find the classes of equal variables and the states of a flat model."""
     flat, origins = by_elements(flat)
     variables = {v.name: v for v in flat.variables}
@@ -108,7 +108,7 @@ def structure_of(flat: FlatModel) -> Structure:
     found = {equal.root(n)[0] for n in dynamic} - idle
     found -= {x for e in rest if (x := _combined(e, variables, same, found))}
     states = tuple(v.name for v in flat.variables if v.name in found)
-    return Structure(
+    return EqualVariables(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving),
         _units_by_sums(flat, {n: same.get(n, (n, 1))[0] for n in variables}),
     )  # fmt: skip

@@ -16,7 +16,7 @@ from aero_bayes.language.syntax import Call, Expression, Name, names_in, referen
 from aero_bayes.ports.ambient import ambient_differences
 from aero_bayes.ports.balance import Driver
 from aero_bayes.ports.connections import beside_storage, in_branches, node, series
-from aero_bayes.ports.equal_variables import Structure, derived_names, structure_of
+from aero_bayes.ports.equal_variables import EqualVariables, derived_names, structure_of
 from aero_bayes.ports.port import Port, PortKind
 from aero_bayes.ports.quantities import (
     SPEEDS,
@@ -61,13 +61,13 @@ def _top(v: FlatVariable, causality: str) -> bool:
     return v.causality == causality and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
 
 
-def _inputs(s: Structure) -> Iterator[Port]:
+def _inputs(s: EqualVariables) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "input"):
             yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
 
 
-def _outputs(s: Structure, rated: Collection[str]) -> Iterator[Port]:
+def _outputs(s: EqualVariables, rated: Collection[str]) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "output"):
             own = s.of(v.name)
@@ -89,7 +89,7 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     return set(outputs)
 
 
-def _balances(s: Structure, flat: FlatModel) -> Iterator[Port]:
+def _balances(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
     positions = {x: r for x, r in s.rates.items() if r in s.states}
     driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
     driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
@@ -121,7 +121,7 @@ class _Balance:
     entrance: Entrance
 
 
-def _assigned(s: Structure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _Balance]:
+def _assigned(s: EqualVariables, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _Balance]:
     """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
 
     Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant, the rows of
@@ -167,7 +167,7 @@ def _assigned(s: Structure, flat: FlatModel, states: Sequence[str], *, inside: b
     return {x: next(o for o in options[x] if o.index == index) for index, x in taken.items()}
 
 
-def _rows_of(s: Structure, states: Sequence[str]) -> dict[tuple[int, str], int]:
+def _rows_of(s: EqualVariables, states: Sequence[str]) -> dict[tuple[int, str], int]:
     """The row of a vector equation that is a state's own: the first for the first of its states, and so on."""
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
@@ -183,7 +183,7 @@ def _driving(e: FlatEquation) -> set[str]:
     return {n for side in sides for n in (*names_in(side), *(f"der({x})" for x in derived_names(side)))}
 
 
-def _again(s: Structure, state: str, positions: Collection[str]) -> bool:
+def _again(s: EqualVariables, state: str, positions: Collection[str]) -> bool:
     """Whether a relative motion is that of something with a balance of its own, or an earlier one once more."""
     if not relative(s, state):
         return False
@@ -193,12 +193,12 @@ def _again(s: Structure, state: str, positions: Collection[str]) -> bool:
     return any(s.apart.get(x, x) == s.apart.get(state, state) for x in earlier)
 
 
-def _other_than_speeds(s: Structure, names: set[str]) -> bool:
+def _other_than_speeds(s: EqualVariables, names: set[str]) -> bool:
     varying = [n for n in names if n in s.variables and not s.variables[n].constant]
     return any(dimension_of_unit(unit_in(s, s.of(n))) not in SPEEDS for n in varying)
 
 
-def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
+def _kinematic(s: EqualVariables, state: str, names: set[str]) -> bool:
     """Whether an equation only says how an angle or a displacement follows from a speed."""
     unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
@@ -206,7 +206,7 @@ def _kinematic(s: Structure, state: str, names: set[str]) -> bool:
     return unit == "rad" or (unit == "m" and bool(varying) and speeds)
 
 
-def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
+def _constant_factor(s: EqualVariables, e: FlatEquation, driver: str) -> bool:
     """Whether a driver stands in an equation with nothing but constants as factors."""
 
     def factors(tree: Expression) -> set[str]:
@@ -218,7 +218,7 @@ def _constant_factor(s: Structure, e: FlatEquation, driver: str) -> bool:
     return all(s.variables[n].constant for n in factors(side) if n in s.variables)
 
 
-def _equation(s: Structure, state: str, position: str, balance: _Balance | None) -> Port | None:
+def _equation(s: EqualVariables, state: str, position: str, balance: _Balance | None) -> Port | None:
     if balance is None:
         return None
     e, entrance = s.flat.equations[balance.index], balance.entrance
@@ -234,7 +234,7 @@ def _equation(s: Structure, state: str, position: str, balance: _Balance | None)
     )  # fmt: skip
 
 
-def driver_names(s: Structure, state: str) -> list[str]:
+def driver_names(s: EqualVariables, state: str) -> list[str]:
     """What a balance drives: the derivative of a state, or a variable that equals it."""
     rate = s.rates.get(s.of(state))
     names = [f"der({n})" for n in s.members(s.of(state))]
@@ -258,7 +258,7 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
     return found
 
 
-def _drivers(s: Structure, state: str) -> Iterator[tuple[int, str]]:
+def _drivers(s: EqualVariables, state: str) -> Iterator[tuple[int, str]]:
     """Equations that may be the balance of a state, with what they drive: its derivative, or a name for that."""
     wanted = driver_names(s, state)
     late: list[tuple[int, str]] = []
@@ -284,7 +284,7 @@ def _holds(tree: Expression, driver: str) -> bool:
     return driver[4:-1] in derived_names(tree) if driver.startswith("der(") else driver in names_in(tree)
 
 
-def _own_name(s: Structure, state: str) -> str:
+def _own_name(s: EqualVariables, state: str) -> str:
     """The name of a state in the model's own class, where it has one there that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 

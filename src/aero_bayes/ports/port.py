@@ -81,12 +81,12 @@ class Port:
 
 
 #: What stands between the two variables of a difference.
-MINUS = " - "
+DIFFERENCE_SIGN = " - "
 
 
 def signal_of(given: str) -> Expression:
     """What a law is given: a variable, or the difference of two."""
-    one, minus, other = given.partition(MINUS)
+    one, minus, other = given.partition(DIFFERENCE_SIGN)
     return Call("-", (reference(one), reference(other))) if minus else reference(one)
 
 

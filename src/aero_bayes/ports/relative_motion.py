@@ -9,12 +9,12 @@ from itertools import combinations
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Expression, Name, walk
 from aero_bayes.ports.connections import joined
-from aero_bayes.ports.equal_variables import Structure, is_derivative
-from aero_bayes.ports.port import MINUS, Port
+from aero_bayes.ports.equal_variables import EqualVariables, is_derivative
+from aero_bayes.ports.port import DIFFERENCE_SIGN, Port
 from aero_bayes.ports.quantities import owner_of, relative, unit_in
 
 
-def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
+def relative_motions(s: EqualVariables, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
 
     At connections it is every two that a component joins, but for one whose distance is a port already.
@@ -37,7 +37,9 @@ def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
             coupled = coupled and all(p.via == "equation" and not _inside(s, p) for p in (one, other))
         if not alike or not coupled:
             continue
-        signals = {name: f"{one.signals[name]}{MINUS}{other.signals[name]}" for name in one.signals if name in shared}
+        signals = {
+            name: f"{one.signals[name]}{DIFFERENCE_SIGN}{other.signals[name]}" for name in one.signals if name in shared
+        }
         units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
         if distance and "x" not in signals:
             signals["x"], units["x"] = distance[0], unit_in(s, s.of(distance[0]))
@@ -47,7 +49,7 @@ def relative_motions(s: Structure, balances: Sequence[Port]) -> Iterator[Port]:
         )  # fmt: skip
 
 
-def _distance(s: Structure, one: Port, other: Port) -> tuple[str, bool] | None:
+def _distance(s: EqualVariables, one: Port, other: Port) -> tuple[str, bool] | None:
     """A state whose rate is the difference of two speeds, if there is one, and whether it counts from the second."""
     speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
     for e in s.flat.equations:
@@ -59,21 +61,21 @@ def _distance(s: Structure, one: Port, other: Port) -> tuple[str, bool] | None:
     return None
 
 
-def _balance(s: Structure, port: Port) -> FlatEquation:
+def _balance(s: EqualVariables, port: Port) -> FlatEquation:
     assert port.entrance is not None
     return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.entrance.equation)
 
 
-def _inside(s: Structure, port: Port) -> bool:
+def _inside(s: EqualVariables, port: Port) -> bool:
     return bool(_balance(s, port).component)
 
 
-def taken_apart(s: Structure) -> set[frozenset[str]]:
+def taken_apart(s: EqualVariables) -> set[frozenset[str]]:
     """Two variables each whose difference stands anywhere in the model."""
     return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
 
 
-def differences(s: Structure, tree: Expression) -> Iterator[frozenset[str]]:
+def differences(s: EqualVariables, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference stands in an expression."""
     for t in walk(tree):
         match t:

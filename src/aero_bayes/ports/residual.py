@@ -10,7 +10,7 @@ from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
 from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, rebuilt, reference, show, walk
-from aero_bayes.ports.balance import Driver, Entry, Row, entry_of, row_of
+from aero_bayes.ports.balance import Driver, Entry, RowIndex, entry_of, row_of
 from aero_bayes.ports.scalar_equations import swapped
 
 #: Where an opposing term stands in what the residual of a vector equation grows by.
@@ -28,7 +28,7 @@ class Entrance:
     equation: int
     scale: Expression
     unit: str = ""
-    row: Row | None = None
+    row: RowIndex | None = None
     beside: tuple[Expression, ...] = ()
     state: str = ""
 
@@ -45,7 +45,7 @@ def entrance_of(
     driver: Driver,
     values: Mapping[str, float],
     units: Mapping[str, str],
-    row: Row | None = None,
+    row: RowIndex | None = None,
 ) -> Entrance | None:
     """Where an opposing term enters; None where the driver is not there, or not linearly.
 
@@ -73,7 +73,7 @@ def entrance_of(
 
 
 def _in_row(
-    flat: FlatModel, equation: int, entry: Entry, row: Row, unit: str, beside: tuple[Expression, ...]
+    flat: FlatModel, equation: int, entry: Entry, row: RowIndex, unit: str, beside: tuple[Expression, ...]
 ) -> Entrance:
     e = flat.equations[equation]
     whole = e.left if entry.side > 0 else e.right
@@ -87,7 +87,7 @@ def _in_row(
     return Entrance(equation, signed, unit, row, beside)
 
 
-def _unit_vector(row: Row, item: Expression) -> Expression:
+def _unit_vector(row: RowIndex, item: Expression) -> Expression:
     return Array(tuple(item if k + 1 == row[0] else Number(0.0) for k in range(row[1])))
 
 

@@ -15,8 +15,8 @@ from aero_bayes.export.solved import unsolved
 from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, rebuilt, show, with_parts
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
-#: Operations beyond which a row is only the names that are in it.
-LARGEST = 1000
+#: Largest number of operations of a row; a larger one is kept as the names in it.
+MAX_OPERATIONS = 1000
 
 #: Of a row: the equation that it is of, its number there (from one; 0 where the equation is one number), of how many.
 Origin = tuple[int, int, int]
@@ -119,7 +119,7 @@ class _Rows:
         return Name(f"{n.name}[{','.join(found)}]")
 
     def _tree(self, node: Node) -> Expression:
-        left = [LARGEST]
+        left = [MAX_OPERATIONS]
 
         def tree(n: Node) -> Expression:
             left[0] -= 1

@@ -6,14 +6,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.syntax import Name, names_in
-from aero_bayes.ports.equal_variables import Structure, derived_in, is_derivative
+from aero_bayes.ports.equal_variables import EqualVariables, derived_in, is_derivative
 from aero_bayes.ports.port import Port
 
 #: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
 Told = tuple[int, set[str], set[str]]
 
 
-def inner_signals(s: Structure, flat: FlatModel) -> Iterator[Port]:
+def inner_signals(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
     """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
     One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
@@ -35,7 +35,7 @@ def inner_signals(s: Structure, flat: FlatModel) -> Iterator[Port]:
             yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
 
 
-def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
+def connected(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
     """A port for every input of a component that the model's own class connects to another component's output."""
     for index, e in enumerate(flat.equations):
         match e.left, e.right:
@@ -50,7 +50,7 @@ def connected(s: Structure, flat: FlatModel) -> Iterator[Port]:
                         )  # fmt: skip
 
 
-def _told(s: Structure, given: Collection[str]) -> list[Told]:
+def _told(s: EqualVariables, given: Collection[str]) -> list[Told]:
     """Of each equation where it is from, the variables in it, and what it gives; all in it where it does not say."""
     rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
     found: list[Told] = []
@@ -64,7 +64,7 @@ def _told(s: Structure, given: Collection[str]) -> list[Told]:
     return found
 
 
-def _onward(s: Structure, told: Sequence[Told]) -> dict[str, set[str]]:
+def _onward(s: EqualVariables, told: Sequence[Told]) -> dict[str, set[str]]:
     """What each class of variables acts on at once."""
     found: dict[str, set[str]] = {}
     for _, names, heads in told:
@@ -83,7 +83,7 @@ def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[st
     return found
 
 
-def _passed(s: Structure, name: str, causality: str) -> bool:
+def _passed(s: EqualVariables, name: str, causality: str) -> bool:
     """Whether a variable is a component's own input or output."""
     v = s.variables.get(name)
     return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
@@ -98,7 +98,7 @@ def giving(flat: FlatModel, port: Port) -> list[int]:
     return [i for i, e in enumerate(flat.equations) if e.origin == "connection"]
 
 
-def _acts(s: Structure, e: FlatEquation, name: str) -> bool:
+def _acts(s: EqualVariables, e: FlatEquation, name: str) -> bool:
     """Whether an equation makes something of a signal: it is no mere name for a rate, and nothing that is only read."""
     for one, other in ((e.left, e.right), (e.right, e.left)):
         if other == Name(name) and is_derivative(one):
@@ -112,7 +112,7 @@ def _gives(e: FlatEquation, name: str) -> bool:
     return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
 
 
-def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
+def _given(s: EqualVariables, flat: FlatModel) -> dict[str, int]:
     """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
     derived = {n for e in s.flat.equations for n in derived_in(e)}
     local = {
@@ -127,7 +127,7 @@ def _given(s: Structure, flat: FlatModel) -> dict[str, int]:
     return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
 
 
-def _read(s: Structure) -> dict[int, set[str]]:
+def _read(s: EqualVariables) -> dict[int, set[str]]:
     """The variables on the right of each equation before it was taken apart; of an array its elements."""
     found: dict[int, set[str]] = {}
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
@@ -135,7 +135,7 @@ def _read(s: Structure) -> dict[int, set[str]]:
     return found
 
 
-def _reached(s: Structure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+def _reached(s: EqualVariables, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
     """What a signal is computed from, by way of others that are."""
     found: set[str] = set()
     waiting = [name]

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.growing import OpenSimulator
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
-from aero_bayes.ports.equal_variables import Structure, structure_of
+from aero_bayes.ports.equal_variables import EqualVariables, structure_of
 from aero_bayes.ports.port import KELVIN, Port, signal_of
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
@@ -27,15 +27,15 @@ from aero_bayes.simulation.interface import InputSignal, Outcome
 FloatArray = NDArray[np.float64]
 
 #: Share of a signal's readings that its size covers.
-MOST = 0.995
-#: A size below which there is nothing, and less than that: what keeps a watched expression apart from what it equals.
-NOTHING = 1e-200
-#: Readings whose straight line tells where a level starts.
-FIRST = 5
-#: How many times a recording's length a model is left alone to find its surroundings, and the share of its range by
-#: which a level may still move in the second half of that.
-LONG, AT_REST = 20.0, 0.01
-NO_MORE = Call("*", (Number(1e-300), Name("time")))
+COVERED_SHARE = 0.995
+#: Size below which a signal counts as zero.
+MIN_SIZE = 1e-200
+#: Readings whose regression line gives the initial value of a level.
+LEVEL_READINGS = 5
+#: Time that a model is simulated to settle, in lengths of the recording, and the largest change of a level in the
+#: second half of it, as a share of its range.
+SETTLING_LENGTHS, MAX_DRIFT_SHARE = 20.0, 0.01
+NEGLIGIBLE = Call("*", (Number(1e-300), Name("time")))
 
 
 def port_sizes(
@@ -73,7 +73,7 @@ def port_sizes(
 
 def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
     """Whether a level that was left alone has come to rest."""
-    return abs(float(end[-1] - end[-2])) < AT_REST * float(np.ptp(np.concatenate(over)))
+    return abs(float(end[-1] - end[-2])) < MAX_DRIFT_SHARE * float(np.ptp(np.concatenate(over)))
 
 
 def _near(
@@ -98,13 +98,13 @@ def _left_alone(calibration: Calibration) -> Calibration:
     for e in calibration.experiments:
         means = {s.name: float(np.mean(s.values)) if s.name in warm else 0.0 for s in e.inputs}
         inputs = tuple(replace(s, time=s.time[:1], values=np.array([means[s.name]])) for s in e.inputs)
-        time = e.time[0] + (e.time[-1] - e.time[0]) * np.array([0.0, 0.5, 1.0]) * LONG
+        time = e.time[0] + (e.time[-1] - e.time[0]) * np.array([0.0, 0.5, 1.0]) * SETTLING_LENGTHS
         experiments.append(replace(e, time=time, inputs=inputs))
     return replace(calibration, experiments=tuple(experiments))
 
 
 def _recorded_over(
-    structure: Structure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
+    structure: EqualVariables, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
@@ -116,7 +116,7 @@ def _recorded_over(
     return found
 
 
-def _first_readings(structure: Structure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+def _first_readings(structure: EqualVariables, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
     """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
     first = calibration.experiments[0]
     found = {}
@@ -124,8 +124,8 @@ def _first_readings(structure: Structure, ports: Sequence[Port], calibration: Ca
         level = structure.of(port.signals.get("h", ""))
         for column, output in enumerate(first.outputs):
             if output in structure.members(level) and first.measured is not None:
-                seen = np.flatnonzero(np.isfinite(first.measured[:, column]))[:FIRST]
-                if seen.size == FIRST:
+                seen = np.flatnonzero(np.isfinite(first.measured[:, column]))[:LEVEL_READINGS]
+                if seen.size == LEVEL_READINGS:
                     line = np.polyfit(first.time[seen] - first.time[0], first.measured[seen, column], 1)
                     found[port.id] = float(line[-1])
     return found
@@ -158,22 +158,24 @@ class _Watched:
                 model = self._export([e for e in self.names if self._can_be_watched(e, path)], path)
             names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
             own = replace(calibration, model=model)
-            found, rest = signals_of(own, names, fit, open_simulator), {}
+            found, rest = watched_signals(own, names, fit, open_simulator), {}
             alive = calibration.parameters.revived(fit.coordinates, fit.free)
             if not np.array_equal(alive, fit.coordinates):
                 with suppress(InputError):
-                    there = signals_of(own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator)
+                    there = watched_signals(
+                        own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator
+                    )
                     found = {name: [*found[name], *_near(own, there, there[name])] for name in names}
             if left_alone:
                 with suppress(InputError):
-                    rest = signals_of(_left_alone(own), names, fit, open_simulator)
+                    rest = watched_signals(_left_alone(own), names, fit, open_simulator)
             return found, rest
 
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
         flat = self.flat
         for expression in expressions:
             # Kept apart from what it equals, so that no state takes its name.
-            flat = add_output(flat, self.names[expression], Call("+", (expression, NO_MORE)))
+            flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE)))
         return Model.load(export_flat(flat, path, quick=True))
 
     def _can_be_watched(self, expression: Expression, path: Path) -> bool:
@@ -184,7 +186,7 @@ class _Watched:
         return True
 
 
-def signals_of(
+def watched_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
     """Outputs of a model at a fit, by name, one array a recording.
@@ -223,7 +225,7 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
 
 def signal_size(parts: Sequence[FloatArray]) -> float:
     """What nearly all magnitudes are within; 0 where there are none."""
-    return float(np.quantile(np.abs(np.concatenate(parts)), MOST)) if parts else 0.0
+    return float(np.quantile(np.abs(np.concatenate(parts)), COVERED_SHARE)) if parts else 0.0
 
 
 def pace(inputs: Sequence[InputSignal], time: float) -> float:
@@ -265,9 +267,9 @@ def _sizes(
         sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
         sizes = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
-    sizes = {name: value if value > NOTHING else 1.0 for name, value in sizes.items()}
+    sizes = {name: value if value > MIN_SIZE else 1.0 for name, value in sizes.items()}
     if port.kind == "motion" and "x" in own:
-        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - MOST, MOST))
+        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - COVERED_SHARE, COVERED_SHARE))
         sizes |= {"x_w": 0.5 * float(high - low) or 1.0, "x_0": 0.5 * float(high + low)}
     if port.kind == "storage" and "h" in own and ("h_s" in own or port.units.get("h") in KELVIN):
         level = found[seen["h"]]
@@ -288,8 +290,8 @@ def _drawn(calibration: Calibration, found: Mapping[str, list[FloatArray]], name
     return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
 
 
-#: Readings in a typical time: what laws take for short beside it is short beside the sampling too.
-FEWEST = 10.0
+#: Smallest number of readings in a typical time: laws take a small share of that time for short.
+MIN_READINGS_PER_TIME = 10.0
 
 
 def typical_time(calibration: Calibration, fit: Optimum) -> float:
@@ -304,7 +306,7 @@ def typical_time(calibration: Calibration, fit: Optimum) -> float:
             rate = float(np.sqrt(np.mean((np.diff(v) / np.diff(t)) ** 2)))
             step = float(np.median(np.diff(t)))
             if rate > 0.0:
-                times.append(max(float(np.std(v)) / rate, FEWEST * step))
+                times.append(max(float(np.std(v)) / rate, MIN_READINGS_PER_TIME * step))
     return min(times, default=1.0)
 
 

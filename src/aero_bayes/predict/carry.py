@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording, noise_of
 from aero_bayes.data.beginning import Beginning, first_level
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.starts import state_of
-from aero_bayes.simulation.interface import StartTarget, Target
+from aero_bayes.estimate.initial_states import state_of
+from aero_bayes.simulation.interface import ProblemTarget, StartTarget
 
 FloatArray = NDArray[np.float64]
 
 
-def typical(calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]) -> dict[Target, FloatArray]:
+def typical(
+    calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]
+) -> dict[ProblemTarget, FloatArray]:
     """Mean over the fitted recordings of what belongs to each alone.
 
     Parameters
@@ -33,7 +35,7 @@ def typical(calibration: Calibration, values: FloatArray, recordings: Sequence[R
         Of a start whose state was read, the mean distance from where the readings begin, as far as their noise does
         not account for it.
     """
-    found: dict[Target, list[tuple[FloatArray, float]]] = {}
+    found: dict[ProblemTarget, list[tuple[FloatArray, float]]] = {}
     for j, p in enumerate(calibration.parameters):
         if p.recording is not None:
             first = first_reading(recordings[p.recording], p.target, calibration) or Beginning(0.0, 0.0)
@@ -50,7 +52,7 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
     return np.asarray(mean * np.maximum(share, 0.0))
 
 
-def first_reading(recording: Recording, target: Target, calibration: Calibration) -> Beginning | None:
+def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> Beginning | None:
     """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
     if not isinstance(target, StartTarget):
         return None

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.predict.simulate import as_recording, run
+from aero_bayes.predict.simulate import as_recording, run_problem
 from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
 from aero_bayes.show import table_html
 from aero_bayes.simulation.interface import Outcome
@@ -149,7 +149,7 @@ def predict(
     chosen = flat[np.unique(np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(np.int64))]
     values = np.tile(fit.values, (len(chosen), 1))
     values[:, list(fit.free)] = chosen[:, : len(fit.free)]
-    found = run(fit, recording, values, workers=workers)
+    found = run_problem(fit, recording, values, workers=workers)
     good = found.outcomes[:, 0] == Outcome.OK
     if not good.any():
         raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")

@@ -16,7 +16,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.result import Fit
 from aero_bayes.predict.carry import first_reading, typical
 from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import Outcome, ParameterTarget, StartTarget, Target, Trajectories
+from aero_bayes.simulation.interface import Outcome, ParameterTarget, ProblemTarget, StartTarget, Trajectories
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def simulate(
 ) -> Recording:
     """Run a fitted model on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
     recording = as_recording(inputs, fit.calibration)
-    found = run(fit, recording, fit.values[np.newaxis], parameters=parameters, start=start)
+    found = run_problem(fit, recording, fit.values[np.newaxis], parameters=parameters, start=start)
     outcome = Outcome(int(found.outcomes[0, 0]))
     if outcome is not Outcome.OK:
         raise CannotFinishError(f"{fit.calibration.model.name} could not be simulated: {outcome.text}")
@@ -62,7 +62,7 @@ def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calib
     return inputs
 
 
-def run(
+def run_problem(
     fit: Fit,
     recording: Recording,
     values: FloatArray,
@@ -136,9 +136,9 @@ def _first_readings(recording: Recording, calibration: Calibration) -> dict[str,
 
 def _columns(
     calibration: Calibration, recording: Recording, values: FloatArray, own: int | None
-) -> dict[Target, FloatArray]:
+) -> dict[ProblemTarget, FloatArray]:
     """What each column of the simulated problem means, and its values (n,)."""
-    columns: dict[Target, FloatArray] = {
+    columns: dict[ProblemTarget, FloatArray] = {
         p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.recording in (None, own)
     }
     if own is None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
-from aero_bayes.estimate.search import Ground, LocalSettings, Plain, search
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.replay.published import BOX, PAPER_STAGES
 from aero_bayes.replay.runner import Runner
@@ -120,17 +120,19 @@ def exact_stage(runner: Runner, stage: Stage, base: Mapping[str, float]) -> Desc
     output, columns = stage.outputs[0], [runner.names.index(name) for name in stage.parameters]
     low, high = axis_box(runner, stage.parameters, "log")
 
-    def ground(point: FloatArray) -> Ground | None:
+    def quadratic(point: FloatArray) -> QuadraticModel | None:
         values = runner.vector(base)[None].copy()
         slope = values[0, columns] = np.exp(point)
         cost, gradient, hessian = runner.products(values, output, columns)
         if not np.isfinite(cost[0]):
             return None
-        return Ground(float(cost[0]), gradient[0] * slope, hessian[0] * np.outer(slope, slope))
+        return QuadraticModel(float(cost[0]), gradient[0] * slope, hessian[0] * np.outer(slope, slope))
 
     x0 = np.clip(np.log(runner.vector(base)[columns]), low, high)
     start_cost = float(runner.cost(runner.vector(base)[None, :], output)[0])
-    found = search(Plain(ground), x0, low, high, LocalSettings(tolerance=1e-9, relative_tolerance=1e-9))
+    found = levenberg_marquardt(
+        FixedCost(quadratic), x0, low, high, LocalSettings(tolerance=1e-9, relative_tolerance=1e-9)
+    )
     x = np.exp(found.point)
     values = dict(base) | dict(zip(stage.parameters, x.tolist(), strict=True))
     return Descent(stage, values, start_cost, 2.0 * found.cost, (), found.evaluations, found.reason.value)

@@ -21,8 +21,8 @@ from aero_bayes.simulation.interface import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
-    Target,
 )
 from aero_bayes.simulation.model import Model
 
@@ -107,7 +107,7 @@ def _finite(value: float) -> float | None:
 
 def problem_of(model: Model, experiment: Experiment) -> Problem:
     """One column for each of :data:`COLUMNS`, and one for the input's delay."""
-    targets: tuple[Target, ...] = (*(ParameterTarget(name) for name in COLUMNS), DelayTarget())
+    targets: tuple[ProblemTarget, ...] = (*(ParameterTarget(name) for name in COLUMNS), DelayTarget())
     return Problem(model, (experiment,), (targets,), settings=SolverSettings(relative_tolerance=1e-8))
 
 

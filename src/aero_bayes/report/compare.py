@@ -11,14 +11,14 @@ from markupsafe import Markup
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
-from aero_bayes.report.curves import FINAL, largest, left_over
+from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import FloatArray, Line, Panel, Source
-from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
+from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import INK, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
-from aero_bayes.report.text import NOTHING, plain_name, pretty_unit, scaled_unit, signal_title, significant, symbol
+from aero_bayes.report.text import NO_VALUE, plain_name, pretty_unit, scaled_unit, signal_title, significant, symbol
 from aero_bayes.schema import ParameterResult
 
 Runs = Mapping[str, RunDirectory]
@@ -95,7 +95,7 @@ def interval_plate(runs: Runs) -> Plate | None:
         return None
     alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
     caption = "Every row has a scale of its own, from the least to the greatest end of its intervals."
-    wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE, NARROW))
+    wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, Markup(caption))
 
 
@@ -142,7 +142,7 @@ def parameter_table(runs: Runs) -> Markup | None:
 
 def _estimate(found: ParameterResult | None) -> Markup | str:
     if found is None:
-        return NOTHING
+        return NO_VALUE
     shown, sure = parameter_quantity(found)
     power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
     value = f"{shown.value} {power}".strip()
@@ -156,7 +156,7 @@ def _apart(entries: Sequence[ParameterResult]) -> str:
     gaps = [
         abs(a - b) / math.hypot(s, t) for k, (a, s) in enumerate(known) for b, t in known[k + 1 :] if s and t
     ]  # fmt: skip
-    return significant(max(gaps), 2) if gaps else NOTHING
+    return significant(max(gaps), 2) if gaps else NO_VALUE
 
 
 def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
@@ -174,7 +174,7 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
     outputs = dict.fromkeys(output for run in seen.values() for output in run.signals("measured", recording))
     panels = []
     for output in outputs:
-        left = {k: pair for k, run in seen.items() if (pair := left_over(run, recording, output, FINAL))}
+        left = {k: pair for k, run in seen.items() if (pair := left_over(run, recording, output, FINAL_SERIES))}
         if not left:
             continue
         result = seen[next(iter(left))].result
@@ -210,7 +210,7 @@ def error_table(runs: Runs) -> Markup | None:
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
-    found = left_over(run, recording, output, FINAL) if recording in run.recordings() else None
+    found = left_over(run, recording, output, FINAL_SERIES) if recording in run.recordings() else None
     values: FloatArray | None = None if found is None else found[0]
     return None if values is None else float(np.sqrt(np.nanmean(values**2)))
 

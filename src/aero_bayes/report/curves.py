@@ -10,11 +10,11 @@ import numpy as np
 from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel, Source, Terms
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
 from aero_bayes.report.text import plain_name, role_words, scaled_unit, signal_title
 
 #: The model as it stood, and the one that came out.
-BASE, FINAL = "before", "fitted"
+BASE_SERIES, FINAL_SERIES = "before", "fitted"
 MEANING = (
     "Grey: measured, from the least to the greatest value of every pixel column, so that no spike is lost. "
     "Below each output what the model leaves: measured minus model; dashed: twice the noise floor, between which noise "
@@ -60,7 +60,7 @@ def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[
 def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
     """Measured minus modelled. Ripple that the fit took out of the readings is no part of what the fit left."""
     terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
-    if model == FINAL and f"ripple/{recording}/{output}" in run.series:
+    if model == FINAL_SERIES and f"ripple/{recording}/{output}" in run.series:
         terms.append((-1, f"ripple/{output}"))
     return summed(run, recording, *terms)
 
@@ -75,7 +75,7 @@ def opening_scene(run: RunDirectory) -> Scene | None:
         for output in run.signals("measured", name):
             sizes = [
                 float(np.sqrt(np.nanmean(found[0][within] ** 2)))
-                for model in (BASE, FINAL)
+                for model in (BASE_SERIES, FINAL_SERIES)
                 if (found := left_over(run, name, output, model)) and np.isfinite(found[0][within]).any()
             ]
             if sizes:
@@ -134,10 +134,10 @@ def recording_panels(
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
     """Colours of a recording's curves and what they stand for."""
-    fitted, base = run.signals(FINAL, recording), run.signals(BASE, recording)
+    fitted, base = run.signals(FINAL_SERIES, recording), run.signals(BASE_SERIES, recording)
     entries = [
         (MEASURED, "measured", True),
-        (WARM, "before", bool(base)),
+        (WARM_COLOUR, "before", bool(base)),
         (ACCENT, "after" if base else "fitted", bool(fitted)),
         (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording))),
     ]
@@ -150,10 +150,10 @@ def _output_panels(
 ) -> list[Panel]:  # fmt: skip
     """The curve and, below, what the model leaves of it."""
     time = run.time(recording)
-    final = "after" if f"{BASE}/{recording}/{name}" in run.series else "fitted"
+    final = "after" if f"{BASE_SERIES}/{recording}/{name}" in run.series else "fitted"
     shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),
-             (WARM, "before", summed(run, recording, (1, f"{BASE}/{name}"))),
-             (ACCENT, final, summed(run, recording, (1, f"{FINAL}/{name}")))]  # fmt: skip
+             (WARM_COLOUR, "before", summed(run, recording, (1, f"{BASE_SERIES}/{name}"))),
+             (ACCENT, final, summed(run, recording, (1, f"{FINAL_SERIES}/{name}")))]  # fmt: skip
     factor, unit = scaled_unit(largest(*(found[0] for *_, found in shown[:1] if found)), run.result.unit(name))
     curves: list[Layer] = [
         Line(time, factor * found[0], colour, 3.2 if label == "measured" else 1.3, label=label, source=found[1],
@@ -166,8 +166,8 @@ def _output_panels(
         curves.insert(1, Band(time, factor * low[0], factor * high[0], ACCENT, 0.2, label="90 %", source=source))
     title = signal_title(name, unit, run.result.description(name))
     panels = [Panel(title, tuple(curves), heights[0], x_limits=stretch, factor=factor)]
-    left = [(WARM, "before", 0.25, left_over(run, recording, name, BASE)),
-            (ACCENT, final, 0.5, left_over(run, recording, name, FINAL))]  # fmt: skip
+    left = [(WARM_COLOUR, "before", 0.25, left_over(run, recording, name, BASE_SERIES)),
+            (ACCENT, final, 0.5, left_over(run, recording, name, FINAL_SERIES))]  # fmt: skip
     found = [(colour, label, opacity, pair) for colour, label, opacity, pair in left if pair]
     if found:
         factor, unit = scaled_unit(largest(*(pair[0] for *_, pair in found)), run.result.unit(name))

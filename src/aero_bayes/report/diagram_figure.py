@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.report.figure import Plate
-from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM, Canvas
+from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import plain_name
 from aero_bayes.schema import Component, Diagram, Shape
@@ -101,17 +101,17 @@ def _draw(canvas: Canvas, component: Component, place: Place, scale: float) -> N
         for shape in drawn:
             outline = "".join(f"{'L' if k else 'M'}{x:.1f} {y:.1f}" for k, (x, y) in enumerate(_outline(shape, icon)))
             fill = "var(--panel)" if shape.filled else "none"
-            colour = WARM if component.marked else INK
+            colour = WARM_COLOUR if component.marked else INK
             end = "" if shape.kind == "line" else "Z"
             canvas.shape(outline + end, f"fill:{fill};stroke:var(--{colour});stroke-width:1.1")
     if component.marked:
         frame = f"M{left - 5:.1f} {top - 5:.1f}H{right + 5:.1f}V{foot + 5:.1f}H{left - 5:.1f}Z"
-        canvas.shape(frame, f"fill:var(--{WARM});fill-opacity:.12;stroke:var(--{WARM});stroke-width:2")
+        canvas.shape(frame, f"fill:var(--{WARM_COLOUR});fill-opacity:.12;stroke:var(--{WARM_COLOUR});stroke-width:2")
         foot += 5
     room = max(2.2 * (right - left), 46.0)
     name = plain_name(component.name)
     size = max(8.5, min(11.0, 11.0 * room / (_LETTER * len(name))))
-    canvas.text(middle, foot + 11, name, WARM if component.marked else MUTED, size, "middle")
+    canvas.text(middle, foot + 11, name, WARM_COLOUR if component.marked else MUTED, size, "middle")
 
 
 def _outline(shape: Shape, icon: Place) -> Iterator[tuple[float, float]]:

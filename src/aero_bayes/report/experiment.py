@@ -14,7 +14,7 @@ from aero_bayes.report.run_directory import FloatArray, RunDirectory
 from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity
 from aero_bayes.report.text import (
-    NOTHING,
+    NO_VALUE,
     count,
     duration,
     minus,
@@ -140,11 +140,11 @@ def _gains(plan: DesignResult) -> Markup | None:
 
 
 def _relative(sd: float | None, value: float) -> str:
-    return NOTHING if sd is None or not value else f"{significant(100 * sd / abs(value), 2)} %"
+    return NO_VALUE if sd is None or not value else f"{significant(100 * sd / abs(value), 2)} %"
 
 
 def _times(gain: float | None) -> str:
-    return NOTHING if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
+    return NO_VALUE if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
 
 
 def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
@@ -153,7 +153,7 @@ def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
     for entry in plan.models:
         for name, stated in entry.parameters.items():
             shown, sure = parameter_quantity(stated)
-            interval = f"{shown.low} … {shown.high}" if sure else NOTHING
+            interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
             rows.append((named_effect(entry.id, words), symbol(name), shown.value, interval, shown.unit))
     columns = ("effect", "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit")
     return html_table(columns, rows, "The two effects, fitted to the recordings at hand") if rows else None

@@ -13,7 +13,7 @@ from aero_bayes.report.drawing import Band, FloatArray, Line, Panel, draw
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import minus, tidy
 
-WIDE, NARROW, SMALL = 980.0, 350.0, 320.0
+WIDE_WIDTH, NARROW_WIDTH, SMALL_WIDTH = 980.0, 350.0, 320.0
 _STRETCHES = 12
 
 
@@ -43,7 +43,7 @@ def plate(
     *,
     legend: tuple[tuple[str, str], ...] = (),
     link: str = "",
-    width: float = WIDE,
+    width: float = WIDE_WIDTH,
 ) -> Plate:
     """Panels as a figure. One as wide as the page is drawn a second time, for phones.
 
@@ -63,7 +63,7 @@ def plate(
         key for p in panels for layer in p.layers
         if isinstance(layer, Line | Band) and layer.source for key in layer.source.keys
     )  # fmt: skip
-    narrow = draw(panels, NARROW, alt, x_label) if width > 600 else None
+    narrow = draw(panels, NARROW_WIDTH, alt, x_label) if width > 600 else None
     table = numbers(panels, x_label, alt)
     return Plate(draw(panels, width, alt, x_label), narrow, alt, Markup.escape(caption), legend, table, link, keys)
 

@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
-from aero_bayes.report.text import NOTHING, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
+from aero_bayes.report.text import NO_VALUE, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
 from aero_bayes.schema import McmcResult
 
 #: Above this, ensembles do not agree.
@@ -56,7 +56,7 @@ def sampler_table(mcmc: McmcResult) -> Markup | None:
     for name, found in mcmc.per_parameter.items():
         if found.r_hat is None or found.r_hat > R_HAT_LIMIT:
             marked.append(len(rows))
-        shown = NOTHING if found.r_hat is None else f"{found.r_hat:.4f}"
+        shown = NO_VALUE if found.r_hat is None else f"{found.r_hat:.4f}"
         rows.append((symbol(name), shown, count(found.ess_bulk), count(found.ess_tail), significant(found.tau)))
     if not rows:
         return None
@@ -73,10 +73,10 @@ def sampler_facts(mcmc: McmcResult) -> list[tuple[str, str]]:
         ("independent ensembles", count(mcmc.ensembles)), ("walkers in each", count(mcmc.walkers)),
         ("draws", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
         ("autocorrelation time (steps)", significant(mcmc.tau)),
-        ("accepted", NOTHING if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
+        ("accepted", NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
         ("time", duration(mcmc.seconds)), ("stopped because", mcmc.reason),
     ]  # fmt: skip
-    return [(label, value) for label, value in facts if value not in {NOTHING, ""}]
+    return [(label, value) for label, value in facts if value not in {NO_VALUE, ""}]
 
 
 def rms_table(run: RunDirectory) -> Markup | None:
@@ -113,7 +113,7 @@ def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
 def probability(p: float | None) -> str:
     """A p-value; below 0.0001 only that."""
     if p is None:
-        return NOTHING
+        return NO_VALUE
     return "< 0.0001" if p < 1e-4 else significant(p, 2)
 
 
@@ -129,7 +129,7 @@ def left_out_table(run: RunDirectory) -> Markup | None:
             floor = run.result.noise_floor(recording, output)
             rows.append((
                 recording, symbol(output), significant(error), significant(fitted), significant(floor),
-                pretty_unit(run.result.unit(output)), NOTHING if more is None else f"{signed(more, 1)} %",
+                pretty_unit(run.result.unit(output)), NO_VALUE if more is None else f"{signed(more, 1)} %",
                 ratio_glyph(fitted / floor if fitted and floor else None, error / floor if floor else None),
             ))  # fmt: skip
     columns = (

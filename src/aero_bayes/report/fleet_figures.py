@@ -16,10 +16,10 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from aero_bayes.report.drawing import FloatArray, nice_ticks, tick_text
-from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM, Canvas
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, WARM_COLOUR, Canvas
 
 #: Rigs up to which each is drawn with its interval and as a link, and points that are drawn of more.
-FEW, DRAWN = 200, 700
+MAX_LINKED_RIGS, MAX_DRAWN_POINTS = 200, 700
 _LEFT, _RIGHT, _TOP, _FOOT = 16.0, 16.0, 28.0, 40.0
 
 
@@ -106,7 +106,7 @@ def ranked_drawing(shown: Ranked, width: float, alt: str) -> Markup:
 
 def _limits(shown: Ranked, order: NDArray[np.intp]) -> tuple[float, float]:
     parts = [shown.values[order]]
-    if len(order) <= FEW and shown.low is not None and shown.high is not None:
+    if len(order) <= MAX_LINKED_RIGS and shown.low is not None and shown.high is not None:
         parts += [shown.low[order], shown.high[order]]
     if shown.level is not None:
         parts.append(np.array([shown.level]))
@@ -140,10 +140,10 @@ def _log_ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def _points(canvas: Canvas, shown: Ranked, frame: _Frame, order: NDArray[np.intp], share: FloatArray) -> None:
-    few = len(order) <= FEW
+    few = len(order) <= MAX_LINKED_RIGS
     drawn = np.arange(len(order))
     if not few:
-        kept = np.unique(np.linspace(0, len(order) - 1, DRAWN).astype(np.intp))
+        kept = np.unique(np.linspace(0, len(order) - 1, MAX_DRAWN_POINTS).astype(np.intp))
         drawn = np.union1d(kept, np.flatnonzero(shown.flagged[order]))
     rows, y = order[drawn], frame.down(share[drawn])
     x = frame.across(shown.values[rows])
@@ -157,7 +157,7 @@ def _points(canvas: Canvas, shown: Ranked, frame: _Frame, order: NDArray[np.intp
     if few:
         _linked(canvas, shown.names, rows, x, y)
     canvas.dots(x[plain], y[plain], ACCENT, size, 0.9 if few else 0.7)
-    canvas.dots(x[odd], y[odd], WARM, size + 1.4, 1.0)
+    canvas.dots(x[odd], y[odd], WARM_COLOUR, size + 1.4, 1.0)
 
 
 def _linked(canvas: Canvas, names: Sequence[str], rows: NDArray[np.intp], x: FloatArray, y: FloatArray) -> None:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from aero_bayes.files import whole_file
 from aero_bayes.report.drawing import FloatArray
-from aero_bayes.report.figure import NARROW, WIDE, Plate
-from aero_bayes.report.fleet_figures import FEW, Ranked, ranked_drawing, rig_page
+from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate
+from aero_bayes.report.fleet_figures import MAX_LINKED_RIGS, Ranked, ranked_drawing, rig_page
 from aero_bayes.report.page import fill
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import (
-    NOTHING,
+    NO_VALUE,
     count,
     duration,
     named_effect,
@@ -35,7 +35,7 @@ from aero_bayes.report.text import (
 from aero_bayes.schema import FleetParameter, FleetResult, Range, RigReason, RunResult
 
 #: Width of a parameter's figure in CSS pixels, rigs that a list on the page names, and effects that it shows.
-HALF, LISTED, EFFECTS = 480.0, 40, 24
+HALF_WIDTH, MAX_LISTED_RIGS, MAX_EFFECTS = 480.0, 40, 24
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
 
@@ -90,12 +90,13 @@ def render_fleet(result: FleetResult, columns: FleetColumns) -> str:
         "table": _parameter_table(result.parameters),
         "effects": _effects_plate(result) if result.effects else None, "effect_table": _effect_table(result, words),
         "by_rig": _matrix_plate(result, columns), "outcomes": _outcomes(result),
-        "residual": next((_plate(f, WIDE) for f in figures if f.key == "over_floor"), None),
-        "time": next((_plate(f, WIDE) for f in figures if f.key == "seconds"), None),
-        "stand_out": _reasons(result.stand_out, words), "stand_out_more": max(0, result.standing_out - LISTED),
-        "failures": _reasons(result.failures, words, linked=False), "failures_more": max(0, result.failed - LISTED),
-        "links": columns.names if len(columns.names) <= FEW else [], "rig_page": rig_page,
-        "provenance": _provenance(result), "few": len(columns.names) <= FEW,
+        "residual": next((_plate(f, WIDE_WIDTH) for f in figures if f.key == "over_floor"), None),
+        "time": next((_plate(f, WIDE_WIDTH) for f in figures if f.key == "seconds"), None),
+        "stand_out": _reasons(result.stand_out, words), "stand_out_more": max(0, result.standing_out - MAX_LISTED_RIGS),
+        "failures": _reasons(result.failures, words, linked=False),
+        "failures_more": max(0, result.failed - MAX_LISTED_RIGS),
+        "links": columns.names if len(columns.names) <= MAX_LINKED_RIGS else [], "rig_page": rig_page,
+        "provenance": _provenance(result), "few": len(columns.names) <= MAX_LINKED_RIGS,
         "rigs": Markup(json.dumps(list(columns.names), separators=(",", ":")).replace("<", "\\u003c")),
     }  # fmt: skip
     series = {figure.key: figure.values for figure in figures}
@@ -125,11 +126,11 @@ def _figures(columns: FleetColumns) -> Iterator[Ranked]:
             yield Ranked(key, title, label, columns.names, positive, columns.flagged, log=True, level=level)
 
 
-def _plate(shown: Ranked, width: float = HALF) -> Plate:
+def _plate(shown: Ranked, width: float = HALF_WIDTH) -> Plate:
     rigs = int(np.isfinite(shown.values).sum())
     low, middle, high = (significant(float(q)) for q in np.nanquantile(shown.values, [0.05, 0.5, 0.95]))
     alt = f"{shown.title}: {rigs} rigs, half of them below {middle}, 90 % from {low} to {high} ({shown.x_label})."
-    drawn = ranked_drawing(shown, width, alt), ranked_drawing(shown, NARROW, alt) if width > HALF else None
+    drawn = ranked_drawing(shown, width, alt), ranked_drawing(shown, NARROW_WIDTH, alt) if width > HALF_WIDTH else None
     return Plate(*drawn, alt, Markup(""), keys=frozenset([shown.key]), css="fleet")
 
 
@@ -151,7 +152,7 @@ def _readings(result: FleetResult) -> list[dict[str, Any]]:
             note = Markup("have <code>{}</code>; 90 %: {}").format(id_, _percent(share))
             found.append({"label": "Of all rigs", "value": f"{100 * share.q50:.0f} %", "note": note, "level": ""})
     level = "warning" if result.standing_out else "good"
-    found.append({"label": "Stand out", "value": count(result.standing_out), "note": "rigs unlike the others",
+    found.append({"label": "Outliers", "value": count(result.standing_out), "note": "rigs unlike the others",
                   "level": level})  # fmt: skip
     cost = result.cost
     found.append({"label": "Work", "value": duration(cost.seconds), "level": "",
@@ -165,7 +166,7 @@ def _fitted(result: FleetResult) -> str:
 
 def _percent(share: Range) -> str:
     if share.q05 is None or share.q95 is None:
-        return NOTHING
+        return NO_VALUE
     return f"{100 * share.q05:.0f} to {100 * share.q95:.0f} %"
 
 
@@ -185,7 +186,7 @@ def _parameter_table(parameters: Mapping[str, FleetParameter]) -> Markup | None:
 
 def _interval(found: Range, unit: str, factor: float = 1.0) -> Markup | str:
     if found.q50 is None or found.q05 is None or found.q95 is None:
-        return NOTHING
+        return NO_VALUE
     shown = quantity(factor * found.q50, factor * found.q05, factor * found.q95, unit)
     power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
     sign = " %" if unit == "%" else ""
@@ -194,14 +195,14 @@ def _interval(found: Range, unit: str, factor: float = 1.0) -> Markup | str:
 
 def _effects_plate(result: FleetResult) -> Plate:
     """The share of rigs that have each effect, with its 90 % interval."""
-    shown = [effect for effect in result.effects if effect.share.q50 is not None][:EFFECTS]
+    shown = [effect for effect in result.effects if effect.share.q50 is not None][:MAX_EFFECTS]
     alt = "Share of rigs that have " + ", ".join(f"{e.id}: {_percent(e.share)}" for e in shown) + "."
-    wide, narrow = (_effects_drawing(result, width, alt) for width in (WIDE, NARROW))
+    wide, narrow = (_effects_drawing(result, width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, Markup(""))
 
 
 def _effects_drawing(result: FleetResult, width: float, alt: str) -> Markup:
-    shown = [effect for effect in result.effects if effect.share.q50 is not None][:EFFECTS]
+    shown = [effect for effect in result.effects if effect.share.q50 is not None][:MAX_EFFECTS]
     line, label = 24.0, (300.0 if width > 600 else 0.0)
     step = line if label else 1.7 * line
     canvas = Canvas(width, step * len(shown) + 34, alt)
@@ -232,7 +233,7 @@ def _effect_table(result: FleetResult, words: Mapping[str, str]) -> Markup | Non
             _percent(e.share),
             tidy(100.0 * e.noticed, 2) if e.noticed else None,
         )
-        for e in result.effects[:EFFECTS]
+        for e in result.effects[:MAX_EFFECTS]
     ]
     heads = (
         "effect", Column("rigs whose loop names it", "right"), Column("of all rigs, 90 % interval", "right"),
@@ -243,11 +244,11 @@ def _effect_table(result: FleetResult, words: Mapping[str, str]) -> Markup | Non
 
 def _matrix_plate(result: FleetResult, columns: FleetColumns) -> Plate | None:
     """Effects by rig: a spot as large as the effect is probable; for few rigs only."""
-    count_, shown = len(columns.names), result.effects[:EFFECTS]
-    if not shown or not 0 < count_ <= FEW or not np.isfinite(columns.present).any():
+    count_, shown = len(columns.names), result.effects[:MAX_EFFECTS]
+    if not shown or not 0 < count_ <= MAX_LINKED_RIGS or not np.isfinite(columns.present).any():
         return None
     alt = f"How probable each of {len(shown)} effects is in each of {count_} rigs."
-    wide, narrow = (_matrix_drawing(columns, [e.id for e in shown], width, alt) for width in (WIDE, NARROW))
+    wide, narrow = (_matrix_drawing(columns, [e.id for e in shown], width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, Markup("A full spot is certain; rigs in the order of their names."))
 
 
@@ -278,7 +279,7 @@ def _outcomes(result: FleetResult) -> list[tuple[str, str]]:
 
 def _reasons(rigs: Sequence[RigReason], words: Mapping[str, str], *, linked: bool = True) -> Markup | None:
     rows = []
-    for entry in rigs[:LISTED]:
+    for entry in rigs[:MAX_LISTED_RIGS]:
         name = Markup('<a href="{}">{}</a>').format(rig_page(entry.rig), entry.rig) if linked else entry.rig
         rows.append((name, Markup("<br>").join(sentence(reason, words) for reason in entry.reasons)))
     return html_table(("rig", "why"), rows) if rows else None

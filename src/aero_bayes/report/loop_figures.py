@@ -10,17 +10,17 @@ from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, tick_text
-from aero_bayes.report.figure import NARROW, WIDE, Plate, plate
-from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM, Canvas
+from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
+from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NOTHING, count, minus, plain_name, scaled_unit, significant
+from aero_bayes.report.text import NO_VALUE, count, minus, plain_name, scaled_unit, significant
 from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Odds below which the number says no more.
-LEAST_ODDS = 1e-3
+MIN_PRINTED_ODDS = 1e-3
 #: Width of a digit of a tick, and the least between two ticks.
 TICK = 6.0
 #: Candidates that are seen at once; the others are folded.
@@ -59,7 +59,7 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
     plates: list[Plate] = []
     for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
         if part:
-            wide, narrow = (_rounds_drawing(steps, part, words, width, about) for width in (WIDE, NARROW))
+            wide, narrow = (_rounds_drawing(steps, part, words, width, about) for width in (WIDE_WIDTH, NARROW_WIDTH))
             table = None if plates else _rounds_table(steps, ids, words)
             plates.append(Plate(wide, narrow, about, below, (), table))
     return plates
@@ -118,8 +118,8 @@ def _bar(
     """A candidate's gain as a bar (left, top, length), with its text where it gains anything."""
     left, y, length = place
     chosen = found.id == step.chosen
-    colour, opacity = (WARM, 1.0) if chosen else (ACCENT, 0.45)
-    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM});stroke-width:1.6"
+    colour, opacity = (WARM_COLOUR, 1.0) if chosen else (ACCENT, 0.45)
+    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM_COLOUR});stroke-width:1.6"
     outline = f"M{left:.1f} {y + 4:.1f}h{length:.1f}v10h-{length:.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
     if (found.delta_evidence or 0.0) >= 1.0 or chosen:
@@ -128,7 +128,7 @@ def _bar(
 
 def _beside(found: CandidateResult, *, odds: bool) -> str:
     """What stands beside a bar: the gain, and the odds where they say anything."""
-    stated = odds and found.odds is not None and found.odds >= LEAST_ODDS
+    stated = odds and found.odds is not None and found.odds >= MIN_PRINTED_ODDS
     return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
 
@@ -137,7 +137,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
     rows = []
     for id_ in ids:
         name = Markup("<code>{}</code><small>{}</small>").format(id_, words.get(id_, ""))
-        port = next((by_id[id_].port for by_id in cells if id_ in by_id), NOTHING)
+        port = next((by_id[id_].port for by_id in cells if id_ in by_id), NO_VALUE)
         rows.append(
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
@@ -147,7 +147,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
 
 def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
     if found is None:
-        return Markup(NOTHING)
+        return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
         "" if found.refitted else "promised too little to be refitted",
@@ -158,12 +158,12 @@ def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
 
 def odds_text(odds: float) -> str:
     """Odds among all that a round tried; what is beyond belief is not counted out."""
-    return f"odds {significant(odds, 3)}" if odds >= LEAST_ODDS else f"odds below {LEAST_ODDS:g}"
+    return f"odds {significant(odds, 3)}" if odds >= MIN_PRINTED_ODDS else f"odds below {MIN_PRINTED_ODDS:g}"
 
 
 def gain_text(value: float | None) -> str:
     """A gain in log-evidence."""
-    return NOTHING if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
+    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
 def curve_plate(effect: EffectResult) -> Plate | None:

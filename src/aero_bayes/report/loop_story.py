@@ -13,7 +13,7 @@ from aero_bayes.report.figure import Plate
 from aero_bayes.report.loop_figures import curve_plate, gain_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity, ratio_glyph
-from aero_bayes.report.text import NOTHING, pretty_unit, role_words, signed, significant, symbol
+from aero_bayes.report.text import NO_VALUE, pretty_unit, role_words, signed, significant, symbol
 from aero_bayes.schema import EffectResult, LoopPart, Quantiles
 
 
@@ -46,7 +46,7 @@ def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
         if name in elsewhere:
             continue
         shown, sure = parameter_quantity(stated)
-        interval = f"{shown.low} … {shown.high}" if sure else NOTHING
+        interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
         rows.append((symbol(name), shown.value, interval, shown.unit, stated.description))
     columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "")
     where = f"port {entry.port}" + (f", over {entry.over}" if entry.over else "")
@@ -66,7 +66,7 @@ def error_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
             rows.append((
                 role_words(split), symbol(output), significant(old),
                 significant(new), significant(floor), pretty_unit(run.result.unit(output)),
-                NOTHING if change is None else f"{signed(change, 0)} %", ratio_glyph(*ratios),
+                NO_VALUE if change is None else f"{signed(change, 0)} %", ratio_glyph(*ratios),
             ))  # fmt: skip
     if not rows:
         return None
@@ -92,7 +92,7 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
         rows.append((
             Markup("{}<small>{}</small>").format(symbol(name), stated.description if stated else ""),
             f"{was.value} {was.unit}".strip(), f"{now.value} {now.unit}".strip(),
-            NOTHING if share is None else f"{signed(share, 1)} %",
+            NO_VALUE if share is None else f"{signed(share, 1)} %",
             significant(moved.in_sd, 2),
         ))  # fmt: skip
     if not rows:

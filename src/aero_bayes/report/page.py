@@ -29,7 +29,7 @@ from aero_bayes.report import (
 from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
 from aero_bayes.report.drawing import FloatArray
 from aero_bayes.report.embed import embedded
-from aero_bayes.report.figure import WIDE, Plate
+from aero_bayes.report.figure import WIDE_WIDTH, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table, status_words
@@ -174,7 +174,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": overview.verdict(result), "simulated": result.simulated,
         "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
-        "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE) if scene else None,
+        "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE_WIDTH) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": diagrams,
         "warnings": overview.warnings(result), "readings": overview.readings(result),

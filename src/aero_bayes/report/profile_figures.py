@@ -11,7 +11,7 @@ from aero_bayes.report.drawing import Dots, FloatArray, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
-from aero_bayes.report.text import NOTHING, plain_name, quantity, symbol
+from aero_bayes.report.text import NO_VALUE, plain_name, quantity, symbol
 from aero_bayes.schema import Profile
 
 #: How far up a profile is drawn; the threshold of a 90 % interval is at 1.35.
@@ -63,7 +63,7 @@ def _interval_words(entry: Profile) -> str:
     if first is None or last is None:
         side, end = ("above", shown.value) if last is None else ("below", shown.value)
         return f"90 % {side} {end} {shown.unit}, open on the other side".replace("  ", " ")
-    return f"90 % between {shown.low} and {shown.high} {shown.unit}".rstrip() if shown.low != NOTHING else ""
+    return f"90 % between {shown.low} and {shown.high} {shown.unit}".rstrip() if shown.low != NO_VALUE else ""
 
 
 def _floats(given: Sequence[float | None]) -> FloatArray:

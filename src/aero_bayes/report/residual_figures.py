@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from aero_bayes.report.curves import FINAL, largest, left_over
+from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Band, FloatArray, Line, Panel
-from aero_bayes.report.figure import SMALL, Plate, plate
+from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
 from aero_bayes.report.text import plain_name, scaled_unit, significant
 
-_LEAST_SAMPLES = 16
+_MIN_SAMPLES = 16
 
 
 def autocorrelation(values: FloatArray) -> FloatArray:
@@ -36,8 +36,8 @@ def autocorrelation(values: FloatArray) -> FloatArray:
 def statistics(run: RunDirectory, recording: str) -> list[Plate]:
     """The residual's autocorrelation with its whiteness band, output by output, then the histograms."""
     time = run.time(recording)
-    found = [(name, left_over(run, recording, name, FINAL)) for name in run.signals("measured", recording)]
-    shown = [(n, pair[0]) for n, pair in found if pair and np.count_nonzero(np.isfinite(pair[0])) >= _LEAST_SAMPLES]
+    found = [(name, left_over(run, recording, name, FINAL_SERIES)) for name in run.signals("measured", recording)]
+    shown = [(n, pair[0]) for n, pair in found if pair and np.count_nonzero(np.isfinite(pair[0])) >= _MIN_SAMPLES]
     memory = [_autocorrelation_plate(time, values, recording, name) for name, values in shown]
     return memory + [_histogram_plate(run, values, recording, name) for name, values in shown]
 
@@ -60,7 +60,7 @@ def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str,
     share = significant(100 * outside, 2)
     alt = f"Autocorrelation of the {plain_name(name)} residual, recording {recording}: {share} % of lags outside."
     caption = f"{share} % of lags lie outside the shaded band; white noise would put 5 % there."
-    return plate([panel], alt, f"lag ({unit})", caption, width=SMALL)
+    return plate([panel], alt, f"lag ({unit})", caption, width=SMALL_WIDTH)
 
 
 def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name: str) -> Plate:
@@ -82,4 +82,4 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
         words += f" Line: the noise floor alone, {significant(factor * floor)} {unit}; peaks drawn at one height."
-    return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL)
+    return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL_WIDTH)

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NOTHING, pretty_unit, significant, symbol, tidy
+from aero_bayes.report.text import NO_VALUE, pretty_unit, significant, symbol, tidy
 from aero_bayes.schema import SensorResult
 
 _TURN = {"1": "once a turn", "2": "twice a turn"}
@@ -22,7 +22,7 @@ def sensor_table(run: RunDirectory) -> Markup | None:
         rows += _ripple(found, output, unit)
         if found.encoder is not None:
             words = f"rounding is {tidy(100.0 * found.encoder.share, 2)} % of the residual's variance"
-            rows.append((symbol(output), "encoder", significant(found.encoder.step), unit, NOTHING, words))
+            rows.append((symbol(output), "encoder", significant(found.encoder.step), unit, NO_VALUE, words))
     if not rows:
         return None
     columns = (

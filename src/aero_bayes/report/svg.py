@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
-INK, MUTED, RULE, MEASURED, ACCENT, WARM = "ink", "muted", "rule", "measured", "accent", "warm"
+INK, MUTED, RULE, MEASURED, ACCENT, WARM_COLOUR = "ink", "muted", "rule", "measured", "accent", "warm"
 SERIES = tuple(f"s{number}" for number in range(1, 7))
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 from markupsafe import Markup, escape
 
 from aero_bayes.report.text import (
-    NOTHING,
+    NO_VALUE,
     Quantity,
     key_label,
     pretty_unit,
@@ -73,7 +73,7 @@ def html_table(
         cells = Markup("")
         for column, cell in zip(heads, row, strict=True):
             tag, scope = ("th", Markup(' scope="row"')) if column is heads[0] else ("td", "")
-            shown = NOTHING if cell is None else cell
+            shown = NO_VALUE if cell is None else cell
             cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, scope, column.align, shown)
         body += Markup('<tr class="marked">{}</tr>' if index in marked else "<tr>{}</tr>").format(cells)
     top = Markup("<thead><tr>{}</tr></thead>").format(head) if any(c.title for c in heads) else Markup("")
@@ -91,13 +91,13 @@ def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
     rows = []
     for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
         shown, sure = parameter_quantity(stated)
-        interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NOTHING
+        interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NO_VALUE
         about = Markup("{}<small>{}</small>").format(symbol(name), stated.description)
         glyph = interval_glyph(stated, name) if sure else Markup("")
         own = f"of {stated.recording} alone" if stated.recording else ""
         note = "; ".join(filter(None, (stated.note, own)))
         known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
-        prior = Markup("{}<small>{}</small>").format(known or NOTHING, note)
+        prior = Markup("{}<small>{}</small>").format(known or NO_VALUE, note)
         held = stated.status in {"unidentified", "at_bound"}
         value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))
@@ -121,7 +121,7 @@ def parameter_quantity(stated: Quantiles) -> tuple[Quantity, bool]:
 def status_pill(status: str) -> Markup:
     """A parameter's status or a residual's verdict as a small label with its meaning."""
     if not status:
-        return Markup(NOTHING)
+        return Markup(NO_VALUE)
     known = status if status in _STATUS_WORDS else "other"
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
@@ -197,10 +197,10 @@ def generic_cell(value: object, digits: int = 4) -> object:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tidy(float(value), digits) if math.isfinite(value) else NOTHING
+        return tidy(float(value), digits) if math.isfinite(value) else NO_VALUE
     if isinstance(value, Mapping):
         pairs = (Markup("{} {}").format(key_label(key), generic_cell(item, digits)) for key, item in value.items())
         return Markup(", ").join(pairs)
     if isinstance(value, list | tuple):
         return Markup(", ").join(escape(str(generic_cell(item))) for item in value)
-    return NOTHING if value is None else sentence(value)
+    return NO_VALUE if value is None else sentence(value)

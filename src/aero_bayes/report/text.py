@@ -12,13 +12,13 @@ from markupsafe import Markup, escape
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = {"V", "A", "rad", "rad/s", "N", "N·m", "s", "m", "Ω", "H"}
-NOTHING = "–"
+NO_VALUE = "–"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
     """``digits`` significant digits, a power of ten only where the number would be unreadable without."""
     if value is None or not math.isfinite(value):
-        return NOTHING
+        return NO_VALUE
     if value == 0:
         return "0"
     if not 1e-4 <= abs(value) < 1e5:
@@ -50,13 +50,13 @@ def signed(value: float, decimals: int) -> str:
 
 def count(value: float | None) -> str:
     """A whole number in groups of three digits, set apart by thin spaces."""
-    return NOTHING if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
+    return NO_VALUE if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
 
 
 def duration(seconds: float | None) -> str:
     """A time span in the unit a person would say."""
     if seconds is None:
-        return NOTHING
+        return NO_VALUE
     if seconds < 1:
         return f"{significant(1e3 * seconds, 2)} ms"
     if seconds < 120:
@@ -106,7 +106,7 @@ def quantity(value: float | None, low: float | None, high: float | None, unit: s
 
     def show(x: float | None) -> str:
         if x is None or not math.isfinite(x):
-            return NOTHING
+            return NO_VALUE
         return minus(f"{x / scale + 0.0:.{decimals}f}")
 
     exact = low is None or high is None

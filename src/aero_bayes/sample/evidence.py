@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.sample.importance import Weighted, adaptive_importance_sample
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.importance import WeightedSample, adaptive_importance_sample
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
 
-#: Shape of the weights' tail below which no further round is worth its draws.
-GOOD = 0.6
+#: Pareto k of the importance weights below which no further round is made.
+MAX_PARETO_K = 0.6
 
 
 def laplace_evidence(fit: Fit) -> float:
@@ -30,7 +30,7 @@ def laplace_evidence(fit: Fit) -> float:
 
 def importance_posterior(
     fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
-) -> Weighted:
+) -> WeightedSample:
     """Posterior of a fit by importance sampling from its Laplace approximation, improved from round to round.
 
     Parameters
@@ -52,10 +52,10 @@ def importance_posterior(
         Points are search coordinates of the free parameters, then logarithms of the noise parameters. Trust it only
         where ``reliable``; otherwise sample.
     """
-    first = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, dof)
+    first = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, dof)
 
-    def enough(found: Weighted) -> bool:
-        return found.pareto_k < GOOD and found.ess > 0.2 * size
+    def enough(found: WeightedSample) -> bool:
+        return found.pareto_k < MAX_PARETO_K and found.ess > 0.2 * size
 
     return adaptive_importance_sample(
         fit.joint_target(simulator), first, -(-size // 2), rng, enough=enough, rounds=rounds

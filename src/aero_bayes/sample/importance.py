@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ RELIABLE_BELOW = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class Weighted:
+class WeightedSample:
     """Weighted draws of a density.
 
     ``points`` (n, d); ``weights`` (n,), summing to one; ``pareto_k`` the shape of the weights' tail, reliable below
@@ -74,8 +74,8 @@ class Weighted:
 
 
 def importance_sample(
-    density: Callable[[FloatArray], FloatArray], proposal: HeavyTail, size: int, rng: np.random.Generator
-) -> Weighted:
+    density: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, size: int, rng: np.random.Generator
+) -> WeightedSample:
     """Draw from a proposal and weigh by a density, (n, d) to (n,), that need not be normalised.
 
     Raises
@@ -89,18 +89,20 @@ def importance_sample(
     if not np.isfinite(ratio).any():
         raise ValueError("the density vanishes at every draw")
     smoothed, shape = pareto_smooth(ratio)
-    return Weighted(points, np.exp(smoothed - logsumexp(smoothed)), shape, float(logsumexp(smoothed) - math.log(size)))
+    return WeightedSample(
+        points, np.exp(smoothed - logsumexp(smoothed)), shape, float(logsumexp(smoothed) - math.log(size))
+    )
 
 
 def adaptive_importance_sample(
     density: Callable[[FloatArray], FloatArray],
-    proposal: HeavyTail,
+    proposal: WarpedStudentT,
     size: int,
     rng: np.random.Generator,
     *,
-    enough: Callable[[Weighted], bool],
+    enough: Callable[[WeightedSample], bool],
     rounds: int = 8,
-) -> Weighted:
+) -> WeightedSample:
     """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end.
 
     A draw of any round is weighed against the mixture of all proposals (adaptive multiple importance sampling; Cornuet,
@@ -111,7 +113,7 @@ def adaptive_importance_sample(
     ----------
     density : callable
         Log-density, (n, d) to (n,), that need not be normalised.
-    proposal : HeavyTail
+    proposal : WarpedStudentT
         Of the first round.
     size : int
         Draws a round.
@@ -138,11 +140,11 @@ def adaptive_importance_sample(
             raise ValueError("the density vanishes at every draw")
         smoothed, shape = pareto_smooth(ratio)
         total = float(logsumexp(smoothed))
-        found = Weighted(points, np.exp(smoothed - total), shape, total - math.log(len(points)))
+        found = WeightedSample(points, np.exp(smoothed - total), shape, total - math.log(len(points)))
         if turn > 0 and enough(found):
             break
         wide = found.ess > 3.0 * points.shape[1]
-        proposals.append(HeavyTail.of(found.mean, found.covariance, proposal.dof) if wide else used[-1])
+        proposals.append(WarpedStudentT.of(found.mean, found.covariance, proposal.dof) if wide else used[-1])
     return found
 
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.sample.diagnostics import Diagnosis
-from aero_bayes.sample.moves import HeavyTail
-from aero_bayes.sample.stopping import Verdict, judge
+from aero_bayes.sample.moves import WarpedStudentT
+from aero_bayes.sample.stopping import StoppingDecision, decide
 from aero_bayes.sample.tuning import Density, Tuned
-from aero_bayes.sample.walk import MakeMoves, Walk, standard_moves
+from aero_bayes.sample.walk import Ensembles, MakeMoves, standard_moves
 from aero_bayes.show import Settings
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +119,7 @@ class Chain:
 
 def run(
     density: Density,
-    proposal: HeavyTail,
+    proposal: WarpedStudentT,
     settings: SampleSettings,
     seed: int,
     *,
@@ -135,7 +135,7 @@ def run(
     density : callable
         Vectorised log-density: points (n, d) to (n,), minus infinity where there is none. If it has a method
         ``log_prior`` of the same form, that part is taken as costing nothing.
-    proposal : HeavyTail
+    proposal : WarpedStudentT
         First approximation of the density; the ensembles start from draws of it, widened.
     settings : SampleSettings
     seed : int
@@ -155,7 +155,7 @@ def run(
         If no starting point of finite density can be found.
     """
     began = saved = time.perf_counter()
-    walk = Walk(density, proposal, settings, moves)
+    walk = Ensembles(density, proposal, settings, moves)
     key = digest("chain", seed, settings_key(settings), identity, proposal.mean)
     kept = Checkpoint.at(checkpoint)
     if kept is not None and (stored := kept.get(key)) is not None:
@@ -163,14 +163,14 @@ def run(
     else:
         walk.start(np.random.default_rng(seed))
     before = walk.seconds
-    verdict = Verdict(False, "it had not settled", (), 0)
+    verdict = StoppingDecision(False, "it had not settled", (), 0)
     while True:
         now = time.perf_counter()
         walk.seconds = before + now - began
         late = walk.seconds > settings.time_limit
         over = late or walk.kept >= settings.max_steps
         if walk.kept >= walk.next_check or over:
-            verdict = judge(walk.chain()[0], settings, coupled=walk.coupled)
+            verdict = decide(walk.chain()[0], settings, coupled=walk.coupled)
             walk.next_check = verdict.next_check
             if verdict.enough or over:
                 break

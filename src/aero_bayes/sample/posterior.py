@@ -32,7 +32,7 @@ from aero_bayes.estimate.result import (
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sample.diagnostics import Diagnosis
 from aero_bayes.sample.mcmc import Chain, SampleSettings, run
-from aero_bayes.sample.moves import HeavyTail
+from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.predictive import Predictive, predict
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
@@ -432,7 +432,7 @@ def _sample(
 ) -> Posterior:
     began = time.perf_counter()
     joint = fit.joint_target(simulator)
-    proposal = HeavyTail.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
     chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
     if chain.points.shape[1] < 8:
         raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")

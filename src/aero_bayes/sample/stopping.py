@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from aero_bayes.sample.mcmc import SampleSettings
 
 FloatArray = NDArray[np.float64]
-#: Fewest steps that are judged, and fewest autocorrelation times of a chain whose walkers move by each other.
-FIRST, COUPLED = 50, 50.0
+#: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
+MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StoppingDecision:
     """Whether a chain is enough, what it lacks, and at how many steps it is worth asking again."""
 
     enough: bool
@@ -33,13 +33,13 @@ class Verdict:
         return f"R-hat {max(d.r_hat for d in self.diagnoses):.4f}, tau {tau:.1f}, ESS {ess:.0f}"
 
 
-def judge(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> Verdict:
+def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> StoppingDecision:
     """The stop rule, for kept points of shape (ensembles, steps, walkers, d), and whether walkers meet each other."""
     # What walkers share is seen in the mean of each ensemble only, so in a few series; walkers that go alone are many.
-    length, dimension = max(settings.lengths, COUPLED if coupled else 0.0), points.shape[-1]
+    length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
     if points.shape[1] < 8:
         nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
-        return Verdict(False, "hardly any step was kept", (nothing,) * dimension, FIRST)
+        return StoppingDecision(False, "hardly any step was kept", (nothing,) * dimension, MIN_STEPS)
     steps = points.shape[1]
     diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
     tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
@@ -55,4 +55,4 @@ def judge(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> Ver
         missed.append(f"{low:.0f} effective samples, {settings.ess:g} are wanted")
         wanted = max(wanted, steps * settings.ess / max(low, 1.0))
     next_check = int(np.clip(np.ceil(wanted), steps + 4, 1.5 * steps + 4))
-    return Verdict(not missed, "; ".join(missed) or "every criterion was met", diagnoses, next_check)
+    return StoppingDecision(not missed, "; ".join(missed) or "every criterion was met", diagnoses, next_check)

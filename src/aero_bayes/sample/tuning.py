@@ -11,22 +11,23 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import chi2
 
-from aero_bayes.sample.moves import HeavyTail, Surrogate, Warp
-from aero_bayes.sample.moves.warp import SCORES
+from aero_bayes.sample.moves import Surrogate, Warp, WarpedStudentT
+from aero_bayes.sample.moves.warp import KNOT_SCORES
 
 FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
-#: Overlap with the target, and steps at its worst points, from which on a stand-in needs no more tuning.
-GOOD, STICKY = 0.7, 40.0
+#: Tuning ends when the surrogate overlaps the target at least this much and a walker stays at its worst points for at
+#: most this many steps.
+MIN_OVERLAP, MAX_STICKY_STEPS = 0.7, 40.0
 #: Logarithm of the proposal's share in a stand-in.
-_SHARE = float(np.log(0.2))
+_LOG_PROPOSAL_SHARE = float(np.log(0.2))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
-_NEAR, _RATIO, _FURTHER, _DEEP = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
+_FIRST_DISTANCES, _DISTANCE_RATIO, _MAX_FURTHER_POINTS, _MAX_DEPTH = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class StandIn:
+class SurrogateDensity:
     """A surrogate of the target less its prior, and a little of the heavy-tailed proposal, as one log-density.
 
     The proposal's share keeps it from falling far below the target where nothing has been seen, which is where a
@@ -37,7 +38,7 @@ class StandIn:
     level: float
 
     @classmethod
-    def of(cls, surrogate: Surrogate, prior: Density, points: FloatArray) -> StandIn:
+    def of(cls, surrogate: Surrogate, prior: Density, points: FloatArray) -> SurrogateDensity:
         """With the integral estimated from draws of about the target, (n, d)."""
         ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
         return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
@@ -47,22 +48,23 @@ class StandIn:
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
-        least = self.surrogate.coordinates.log_density(some) + self.level + _SHARE
+        least = self.surrogate.coordinates.log_density(some) + self.level + _LOG_PROPOSAL_SHARE
         total[inside] = np.logaddexp(total[inside] + self.surrogate(some), least)
         return total / temperature
 
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """What moves may propose from.
+    """Proposal and surrogate that the moves use.
 
-    ``stand_in`` is None as long as too little is known; ``steps`` is how many steps on it forget where they started;
-    ``overlap`` the share of its proposals that the target would accept, judged on points that it was not fitted to;
-    ``sticky`` how many it takes to leave all but a few in a thousand points; ``frozen`` is True for the kept chain.
+    ``surrogate_density`` is None until enough points are known; ``steps`` is the number of steps on it that make the
+    end independent of the start. ``overlap`` is the share of its proposals that the target would accept, estimated from
+    points that it was not fitted to. ``sticky`` is the number of proposals after which nearly every point has been
+    left. ``frozen`` is True for the kept chain.
     """
 
-    proposal: HeavyTail
-    stand_in: StandIn | None = None
+    proposal: WarpedStudentT
+    surrogate_density: SurrogateDensity | None = None
     steps: int = 20
     overlap: float = 0.0
     sticky: float = np.inf
@@ -70,24 +72,24 @@ class Tuned:
 
     @property
     def good(self) -> bool:
-        """Whether more tuning would hardly pay."""
-        return self.overlap >= GOOD and self.sticky <= STICKY
+        """Whether tuning can end."""
+        return self.overlap >= MIN_OVERLAP and self.sticky <= MAX_STICKY_STEPS
 
 
 def log_prior_of(density: Density) -> Density:
-    """What costs nothing of a density: its method ``log_prior``, minus infinity outside its support; or zero."""
+    """The cheap part of a density: its method ``log_prior``, minus infinity outside its support; zero without one."""
     prior: Density | None = getattr(density, "log_prior", None)
     return prior if prior is not None else lambda points: np.zeros(len(points))
 
 
-def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
-    """Look along every axis of a proposal through its middle, and bend it to what is there.
+def explore_axes(density: Density, proposal: WarpedStudentT) -> WarpedStudentT:
+    """Evaluate the density along every axis through the centre of a proposal, and warp the proposal to these profiles.
 
-    A margin that ends at a bound, or goes on far beyond the curvature at the mode, is seen so at the price of about
-    twenty evaluations an axis. The proposal is given back as it is if its middle has no density.
+    This finds margins that end at a bound or have heavier tails than the curvature at the mode suggests, with about
+    twenty evaluations for each axis. The proposal is unchanged if the density is zero at its centre.
     """
     d = proposal.mean.size
-    first = np.array([-t for t in _NEAR[::-1]] + list(_NEAR))
+    first = np.array([-t for t in _FIRST_DISTANCES[::-1]] + list(_FIRST_DISTANCES))
     places = np.insert((np.eye(d)[:, None, :] * first[None, :, None]).reshape(-1, d), 0, 0.0, axis=0)
     values = density(proposal.points(places))
     if not np.isfinite(values[0]):
@@ -96,12 +98,12 @@ def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
     for cut in cuts:
         cut[0.0] = float(values[0])
     going = [(k, side) for k in range(d) for side in (-1.0, 1.0)]
-    reach = _NEAR[-1]
-    for _ in range(_FURTHER):
-        going = [(k, s) for k, s in going if cuts[k][s * reach] > max(cuts[k].values()) - _DEEP]
+    reach = _FIRST_DISTANCES[-1]
+    for _ in range(_MAX_FURTHER_POINTS):
+        going = [(k, s) for k, s in going if cuts[k][s * reach] > max(cuts[k].values()) - _MAX_DEPTH]
         if not going:
             break
-        reach *= _RATIO
+        reach *= _DISTANCE_RATIO
         found = density(proposal.points(np.array([s * reach * np.eye(d)[k] for k, s in going])))
         for (k, s), value in zip(going, found.tolist(), strict=True):
             cuts[k][s * reach] = value
@@ -109,20 +111,20 @@ def scout(density: Density, proposal: HeavyTail) -> HeavyTail:
 
 
 def _quantiles(cut: dict[float, float]) -> FloatArray:
-    """Quantiles of the density along a cut, at the normal probabilities of ``SCORES``."""
+    """Quantiles of the density along a cut, at the normal probabilities of ``KNOT_SCORES``."""
     place = np.array(sorted(cut))
     level = np.array([cut[t] for t in place.tolist()])
-    level = np.where(np.isfinite(level), level - level.max(), -3.0 * _DEEP)
+    level = np.where(np.isfinite(level), level - level.max(), -3.0 * _MAX_DEPTH)
     fine = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(place.tolist())]))
     density = np.exp(np.interp(fine, place, level))
     mass = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))])
-    return np.asarray(np.interp(ndtr(SCORES), mass / mass[-1], fine))
+    return np.asarray(np.interp(ndtr(KNOT_SCORES), mass / mass[-1], fine))
 
 
-def retuned(
+def retune(
     tuned: Tuned, prior: Density, visited: tuple[FloatArray, FloatArray], seen: tuple[FloatArray, FloatArray]
 ) -> Tuned:
-    """Approximations after another round.
+    """Fit proposal and surrogate again after another round.
 
     Parameters
     ----------
@@ -130,9 +132,9 @@ def retuned(
         Of the round before.
     prior : callable
     visited : tuple of ndarray, (n, d) and (n,)
-        Where the chains have been, and the log-density there.
+        Points of the chains, and their log-density.
     seen : tuple of ndarray, (m, d) and (m,)
-        All that was evaluated so far.
+        All evaluated points, and their log-density.
     """
     d, dof = tuned.proposal.mean.size, tuned.proposal.dof
     good = visited[1] >= visited[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
@@ -140,15 +142,15 @@ def retuned(
     if len(np.unique(points[:, 0])) <= 4 * d:
         return tuned
     quality, sticky = 0.0, np.inf
-    if tuned.stand_in is not None:
-        missed = tuned.stand_in.log_density(points, prior) - values
-        quality, sticky = overlap(missed), memory(missed)
+    if tuned.surrogate_density is not None:
+        missed = tuned.surrogate_density.log_density(points, prior) - values
+        quality, sticky = acceptance_overlap(missed), mixing_steps(missed)
     plain, proposal = max(
         (
-            (overlap(fitted.log_density(points) - values), fitted)
+            (acceptance_overlap(fitted.log_density(points) - values), fitted)
             for curved in (False, True)
             for first in (False, True)
-            for fitted in (HeavyTail.fit(points, dof, curved=curved, bent_first=first),)
+            for fitted in (WarpedStudentT.fit(points, dof, curved=curved, bent_first=first),)
         ),
         key=lambda pair: pair[0],
     )
@@ -157,28 +159,30 @@ def retuned(
     if near.sum() <= Surrogate.least(d):
         return Tuned(proposal)
     where, level = seen[0][near], seen[1][near]
-    if tuned.stand_in is not None:  # first of all those that the last one knew least of
-        order = np.argsort(-np.abs(tuned.stand_in.log_density(where, prior) - level), kind="stable")
+    if tuned.surrogate_density is not None:  # first of all those that the last one knew least of
+        order = np.argsort(-np.abs(tuned.surrogate_density.log_density(where, prior) - level), kind="stable")
         where, level = where[order], level[order]
     surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
-    stand_in = StandIn.of(surrogate, prior, points)
-    steps = int(np.clip(memory(proposal.log_density(points) - stand_in.log_density(points, prior)), 12, 200))
-    return Tuned(proposal, stand_in, steps, quality if quality > plain else 0.0, sticky)
+    surrogate_density = SurrogateDensity.of(surrogate, prior, points)
+    steps = int(
+        np.clip(mixing_steps(proposal.log_density(points) - surrogate_density.log_density(points, prior)), 12, 200)
+    )
+    return Tuned(proposal, surrogate_density, steps, quality if quality > plain else 0.0, sticky)
 
 
-def overlap(log_ratio: FloatArray) -> float:
-    """Share of independent proposals from s that a stationary chain of p accepts, from log(s / p) at draws of p.
+def acceptance_overlap(log_ratio: FloatArray) -> float:
+    """Acceptance rate of an independence sampler of p that proposes from s, from log(s / p) at draws of p.
 
-    It is the expectation of min(r, r') over pairs of draws, over that of r. The largest ratios are cut: they come from
-    tails that have no share in it.
+    It is the expectation of min(r, r') over pairs of draws, divided by that of r. The largest ratios are trimmed: they
+    come from the tails and do not contribute.
     """
     ratio = np.sort(_ratios(log_ratio))
     n = ratio.size
     return float(ratio @ (2.0 * (n - np.arange(n)) - 1.0) / (n * ratio.sum()))
 
 
-def memory(log_ratio: FloatArray) -> float:
-    """Proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
+def mixing_steps(log_ratio: FloatArray) -> float:
+    """Number of proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
 
     At a point of weight w = s / q, over its mean under q, about w proposals are needed.
     """

@@ -16,14 +16,14 @@ from aero_bayes.checkpoint import Arrays, pack, pack_random, unpack, unpack_rand
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.sample.moves import (
     DifferentialMove,
-    HeavyTail,
     IndependenceMove,
     ScreenedMove,
     ScreenedWalkMove,
     StretchMove,
+    WarpedStudentT,
 )
-from aero_bayes.sample.stopping import FIRST
-from aero_bayes.sample.tuning import Density, Tuned, log_prior_of, retuned, scout
+from aero_bayes.sample.stopping import MIN_STEPS
+from aero_bayes.sample.tuning import Density, Tuned, explore_axes, log_prior_of, retune
 
 if TYPE_CHECKING:
     from aero_bayes.sample.mcmc import SampleSettings
@@ -39,10 +39,10 @@ class MakeMoves(Protocol):
 
 def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
     """Proposals screened by the stand-in and a random walk; where there is none, moves that need to know little."""
-    if tuned.stand_in is None or (tuned.frozen and tuned.overlap == 0.0):
+    if tuned.surrogate_density is None or (tuned.frozen and tuned.overlap == 0.0):
         share = 0.85 if tuned.frozen else 0.3
         return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
-    approximation = partial(tuned.stand_in.log_density, prior=prior)
+    approximation = partial(tuned.surrogate_density.log_density, prior=prior)
     factor = tuned.proposal.factor
     moves: list[tuple[Move, float]] = [
         (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.75),
@@ -53,16 +53,16 @@ def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]
     return moves if tuned.frozen else [*moves, (DifferentialMove(), 0.6), (StretchMove(), 0.3)]
 
 
-class Walk:
+class Ensembles:
     """The ensembles, their random states, and what the present phase (a round, the settling, the chain) has visited."""
 
-    def __init__(self, density: Density, proposal: HeavyTail, settings: SampleSettings, moves: MakeMoves) -> None:
+    def __init__(self, density: Density, proposal: WarpedStudentT, settings: SampleSettings, moves: MakeMoves) -> None:
         self.density, self.prior = density, log_prior_of(density)
         self.settings, self._moves, self.tuned = settings, moves, Tuned(proposal)
         self.dimension = proposal.mean.size
         self.walkers = settings.walkers or 2 * self.dimension + 2
         self.rounds, self._left, self.evaluations, self.seconds = 0, settings.burn_in[0], 0, 0.0
-        self.next_check = FIRST
+        self.next_check = MIN_STEPS
         self.visited: list[FloatArray] = []
         self._levels: list[FloatArray] = []
         self._seen: list[FloatArray] = []
@@ -105,7 +105,7 @@ class Walk:
 
     def start(self, rng: np.random.Generator) -> None:
         """Look around, and draw overdispersed starts of finite density for every ensemble."""
-        self.tuned = Tuned(scout(self._evaluate, self.tuned.proposal))
+        self.tuned = Tuned(explore_axes(self._evaluate, self.tuned.proposal))
         wide = self.tuned.proposal.widened(1.5, 4.0)
         for child in rng.spawn(self.settings.ensembles):
             random = np.random.RandomState(np.random.MT19937(int(child.integers(2**63))))
@@ -144,7 +144,7 @@ class Walk:
             rows = slice(len(self.visited) // 4, None)
             points = np.concatenate(self.visited[rows]).reshape(-1, self.dimension)
             seen = np.concatenate(self._seen)
-            self.tuned = retuned(
+            self.tuned = retune(
                 self.tuned,
                 self.prior,
                 (points, np.concatenate(self._levels[rows]).ravel()),
@@ -161,10 +161,10 @@ class Walk:
 
     def _look_further(self) -> None:
         """Evaluate cuts, and draws of the stand-in at a higher temperature; the next one shall know its ends."""
-        if self.tuned.stand_in is None:
+        if self.tuned.surrogate_density is None:
             return
-        scout(self._evaluate, self.tuned.proposal)
-        warm = partial(self.tuned.stand_in.log_density, prior=self.prior, temperature=3.0)
+        explore_axes(self._evaluate, self.tuned.proposal)
+        warm = partial(self.tuned.surrogate_density.log_density, prior=self.prior, temperature=3.0)
         random = np.random.RandomState()
         for e, state in enumerate(self._states):
             random.set_state(state.random_state)

@@ -15,7 +15,7 @@ from functools import partial
 
 from aero_bayes.ahead import waves
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.search.edits import Direction, Surroundings, term_directions
 from aero_bayes.search.explored import Explored, Library, Work, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
@@ -26,10 +26,10 @@ from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
 
-#: How many of the best structures give the terms that are tried in place of others.
-RIVALS = 10
-#: How many renewals of the noise may follow one another.
-RENEWALS = 3
+#: Number of the best structures whose terms are tried in place of others.
+MAX_RIVALS = 10
+#: Largest number of noise updates in a row.
+MAX_NOISE_UPDATES = 3
 
 
 @dataclass(eq=False)
@@ -41,7 +41,7 @@ class StructureSearch:
     cache : ModelCache
     library : Library
     settings : StructureSettings
-    fit : ClimbSettings
+    fit : LocalFitSettings
         Of each local fit.
     floors : mapping of (recording, output) to float
         Noise floors where they are known.
@@ -55,7 +55,7 @@ class StructureSearch:
     cache: ModelCache
     library: Library
     settings: StructureSettings
-    fit: ClimbSettings
+    fit: LocalFitSettings
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     work: Work = field(default_factory=Work)
@@ -139,9 +139,9 @@ class StructureSearch:
         )  # fmt: skip
 
     @property
-    def _settings(self) -> ClimbSettings:
+    def _settings(self) -> LocalFitSettings:
         """Of a local fit under the present noise."""
-        return self.fit.counting(self._noise.noise.temperature)
+        return self.fit.at_temperature(self._noise.noise.temperature)
 
     # which structures to expand
 
@@ -268,7 +268,7 @@ class StructureSearch:
 
     def _rivals(self) -> tuple[str, ...]:
         """Terms of the best structures so far."""
-        best = ranked(self._fits.values(), self._price)[:RIVALS]
+        best = ranked(self._fits.values(), self._price)[:MAX_RIVALS]
         return tuple(dict.fromkeys(t for f in best for t in f.terms))
 
     def _known(self) -> dict[str, dict[str, float]]:
@@ -298,8 +298,8 @@ class StructureSearch:
         margin = self.settings.within if size < self.settings.max_effects else self.settings.equivalence
         return best.log_evidence - margin * left
 
-    def _aiming(self, base: FittedModel, least: float) -> ClimbSettings:
-        return self._settings.aiming(aim_at(base, least))
+    def _aiming(self, base: FittedModel, least: float) -> LocalFitSettings:
+        return self._settings.with_target_cost(aim_at(base, least))
 
     def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
         """Whether any start promises enough: a line is no more than a hint, so that a small part of it will do."""
@@ -311,14 +311,14 @@ class StructureSearch:
     def _keep(self, found: FittedModel) -> None:
         """Keep the better fit of a structure."""
         known = self._fits.get(found.structure)
-        if known is None or found.log_evidence > known.under(self._noise.noise).log_evidence:
+        if known is None or found.log_evidence > known.with_noise(self._noise.noise).log_evidence:
             self._fits[found.structure] = found
 
     # noise, restarts, time
 
     def _renew(self) -> None:
         """Take the noise from the best structure under its own noise, and score all structures under it."""
-        for _ in range(RENEWALS):
+        for _ in range(MAX_NOISE_UPDATES):
             last = self._noise
             self._noise = self._own_noise()
             if self._noise.noise == last.noise:
@@ -332,12 +332,12 @@ class StructureSearch:
         seen: dict[Structure, CommonNoise] = {}
         while best not in seen:
             noise = seen[best] = common_noise(allowed[best], self.floors)
-            best = max(allowed, key=lambda s: (self._price.score(allowed[s].under(noise.noise)), s.terms))
+            best = max(allowed, key=lambda s: (self._price.score(allowed[s].with_noise(noise.noise)), s.terms))
         return seen[best]
 
     def _rescore(self) -> None:
         """Score all structures under the present noise; fit the best of each size anew."""
-        self._fits = {s: f.under(self._noise.noise) for s, f in self._fits.items()}
+        self._fits = {s: f.with_noise(self._noise.noise) for s, f in self._fits.items()}
         again = {self._root, Structure()} | {self._best().structure.minus(t) for t in self._best().terms}
         for own in by_size(self._fits).values():
             own.sort(key=lambda s: (-self._price.score(self._fits[s]), s.terms))

@@ -11,19 +11,20 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a squared slope beyond what the free parameters' slopes span, below which they imitate the term.
-IMITATED = 1e-7
-#: Share of a pair's gain that neither term may promise alone, and how many pairs are offered.
-BEYOND_ALONE, PAIRS = 0.1, 5
-#: Angle between two directions (its sine squared) below which they are one.
-APART = 1e-6
+#: Share of a term's squared sensitivity outside the span of the free parameters' sensitivities, below which they are
+#: said to imitate the term.
+MAX_UNIQUE_SHARE = 1e-7
+#: Largest share of a pair's gain that either term may have alone, and the largest number of pairs.
+MAX_SINGLE_GAIN_SHARE, MAX_PAIRS = 0.1, 5
+#: Squared sine of the angle between two directions below which they count as one.
+MIN_SQUARED_SINE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +202,7 @@ class Direction:
 def term_directions(fitted: FittedModel) -> list[Direction]:
     """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values."""
     model, response = fitted.model, fitted.response
-    candidates: list[Candidate] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
+    candidates: list[CandidateTerm] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
     origin = with_nominal_shapes(fitted, candidates)
     sizes = [c.columns[0] for c in candidates]
     slopes = response.across(origin, sizes) if sizes else None
@@ -216,7 +217,7 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
             room = float(low[size] - origin[size]), float(high[size] - origin[size])
             # What changes less than the noise over all its room is not seen to first order: nothing imitates it.
             seen = math.sqrt(whole) * max(-room[0], room[1]) > 1.0
-            imitated = seen and float(beyond[k] @ beyond[k]) < IMITATED * whole
+            imitated = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
             found.append(Direction(candidate.id, across, float(across @ response.left), room, imitated))
     return found
 
@@ -240,12 +241,12 @@ def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
     for i, j in combinations(range(len(acting)), 2):
         both = [i, j]
         inner = gram[np.ix_(both, both)]
-        if np.linalg.det(inner) <= APART * inner[0, 0] * inner[1, 1]:
+        if np.linalg.det(inner) <= MIN_SQUARED_SINE * inner[0, 0] * inner[1, 1]:
             continue
         promise = _gain(inner, slope[both], room[both])
-        if promise > 0.0 and promise - max(alone[i], alone[j]) >= BEYOND_ALONE * promise:
+        if promise > 0.0 and promise - max(alone[i], alone[j]) >= MAX_SINGLE_GAIN_SHARE * promise:
             pairs.append((promise, acting[i].id, acting[j].id))
-    return [(one, other) for _, one, other in sorted(pairs, key=lambda pair: -pair[0])[:PAIRS]]
+    return [(one, other) for _, one, other in sorted(pairs, key=lambda pair: -pair[0])[:MAX_PAIRS]]
 
 
 def _gain(inner: FloatArray, slope: FloatArray, room: FloatArray) -> float:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import ClimbSettings, Optimum, climb
-from aero_bayes.estimate.growing import OpenSimulator
-from aero_bayes.estimate.interpolation import read_otherwise
+from aero_bayes.estimate.interpolation import with_other_interpolation
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.laws.family import Candidate, Family
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
+from aero_bayes.laws.family import CandidateTerm, Family
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise
@@ -56,7 +56,7 @@ class CandidateModel:
     """
 
     objective: Objective
-    candidates: Mapping[str, Candidate]
+    candidates: Mapping[str, CandidateTerm]
     own: tuple[int, ...]
     open: OpenSimulator
 
@@ -74,7 +74,7 @@ class CandidateModel:
         ]
         return parameters.to_search(np.array(start))
 
-    def fit(self, structure: Structure, start: FloatArray, noise: Noise, settings: ClimbSettings) -> FittedModel:
+    def fit(self, structure: Structure, start: FloatArray, noise: Noise, settings: LocalFitSettings) -> FittedModel:
         """Local fit of a structure from search coordinates.
 
         Raises
@@ -82,7 +82,7 @@ class CandidateModel:
         CannotFinishError
             If the model cannot be simulated at the start.
         """
-        end = climb(self.objective, start, self.free(structure.terms), noise=noise.outputs, settings=settings)
+        end = local_fit(self.objective, start, self.free(structure.terms), noise=noise.outputs, settings=settings)
         return FittedModel(self, structure, end, noise.temperature)
 
 
@@ -110,7 +110,7 @@ class FittedModel:
     @cached_property
     def log_evidence(self) -> float:
         """Tempered log-evidence in Laplace's approximation."""
-        return self.optimum.tempered(self.model.objective.parameters, self.temperature)[1]
+        return self.optimum.laplace(self.model.objective.parameters, self.temperature)[1]
 
     @cached_property
     def values(self) -> dict[str, float]:
@@ -130,14 +130,14 @@ class FittedModel:
         ended = parameters.on_bound(self.optimum.coordinates)
         return sum(bool(ended[j]) for j in self.model.own if parameters.items[j].recording is None)
 
-    def under(self, noise: Noise) -> FittedModel:
+    def with_noise(self, noise: Noise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
         optimum = self.optimum
         if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
-            optimum = optimum.under(self.model.objective, noise.outputs)
+            optimum = optimum.with_noise(self.model.objective, noise.outputs)
         return replace(self, optimum=optimum, temperature=noise.temperature)
 
-    def refitted(self, noise: Noise, settings: ClimbSettings) -> FittedModel:
+    def refitted(self, noise: Noise, settings: LocalFitSettings) -> FittedModel:
         """The optimum under another noise, from here."""
         return self.model.fit(self.structure, self.optimum.coordinates, noise, settings)
 
@@ -226,7 +226,7 @@ class ModelCache:
     @property
     def reading_is_open(self) -> bool:
         """Whether the inputs may be read the other way between their samples."""
-        return self.source.reading_is_open and read_otherwise(self.source.plain) is not None
+        return self.source.reading_is_open and with_other_interpolation(self.source.plain) is not None
 
     @property
     def ports(self) -> dict[str, str]:
@@ -256,7 +256,7 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
         If the inputs cannot be read the other way.
     """
     if structure.other_reading:
-        other = read_otherwise(plain)
+        other = with_other_interpolation(plain)
         if other is None:
             raise CannotFinishError("the inputs cannot be read otherwise between their samples")
         plain = other

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.ascent import AscentSettings
+from aero_bayes.estimate.global_search import GlobalSearchSettings
 from aero_bayes.search.edits import EDITS, Edit
 from aero_bayes.search.restarts import GrowingHorizon, Restart, Swarm
 from aero_bayes.search.starts import START_RULES, StartRule
@@ -33,7 +33,7 @@ class Parts:
     known_terms: bool = True
 
     @classmethod
-    def of(cls, ascent: AscentSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
+    def of(cls, ascent: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
         """The standard parts but for those left out.
 
         Raises

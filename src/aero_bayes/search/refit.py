@@ -6,24 +6,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
-from aero_bayes.estimate.search import Stop
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import Start
 from aero_bayes.search.structure import Structure
 
-#: How far below what it has to reach a fit is still worth its steps, in log-evidence.
-SLACK = 20.0
+#: Distance below the evidence that a fit has to reach up to which the fit is continued, in log-evidence.
+TARGET_SLACK = 20.0
 
 
 def aim_at(like: FittedModel, log_evidence: float) -> float:
     """The cost at which a fit with the Occam factor of another has a log-evidence."""
-    return like.temperature * (like.log_evidence - log_evidence + SLACK) - like.optimum.log_likelihood
+    return like.temperature * (like.log_evidence - log_evidence + TARGET_SLACK) - like.optimum.log_likelihood
 
 
 def refit(
-    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: ClimbSettings
+    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: LocalFitSettings
 ) -> FittedModel | None:
     """The best local fit of a structure on the model of ``base``.
 
@@ -34,11 +34,11 @@ def refit(
     ends: list[FittedModel] = []
     for start in starts[: settings.starts]:
         try:
-            end = climb(
+            end = local_fit(
                 objective, start.point, free, noise=base.optimum.noise, settings=fit, known=[e.optimum for e in ends]
             )
         except CannotFinishError:
             continue
-        if end.reason is not Stop.MET:
+        if end.reason is not Stop.KNOWN_OPTIMUM:
             ends.append(replace(base, structure=structure, optimum=end))
     return max(ends, key=lambda e: e.log_evidence, default=None)

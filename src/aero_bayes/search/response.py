@@ -9,21 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.climb import Optimum
 from aero_bayes.estimate.delays import delay_columns
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 
 FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and its residuals by series.
 Tried = tuple[FloatArray, tuple[FloatArray, ...]]
 
-#: Least and greatest step along a line, as multiples of the step that was tried.
-SHORTEST, LONGEST = 0.05, 3.0
+#: Smallest and largest step along a line, as multiples of the step that was simulated.
+MIN_STEP_RATIO, MAX_STEP_RATIO = 0.05, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class ResponseLine:
     """The straight line from a fit through a tried point, in the space of whitened residuals.
 
     Parameters
@@ -49,7 +49,7 @@ class Line:
     @property
     def within(self) -> float:
         """The best step within reason."""
-        return float(np.clip(self.along, SHORTEST, LONGEST))
+        return float(np.clip(self.along, MIN_STEP_RATIO, MAX_STEP_RATIO))
 
     def gain(self, step: float) -> float:
         """Gain in log-likelihood that a step foretells."""
@@ -115,7 +115,7 @@ class LinearResponse:
         found = self.objective.residuals(rows)
         return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
 
-    def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> Line:
+    def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> ResponseLine:
         """From the fit to a point with these residuals."""
         whitened = self.base.whitened
         change = whitened.residual - self.objective.whiten(residual, None, self.base.noise).residual
@@ -123,9 +123,9 @@ class LinearResponse:
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
         along = float(direction @ self.left) / power if power > 0.0 else 0.0
-        return Line(row, back, power, math.sqrt(float(change @ change)), along)
+        return ResponseLine(row, back, power, math.sqrt(float(change @ change)), along)
 
-    def point(self, candidate: Candidate, line: Line, step: float, readjusted: bool = True) -> FloatArray:
+    def point(self, candidate: CandidateTerm, line: ResponseLine, step: float, readjusted: bool = True) -> FloatArray:
         """Search coordinates after a step along a line, the free parameters ``readjusted`` to it."""
         low, high = self.objective.parameters.box
         size, free = candidate.columns[0], list(self.base.free)

@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.ascent import AscentSettings, Climber
-from aero_bayes.estimate.climb import ClimbSettings
-from aero_bayes.estimate.growing import grown
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
 from aero_bayes.search.models import CandidateModel, FittedModel
 
 #: Gives the model that has a structure's terms at hand and no others.
@@ -24,7 +24,7 @@ ModelOf = Callable[[FittedModel], CandidateModel]
 class Restart(Protocol):
     """Looks for a better optimum of the same structure."""
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         """A fit from elsewhere under the same noise, whether better or not; None where there is none."""
         ...
 
@@ -32,16 +32,18 @@ class Restart(Protocol):
 class GrowingHorizon:
     """Fit the beginning of the recordings first, then ever more of them.
 
-    The valley of a motion that turns over, or forgets its past slowly, is wide only while the recording is short.
+    An oscillating or slowly decaying motion has few local optima only while the recording is short.
     Parameters of the first model that ended on a bound begin at their starting values.
     """
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         model, known = fitted.model, fitted.optimum.coordinates
         start = model.objective.parameters.revived(known, model.own)
         try:
             free = model.free(fitted.terms)
-            point, _ = grown(model.objective, start, free, settings.rough(25, 0.01), model.open, known)
+            point, _ = fit_progressive_horizon(
+                model.objective, start, free, settings.with_limits(25, 0.01), model.open, known
+            )
             return model.fit(fitted.structure, point, fitted.noise, settings)
         except CannotFinishError:
             return None
@@ -52,26 +54,26 @@ class Swarm:
 
     Parameters
     ----------
-    settings : AscentSettings
+    settings : GlobalSearchSettings
         Of the search; without a swarm there is no restart.
     seed : int
     """
 
-    def __init__(self, settings: AscentSettings, seed: int) -> None:
+    def __init__(self, settings: GlobalSearchSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
 
-    def again(self, fitted: FittedModel, settings: ClimbSettings) -> FittedModel | None:
+    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         if self._settings.swarm is None:
             return None
         model = fitted.model
         start = model.objective.parameters.from_search(fitted.optimum.coordinates)
         items = model.objective.parameters.with_start(start)
-        objective = model.objective.on(
+        objective = model.objective.with_calibration(
             replace(model.objective.calibration, parameters=items), model.objective.simulator
         )
-        search = replace(self._settings, cost="weighted", staged=False, settle=False)
+        search = replace(self._settings, cost="weighted", staged=False, check_noise=False)
         try:
-            found = Climber(objective, search).to_optimum(
+            found = GlobalSearch(objective, search).run(
                 model.free(fitted.terms), model.open, np.random.default_rng(self._seed)
             )
             return model.fit(fitted.structure, found.optimum.coordinates, fitted.noise, settings)

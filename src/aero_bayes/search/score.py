@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
-from aero_bayes.estimate.climb import ClimbSettings, noise_of
+from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FittedModel, Noise
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 
 FloatArray = NDArray[np.float64]
 
 #: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
-UNCORRELATED, WINDOW = 0.05, 5.0
-#: Prior probability that what is missing is something that no candidate is.
-UNLISTED = 0.02
+MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
+#: Prior probability that the missing effect is none of the candidates.
+UNLISTED_PROBABILITY = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class CommonNoise:
 def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
-    The sum runs over the autocorrelation up to where it falls below :data:`UNCORRELATED`, or to a lag of
-    :data:`WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
+    The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
+    :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
     """
     total = sum(r.size for r in residuals)
     return sum(r.size * _one_time(r) for r in residuals) / max(total, 1)
@@ -80,7 +80,7 @@ def _one_time(residual: FloatArray) -> float:
         return 1.0
     acf = acf / acf[0]
     times = 2.0 * np.cumsum(acf) - 1.0
-    ends = np.flatnonzero((acf < UNCORRELATED) | (np.arange(acf.size) >= WINDOW * times))
+    ends = np.flatnonzero((acf < MIN_AUTOCORRELATION) | (np.arange(acf.size) >= AUTOCORRELATION_WINDOW * times))
     return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
 
 
@@ -98,7 +98,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}
     floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
     # No longer correlated than a sensor's noise may be: what lasts is the model's fault.
-    estimated = noise_of(objective, optimum.evaluation.residual, ClimbSettings(kinds=white, floors=floors_of))
+    estimated = fit_noise(objective, optimum.evaluation.residual, LocalFitSettings(kinds=white, floors=floors_of))
     reports = inspect(calibration, objective.series, replace(optimum, noise=estimated), floors)
     left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
@@ -168,11 +168,11 @@ class Price:
 def odds(gains: Sequence[float]) -> tuple[list[float], float]:
     """Probabilities of rival terms with these gains in log-evidence, and of no term at all.
 
-    Half of the prior is with no term, half is shared; :data:`UNLISTED` is kept for what no candidate is.
+    Half of the prior is with no term, half is shared; :data:`UNLISTED_PROBABILITY` is kept for what no candidate is.
     """
     if not gains:
-        return [], 1.0 - UNLISTED
+        return [], 1.0 - UNLISTED_PROBABILITY
     logs = np.array([math.log(0.5), *(math.log(0.5 / len(gains)) + g if math.isfinite(g) else -np.inf for g in gains)])
     shares = np.exp(logs - logs.max())
-    shares *= (1.0 - UNLISTED) / shares.sum()
+    shares *= (1.0 - UNLISTED_PROBABILITY) / shares.sum()
     return shares[1:].tolist(), float(shares[0])

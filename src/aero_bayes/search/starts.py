@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.climb import ClimbSettings, climb
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.laws.family import Candidate
+from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.response import Line, LinearResponse, Tried
+from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Magnitudes that make a grid, how often it is halved about its best, and of how many lines both ends are simulated.
-GRID, HALVINGS, LINES = 6, 3, 3
-#: Change of the outputs, as a share of the residual, of a magnitude at which a line is still straight.
-SMALL = 0.3
-#: Gain in log-likelihood below which a line is not followed: half of what a start must promise for a fit.
-LEAST_GAIN = 1.0
-#: Share of a promise that a simulation must confirm; else the other parameters are refitted, if the promise is so much
-#: in tempered log-likelihood, or such a share of all that is left.
-CONFIRMED, WORTH_REFIT, GREAT_SHARE = 0.3, 6.0, 0.1
+#: Magnitudes in a grid, halvings of the grid about its best point, and lines of which both ends are simulated.
+GRID_POINTS, GRID_HALVINGS, MAX_LINES = 6, 3, 3
+#: Change of the outputs, as a share of the residual, up to which the response to a magnitude counts as linear.
+LINEAR_RESPONSE_SHARE = 0.3
+#: Gain in log-likelihood below which a line is not followed: half of the gain that a start must predict for a fit.
+MIN_LINE_GAIN = 1.0
+#: Share of a predicted gain that a simulation must confirm. Else the other parameters are refitted, if the predicted
+#: gain is this large in tempered log-likelihood, or this share of the whole residual.
+MIN_CONFIRMED_SHARE, MIN_REFIT_GAIN, MIN_REFIT_SHARE = 0.3, 6.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: 
     candidates = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
     base = fitted.optimum
     asked = base.coordinates, base.free, base.noise, candidates, structure, list(rules)
-    return unpack_all(Start, fitted.model.objective.once("starts", asked, look))
+    return unpack_all(Start, fitted.model.objective.cached("starts", asked, look))
 
 
-def _one_new(fitted: FittedModel, structure: Structure) -> Candidate | None:
+def _one_new(fitted: FittedModel, structure: Structure) -> CandidateTerm | None:
     new = structure.new_terms(fitted.structure)
     return fitted.model.candidates[new[0]] if len(new) == 1 else None
 
@@ -97,22 +97,22 @@ class NominalSizes:
             return []
         response = fitted.response
         lines = nominal_lines(response, candidate)
-        if response.possible(_foretold(lines)) < LEAST_GAIN:
+        if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
             lines += [response.line(*tried) for tried in _smaller(response, candidate, lines)]
         starts = _ends(response, candidate, lines)
         promise = max((s.promise for s in starts), default=0.0)
-        much = 0.5 * float(response.left @ response.left) * GREAT_SHARE
-        worth = promise > min(WORTH_REFIT * fitted.temperature, much)
-        if worth and max((s.simulated for s in starts), default=0.0) < CONFIRMED * promise:
+        much = 0.5 * float(response.left @ response.left) * MIN_REFIT_SHARE
+        worth = promise > min(MIN_REFIT_GAIN * fitted.temperature, much)
+        if worth and max((s.simulated for s in starts), default=0.0) < MIN_CONFIRMED_SHARE * promise:
             starts += _with_term_held(response, lines)
         return starts
 
 
-def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
+def nominal_lines(response: LinearResponse, candidate: CandidateTerm) -> list[ResponseLine]:
     """Lines through a candidate's nominal parameters."""
     columns, lines = candidate.columns, [response.line(*tried) for tried in _first_look(response, candidate)]
-    if len(columns) == 1 and len(candidate.starts) >= GRID:
-        for _ in range(HALVINGS):
+    if len(columns) == 1 and len(candidate.starts) >= GRID_POINTS:
+        for _ in range(GRID_HALVINGS):
             between = _between(response.objective.parameters, candidate, lines)
             if not between:
                 break
@@ -120,10 +120,10 @@ def nominal_lines(response: LinearResponse, candidate: Candidate) -> list[Line]:
     return lines
 
 
-def _first_look(response: LinearResponse, candidate: Candidate) -> list[Tried]:
+def _first_look(response: LinearResponse, candidate: CandidateTerm) -> list[Tried]:
     """A candidate at its nominal parameters; of a grid only every second one if all of these go the wrong way."""
     columns, starts = candidate.columns, candidate.starts
-    if len(columns) > 1 or len(starts) < GRID:
+    if len(columns) > 1 or len(starts) < GRID_POINTS:
         return response.simulate(columns, starts)
     ordered = sorted(starts)
     tried = response.simulate(columns, ordered[::2])
@@ -133,12 +133,14 @@ def _first_look(response: LinearResponse, candidate: Candidate) -> list[Tried]:
     return tried + response.simulate(columns, ordered[1::2])
 
 
-def _foretold(lines: Sequence[Line]) -> float:
+def _foretold(lines: Sequence[ResponseLine]) -> float:
     """The most that a line foretells, at its best step or where it was tried."""
     return max((max(line.best_gain, line.gain(1.0)) for line in lines), default=0.0)
 
 
-def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[Line]) -> list[tuple[float, ...]]:
+def _between(
+    parameters: ParameterSet, candidate: CandidateTerm, lines: Sequence[ResponseLine]
+) -> list[tuple[float, ...]]:
     """Magnitudes half way between the best and its neighbours; none if the least is too much."""
     (column,) = candidate.columns
     gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
@@ -150,15 +152,15 @@ def _between(parameters: ParameterSet, candidate: Candidate, lines: Sequence[Lin
     return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
 
 
-def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Tried]:
-    """Each shape of a candidate at a magnitude that changes :data:`SMALL` of the residual."""
+def _smaller(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Tried]:
+    """Each shape of a candidate at a magnitude that changes :data:`LINEAR_RESPONSE_SHARE` of the residual."""
     columns = list(candidate.columns)
-    least: dict[tuple[float, ...], Line] = {}
+    least: dict[tuple[float, ...], ResponseLine] = {}
     for line in lines:
         shape = tuple(line.row[columns[1:]])
         if shape not in least or line.alone < least[shape].alone:
             least[shape] = line
-    aim = SMALL * math.sqrt(float(response.left @ response.left))
+    aim = LINEAR_RESPONSE_SHARE * math.sqrt(float(response.left @ response.left))
     values: list[tuple[float, ...]] = []
     for line in least.values():
         if line.alone > aim:
@@ -167,14 +169,14 @@ def _smaller(response: LinearResponse, candidate: Candidate, lines: Sequence[Lin
     return response.simulate(columns, values)
 
 
-def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line]) -> list[Start]:
+def _ends(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Start]:
     """Both ends of the likeliest lines: where each was tried, and where it is best; simulated if worth it."""
     acting = [line for line in lines if line.power > 0.0]
-    ends: list[tuple[Line, float]] = []
+    ends: list[tuple[ResponseLine, float]] = []
     for steps in ([1.0] * len(acting), [line.within for line in acting]):
-        ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:LINES]
+        ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:MAX_LINES]
     starts = [(line.best_gain, response.point(candidate, line, step)) for line, step in ends]
-    if response.possible(_foretold(lines)) < LEAST_GAIN:
+    if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
         return [Start(point, promise) for promise, point in starts]
     gains = response.gains([point for _, point in starts])
     found = [Start(point, promise, gain) for (promise, point), gain in zip(starts, gains, strict=True)]
@@ -186,14 +188,16 @@ def _ends(response: LinearResponse, candidate: Candidate, lines: Sequence[Line])
     return [s for s in found if math.isfinite(s.simulated)]
 
 
-def _with_term_held(response: LinearResponse, lines: Sequence[Line]) -> list[Start]:
+def _with_term_held(response: LinearResponse, lines: Sequence[ResponseLine]) -> list[Start]:
     """The likeliest nominal parameters that act, all else refitted in a few steps."""
-    settings = ClimbSettings(hold_noise=True).rough(6, 0.5)
+    settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
     acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
     present, found = response.base.whitened.log_likelihood, []
-    for line in acting[:LINES]:
+    for line in acting[:MAX_LINES]:
         with suppress(CannotFinishError):
-            end = climb(response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings)
+            end = local_fit(
+                response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings
+            )
             found.append(Start(end.coordinates, line.best_gain, end.log_likelihood - present))
     return found
 
@@ -234,7 +238,7 @@ class Tangent:
         return [Start(p, promise, gain) for p, gain in zip(points, gains, strict=True) if math.isfinite(gain)]
 
 
-def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[Candidate]) -> FloatArray:
+def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]) -> FloatArray:
     """Search coordinates of a fit with the shapes of some candidates at their first nominal values, magnitudes off."""
     parameters = fitted.model.objective.parameters
     values = parameters.from_search(fitted.optimum.coordinates)

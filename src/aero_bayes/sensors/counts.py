@@ -23,7 +23,7 @@ from aero_bayes.sensors.noise import OutputNoise, estimate_noise
 FloatArray = NDArray[np.float64]
 
 #: Gain in log-likelihood at which the exact likelihood of counts is preferred over the Gaussian one.
-LEAST_GAIN = 3.0
+MIN_LOG_LIKELIHOOD_GAIN = 3.0
 
 
 def quantum(values: FloatArray) -> float:
@@ -73,7 +73,7 @@ class Quantisation:
     @property
     def exact(self) -> bool:
         """Whether the exact likelihood describes the readings noticeably better than the Gaussian one."""
-        return self.gain > LEAST_GAIN
+        return self.gain > MIN_LOG_LIKELIHOOD_GAIN
 
     def to_dict(self) -> dict[str, float | bool]:
         return {

@@ -14,8 +14,8 @@ from aero_bayes.sensors.ripple import Ripple
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
-#: Share of the residual's variance below which the rounding of a converter is not worth a word.
-LEAST_SHARE = 1e-3
+#: Share of the residual's variance below which quantisation is not reported.
+MIN_VARIANCE_SHARE = 1e-3
 
 
 def describe_sensors(
@@ -59,6 +59,6 @@ def describe_sensors(
 
 def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
     step = quantum(readings)
-    if step == 0.0 or step**2 / 12.0 < LEAST_SHARE * float(np.nanmean((readings - fitted) ** 2)):
+    if step == 0.0 or step**2 / 12.0 < MIN_VARIANCE_SHARE * float(np.nanmean((readings - fitted) ** 2)):
         return None
     return counts_of(time, readings, fitted)

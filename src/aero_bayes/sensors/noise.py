@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from aero_bayes.sensors.innovations import LOG_2PI, whiten_rows
-from aero_bayes.sensors.whittle import BinnedPower, likeliest
+from aero_bayes.sensors.whittle import BinnedPower, maximise_whittle
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
 
-#: Longest correlation time of noise, as a share of the longest recording: what lasts longer is the model's fault.
-LONGEST = 0.02
-#: Steps that differ by more than this share are uneven.
-_EVEN = 1e-3
+#: Longest correlation time of noise, as a share of the longest recording: a longer one means model error.
+MAX_CORRELATION_SHARE = 0.02
+#: Relative difference of two time steps above which the sampling counts as uneven.
+_MAX_STEP_DEVIATION = 1e-3
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Sampling:
             return cls(index, seen, 1.0, True)
         steps = np.diff(seen)
         interval = float(np.median(steps))
-        slack = max(_EVEN * interval, 1e-9 * abs(float(seen[-1])))
+        slack = max(_MAX_STEP_DEVIATION * interval, 1e-9 * abs(float(seen[-1])))
         return cls(index, seen, interval, bool(np.all(np.abs(steps - interval) <= slack)))
 
     @property
@@ -161,7 +161,7 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
     return out
 
 
-def renew_noise(
+def update_output_noise(
     residuals: Sequence[FloatArray],
     samplings: Sequence[Sampling],
     *,
@@ -178,14 +178,14 @@ def renew_noise(
     floor : float
         Least white standard deviation, such as a sensor's quantum over the square root of twelve.
     longest : float, optional
-        Greatest correlation time in s; :data:`LONGEST` of the longest recording by default.
+        Greatest correlation time in s; :data:`MAX_CORRELATION_SHARE` of the longest recording by default.
     start : OutputNoise, optional
         Where to begin; tried beside a few standard places.
     """
     powers = [BinnedPower.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
-    limit = longest if longest is not None else LONGEST * max(s.duration for s in samplings)
+    limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
-    return OutputNoise(*likeliest(powers, floor=floor, longest=limit, near=near))
+    return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))
 
 
 def estimate_noise(
@@ -202,8 +202,9 @@ def estimate_noise(
     times, residuals : sequences of ndarray, shape (n_e,)
         Sample times and residuals of each recording; NaN where there is no reading.
     kind : {"white", "ou", "auto"}
-        ``auto`` compares the two by BIC. What lasts longer than :data:`LONGEST` of the longest recording, and is larger
-        than the white part, is no noise: the estimate is then ``held`` at the residual's root mean square.
+        ``auto`` compares the two by BIC. A part that is correlated for longer than :data:`MAX_CORRELATION_SHARE` of the
+        longest recording, and larger than the white part, is model error: the estimate is then ``held`` at the
+        residual's root mean square.
     guess : OutputNoise, optional
         Where to start (an earlier estimate).
     floor : float
@@ -226,7 +227,7 @@ def estimate_noise(
     interval = min(s.interval for _, s in pairs if s.size > 1)
     low = np.log([max(floor, 1e-4 * rms), 1e-4 * rms, 0.2 * interval])
     high = np.log([2.0 * rms, 20.0 * rms, 10.0 * longest])
-    first = renew_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
+    first = update_output_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
     if first.kind == "white":
         first = OutputNoise(0.7 * rms, 0.7 * rms, 3.0 * interval)
     found = minimize(
@@ -238,7 +239,7 @@ def estimate_noise(
     likelihood = total(correlated)
     if kind == "auto" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
         return white
-    if kind == "auto" and correlated.tau > LONGEST * longest and correlated.sd_ou > correlated.sd_white:
+    if kind == "auto" and correlated.tau > MAX_CORRELATION_SHARE * longest and correlated.sd_ou > correlated.sd_white:
         return OutputNoise(white.sd_white, held=True)
     new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
     unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_seen=False)

@@ -21,14 +21,14 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise, Sampling, estimate_
 
 FloatArray = NDArray[np.float64]
 
-#: Length of a piece in s, and periods that a ripple must show within one so as not to pass for slow physics.
-PIECE, PERIODS = 0.5, 3.0
+#: Length of a piece in s, and smallest number of ripple periods in a piece: slower ripple may be slow physics.
+PIECE_LENGTH, MIN_PERIODS = 0.5, 3.0
 #: Log-evidence, less half the logarithm of the number of pieces, at which an order counts.
-LEAST_GAIN = 5.0
-#: Greatest speed in rad/s below which a rotor is not looked at.
-SLOWEST = 20.0
+MIN_LOG_EVIDENCE = 5.0
+#: Smallest top speed of a rotor whose ripple is examined, in rad/s.
+MIN_ROTOR_SPEED = 20.0
 #: Rounds in which noise and ripple are estimated in turn.
-ROUNDS = 3
+ALTERNATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def find_ripple(
     pieces = _pieces(time, residual, speed, orders)
     values = np.zeros(time.size)
     found: tuple[RippleOrder, ...] = ()
-    for _ in range(ROUNDS):
+    for _ in range(ALTERNATIONS):
         found, new = _estimate(pieces, time, residual, noise, orders)
         unchanged = bool(np.max(np.abs(new - values), initial=0.0) < 1e-3 * noise.sd)
         values = new
@@ -143,13 +143,13 @@ def ripples(
 def is_rotor(readings: FloatArray, unit: str) -> bool:
     """Whether readings (n,) are those of a speed at which a rotor's ripple could be told from other motion."""
     seen = readings[np.isfinite(readings)]
-    return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= SLOWEST
+    return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= MIN_ROTOR_SPEED
 
 
 def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: Sequence[int]) -> list[_Piece]:
     step = np.diff(time)
     angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)))
-    edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE, PIECE))
+    edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE_LENGTH, PIECE_LENGTH))
     edges[-1] = time.size
     size = np.abs(speed) / max(float(np.max(np.abs(speed))), 1e-300)
     pieces = []
@@ -165,9 +165,9 @@ def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: S
             periods = np.abs(cycles - np.round(cycles)) * (last - first)
             phase = order * angle[part][seen]
             waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-            if float(np.min(periods)) >= PERIODS:
+            if float(np.min(periods)) >= MIN_PERIODS:
                 columns[order, "even"] = waves
-            if float(np.median(periods)) >= PERIODS:
+            if float(np.median(periods)) >= MIN_PERIODS:
                 columns[order, "with speed"] = waves * size[part][seen, None]
         if columns:
             pieces.append(_Piece(part, seen, columns))
@@ -183,7 +183,7 @@ def _estimate(
     for order in orders:
         forms = [_form(pieces, (order, law), time, residual - values, noise) for law in ("even", "with speed")]
         best = max((f for f in forms if f is not None), key=lambda f: f[0].log_evidence, default=None)
-        if best is not None and best[0].log_evidence > LEAST_GAIN:
+        if best is not None and best[0].log_evidence > MIN_LOG_EVIDENCE:
             found.append(best[0])
             values = values + best[1]
     return tuple(found), values

@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 
 FloatArray = NDArray[np.float64]
 
-#: Updates of white and drift, in turn, for each of a row of correlation times.
-ROUNDS = 40
+#: Alternating updates of the white and the correlated variance for each correlation time of a grid.
+MULTIPLICATIVE_UPDATES = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class BinnedPower:
         return cls(angular, count, np.add.reduceat(weight * power, edges) / count, interval)
 
 
-def likeliest(
+def maximise_whittle(
     powers: Sequence[BinnedPower], *, floor: float, longest: float, near: float | None = None
 ) -> tuple[float, float, float]:
     """White standard deviation, that of the process, and its correlation time in s (zero for white noise alone).
@@ -103,8 +103,8 @@ def likeliest(
         )
         return cost, gradient
 
-    # The cost has several valleys: white and drift are first found for each of a row of correlation times, all at once,
-    # by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
+    # The cost has several local optima, so both variances are first found for each correlation time of a grid, all at
+    # once, by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
     taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
     if near is not None:
         taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
@@ -113,7 +113,7 @@ def likeliest(
     whites = np.full((taus.size, 1), max(min(fast, total), smallest))
     drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
     one, power = np.ones((count.size, 1)), count * observed
-    for step in range(ROUNDS):
+    for step in range(MULTIPLICATIVE_UPDATES):
         inverse = 1.0 / (whites + drifts * shapes)
         push, pull = power * inverse * inverse, count * inverse
         # In turn: a step of both at once goes too far.

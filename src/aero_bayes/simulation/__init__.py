@@ -11,10 +11,10 @@ from aero_bayes.simulation.interface import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     Simulator,
     SolverSettings,
     StartTarget,
-    Target,
     Trajectories,
 )
 from aero_bayes.simulation.model import Model, Variable
@@ -33,10 +33,10 @@ __all__ = [
     "Outcome",
     "ParameterTarget",
     "Problem",
+    "ProblemTarget",
     "Simulator",
     "SolverSettings",
     "StartTarget",
-    "Target",
     "Trajectories",
     "Variable",
     "WorkerPool",

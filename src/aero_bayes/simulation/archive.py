@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath
 
 from aero_bayes.errors import InputError
 
-MOST_UNPACKED_BYTES = 1 << 30
-MOST_TEXT_BYTES = 64 << 20
-MOST_MEMBERS = 100_000
+MAX_UNPACKED_BYTES = 1 << 30
+MAX_TEXT_BYTES = 64 << 20
+MAX_MEMBERS = 100_000
 DESCRIPTION = "modelDescription.xml"
 
 # What zipfile raises on archives that are damaged, encrypted or packed in a way it does not know.
@@ -32,8 +32,8 @@ def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
             if DESCRIPTION not in names:
                 raise InputError(f"{path}: no {DESCRIPTION} inside, so this is not an FMU")
             for name in (DESCRIPTION, *optional):
-                if name in names and archive.getinfo(name).file_size > MOST_TEXT_BYTES:
-                    raise InputError(f"{path}: {name} is larger than {MOST_TEXT_BYTES >> 20} MiB")
+                if name in names and archive.getinfo(name).file_size > MAX_TEXT_BYTES:
+                    raise InputError(f"{path}: {name} is larger than {MAX_TEXT_BYTES >> 20} MiB")
             return names, [archive.read(name) if name in names else b"" for name in (DESCRIPTION, *optional)]
     except _UNREADABLE as error:
         raise _unreadable(path, error) from error
@@ -72,8 +72,8 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
     members = archive.infolist()
-    if len(members) > MOST_MEMBERS:
-        raise InputError(f"{path}: has {len(members)} members (at most {MOST_MEMBERS} are allowed)")
+    if len(members) > MAX_MEMBERS:
+        raise InputError(f"{path}: has {len(members)} members (at most {MAX_MEMBERS} are allowed)")
     total, files, folders = 0, dict[str, zipfile.ZipInfo](), set[str]()
     twice = []
     for member in members:
@@ -97,8 +97,8 @@ def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:
     both = sorted(files.keys() & folders)
     if both:
         raise InputError(f"{path}: member {both[0]!r} is a file and a folder")
-    if total > MOST_UNPACKED_BYTES:
-        raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MOST_UNPACKED_BYTES >> 20} MiB are allowed)")
+    if total > MAX_UNPACKED_BYTES:
+        raise InputError(f"{path}: unpacks to {total >> 20} MiB (at most {MAX_UNPACKED_BYTES >> 20} MiB are allowed)")
     for first, second in twice:
         if not _are_equal(archive, first, second):
             raise InputError(f"{path}: member {second.filename!r} is there twice, with different contents")

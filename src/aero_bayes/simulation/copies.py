@@ -20,13 +20,13 @@ from aero_bayes.simulation.interface import (
     Outcome,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     SolverSettings,
     StartTarget,
-    Target,
 )
 from aero_bayes.simulation.model import Model
 
-_ROWS = 6
+_PROBE_POINTS = 6
 _found: dict[str, Mapping[str, int]] = {}  # by the FMU's checksum: a fact about a file, looked up once
 _lock = Lock()
 
@@ -52,7 +52,7 @@ def _look(model: Model) -> dict[str, int]:
 
     said = dict(model.said_copies)
     parameters = [p for p in model.parameters if p.start is not None]
-    targets: tuple[Target, ...] = (
+    targets: tuple[ProblemTarget, ...] = (
         *(StartTarget(state.name) for state in model.states),
         *(ParameterTarget(parameter.name) for parameter in parameters),
     )
@@ -88,6 +88,8 @@ def _points(model: Model, parameters: list[float]) -> FloatArray:
     rng = np.random.default_rng(0)
     own = np.array([*((s.start or 0.0) for s in model.states), *parameters])
     size = np.array([*((s.nominal or abs(s.start or 0.0) or 1.0) for s in model.states), *np.abs(parameters)])
-    moved = own + 1e-3 * size * rng.uniform(0.5, 1.0, (_ROWS, own.size)) * rng.choice([-1.0, 1.0], (_ROWS, own.size))
-    moved[: _ROWS // 2, len(model.states) :] = parameters  # where the model does not run with other parameters
+    moved = own + 1e-3 * size * rng.uniform(0.5, 1.0, (_PROBE_POINTS, own.size)) * rng.choice(
+        [-1.0, 1.0], (_PROBE_POINTS, own.size)
+    )
+    moved[: _PROBE_POINTS // 2, len(model.states) :] = parameters  # where the model does not run with other parameters
     return np.vstack([own, moved])

@@ -33,8 +33,8 @@ from aero_bayes.simulation.spec import check_problem, target_scale
 from aero_bayes.simulation.workers import WorkerPool
 
 ENGINE = "co-simulation by FMPy"
-MOST_SUBSTEPS = 64
-_GOAL = 1e-5  # of an output's range, between a step and its halves
+MAX_SUBSTEPS = 64
+_STEP_ERROR_GOAL = 1e-5  # of an output's range, between a step and its halves
 _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother than that
 
 
@@ -110,15 +110,15 @@ class CosimulationSimulator(ReducedTrajectories):
         coarse, change = self._open(1), np.inf
         before = coarse.trajectories(values[:1])
         self.substeps = 1
-        while self.problem.model.takes_any_step and 2 * self.substeps <= MOST_SUBSTEPS:
+        while self.problem.model.takes_any_step and 2 * self.substeps <= MAX_SUBSTEPS:
             fine = self._open(2 * self.substeps)
             after = fine.trajectories(values[:1])
             change = _largest_change(before, after)
-            if not change > _GOAL:  # or every run failed
+            if not change > _STEP_ERROR_GOAL:  # or every run failed
                 break
             self.pool.forget(coarse.path)
             coarse, before, self.substeps = fine, after, 2 * self.substeps
-        if np.isfinite(change) and change > _GOAL:
+        if np.isfinite(change) and change > _STEP_ERROR_GOAL:
             warnings.warn(
                 f"{self.problem.model.path.name}: halving the communication step still changes its outputs by "
                 f"{change:.1e} of their range: its solver is not accurate",

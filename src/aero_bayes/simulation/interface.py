@@ -130,7 +130,7 @@ class InputTarget:
     index: int
 
 
-Target = ParameterTarget | StartTarget | DelayTarget | InputTarget
+ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class Problem:
 
     model: Model
     experiments: tuple[Experiment, ...]
-    targets: tuple[tuple[Target | None, ...], ...]
+    targets: tuple[tuple[ProblemTarget | None, ...], ...]
     fixed: Mapping[str, float] = field(default_factory=dict)
     settings: SolverSettings = SolverSettings()
 

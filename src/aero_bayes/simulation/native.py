@@ -27,7 +27,7 @@ from aero_bayes.simulation.workers import TODO, LoadError, WorkerPool
 _TRAJECTORY, _LIKELIHOOD, _GAUSS_NEWTON = 0, 1, 2
 _JOB_WORDS = 15
 _BLOCK_BYTES = 32 << 20
-_MOST_ROWS = 16384
+_MAX_ROWS = 16384
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Batches:
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
         per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
-        rows = max(1, min(_MOST_ROWS, _BLOCK_BYTES // max(1, per_row)))
+        rows = max(1, min(_MAX_ROWS, _BLOCK_BYTES // max(1, per_row)))
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:
@@ -264,8 +264,8 @@ class NativeSimulator:
         result = np.full((n, experiments), -np.inf)
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
         none = np.zeros(0, dtype=np.int64)
-        for start in range(0, n, _MOST_ROWS):
-            part = slice(start, min(n, start + _MOST_ROWS))
+        for start in range(0, n, _MAX_ROWS):
+            part = slice(start, min(n, start + _MAX_ROWS))
             with self.pool.lock:
                 block = batches.run(_LIKELIHOOD, values[part], none, noise[part])
                 outcomes[part] = block.outcomes
@@ -284,7 +284,7 @@ class NativeSimulator:
         batches = self._open_batches()
         total = np.full((n, 2 + q + q * q), np.nan)
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
-        rows = max(1, min(_MOST_ROWS, _BLOCK_BYTES // (8 * experiments * (2 + q + q * q))))
+        rows = max(1, min(_MAX_ROWS, _BLOCK_BYTES // (8 * experiments * (2 + q + q * q))))
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:

@@ -17,8 +17,8 @@ from aero_bayes.simulation.interface import (
     InputTarget,
     ParameterTarget,
     Problem,
+    ProblemTarget,
     StartTarget,
-    Target,
 )
 from aero_bayes.simulation.model import Model, Variable
 
@@ -121,7 +121,7 @@ def signal_index(experiment: Experiment, name: str) -> int:
     raise InputError(f"no signal for input {name!r} in the experiment")
 
 
-def _check_target(model: Model, experiment: Experiment, target: Target | None, where: str) -> None:
+def _check_target(model: Model, experiment: Experiment, target: ProblemTarget | None, where: str) -> None:
     if isinstance(target, ParameterTarget):
         model.parameter(target.name)
     elif isinstance(target, StartTarget):
@@ -135,7 +135,7 @@ def _check_target(model: Model, experiment: Experiment, target: Target | None, w
             raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
 
 
-def target_scale(model: Model, experiment: Experiment, target: Target | None) -> float:
+def target_scale(model: Model, experiment: Experiment, target: ProblemTarget | None) -> float:
     """A natural size of a column, for finite differences at zero."""
     variable: Variable | None = None
     if isinstance(target, ParameterTarget):
@@ -154,7 +154,7 @@ def target_scale(model: Model, experiment: Experiment, target: Target | None) ->
     return 1.0
 
 
-def _target(model: Model, experiment: Experiment, target: Target | None) -> tuple[int, int, int, float]:
+def _target(model: Model, experiment: Experiment, target: ProblemTarget | None) -> tuple[int, int, int, float]:
     scale = target_scale(model, experiment, target)
     if isinstance(target, ParameterTarget):
         return 1, model.parameter(target.name).value_reference, 0, scale
@@ -167,7 +167,7 @@ def _target(model: Model, experiment: Experiment, target: Target | None) -> tupl
     return 0, 0, 0, scale
 
 
-def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[Target | None, ...]) -> None:
+def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[ProblemTarget | None, ...]) -> None:
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
     copies = named_copies(model)

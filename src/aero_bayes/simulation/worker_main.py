@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
 SPENT, NOT_LOADED = 1, 2  # how a batch ends where this process can do no more, and where the model cannot be loaded
-MOST_PROBLEMS = 512
+MAX_PROBLEMS = 512
 
 
 def watch_parent(parent: int) -> None:
@@ -80,7 +80,7 @@ def serve(engine: Any, commands: int, replies: int, arena: int) -> None:
             size = wanted
         problem = problems.get(path)
         if problem is None:
-            while len(problems) >= MOST_PROBLEMS:
+            while len(problems) >= MAX_PROBLEMS:
                 engine.ab_close(problems.pop(next(iter(problems))))
             error = ctypes.create_string_buffer(1024)
             problem = engine.ab_open(path, error, 1024)

@@ -37,13 +37,13 @@ from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
 
 TODO = 255
-NONSENSE = -2
+INVALID_REPLY = -2
 _SLOT_BYTES = 64
 _SLOTS_AT = 0  # slots come first in the arena
 _FIRST_ARENA = 1 << 20
-MOST_LOST = 24  # runs of a model: where its first ones all crashed or ran out of time no further one is begun
-SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
-WAITING = 10.0  # time limits on the wall clock after which a run that sleeps, or gets no processor, is ended
+MAX_LOST_RUNS = 24  # runs of a model: where its first ones all crashed or ran out of time no further one is begun
+MAX_SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
+WALL_CLOCK_FACTOR = 10.0  # time limits on the wall clock after which a run that sleeps, or gets no processor, is ended
 
 
 @cache
@@ -240,8 +240,8 @@ class WorkerPool:
         before = self._first.get(model, outcomes[:0])
 
         def hopeless() -> bool:
-            first = self._first[model] = np.concatenate((before, outcomes[outcomes != TODO]))[:MOST_LOST]
-            lost = first.size == MOST_LOST and bool(np.all(np.isin(first, (Outcome.TIMED_OUT, Outcome.CRASHED))))
+            first = self._first[model] = np.concatenate((before, outcomes[outcomes != TODO]))[:MAX_LOST_RUNS]
+            lost = first.size == MAX_LOST_RUNS and bool(np.all(np.isin(first, (Outcome.TIMED_OUT, Outcome.CRASHED))))
             if lost:
                 outcomes[outcomes == TODO] = first[-1]
             return lost
@@ -383,13 +383,13 @@ class WorkerPool:
                 started, spent = (int(v) for v in self._slots[index, 1:3])
                 if task < 0:
                     # nonsense is a model's writing, which runs no longer than any other
-                    patient = allowed if task == NONSENSE else max(1e9 * SILENCE, 2.0 * allowed)
+                    patient = allowed if task == INVALID_REPLY else max(1e9 * MAX_SILENCE, 2.0 * allowed)
                     if now - silent.setdefault(index, now) < patient:
                         continue
                 else:
                     silent.pop(index, None)
                     computed = clocks[index]
-                    waits = WAITING if computed is not None else 1.0
+                    waits = WALL_CLOCK_FACTOR if computed is not None else 1.0
                     # It may have begun another since the clocks were read.
                     if abs(now - started) < waits * allowed and abs((computed or spent) - spent) < allowed:
                         continue
@@ -404,6 +404,6 @@ class WorkerPool:
         outcomes[lost] = Outcome.CRASHED
 
     def _slot(self, index: int, tasks: int) -> tuple[int, bool]:
-        """The task that a worker is at, -1 for none, or NONSENSE; and whether it has never been at one."""
+        """The task that a worker is at, -1 for none, or INVALID_REPLY; and whether it has never been at one."""
         task, started = (int(v) for v in self._slots[index, :2])
-        return (task if -1 <= task < tasks else NONSENSE), (task, started) == (-1, 0)
+        return (task if -1 <= task < tasks else INVALID_REPLY), (task, started) == (-1, 0)

@@ -49,9 +49,9 @@ from aero_bayes.workflow.settings import fit_settings
 Json = dict[str, Any]
 
 #: The signal to play, in the run's folder.
-SIGNAL = "next_experiment.csv"
+SIGNAL_FILE = "next_experiment.csv"
 #: Starting values tried for a rival effect's parameters, at most.
-MOST_STARTS = 4
+MAX_STARTS = 4
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         result, series = fit_part(job, base)
         closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
         write_series(options.out, only_measured(series) | plan)
-        signal.write_csv(options.out / SIGNAL)
+        signal.write_csv(options.out / SIGNAL_FILE)
         result = merge(result, part, closing)
         result |= context_part(job, result)
         write_result(options.out, result)
         page = write_report(options.out)
         click.echo(result["verdict"]["text"].replace("`", ""))
-        click.echo(f"wrote {options.out / SIGNAL}, {options.out / 'result.json'} and {page}")
+        click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
 def _narrow(
@@ -124,7 +124,7 @@ def _narrow(
     parameters: Any = found["parameters"]
     for name, entry in parameters.items():
         entry["sd_achieved"] = check.realised[name] * entry["sd_before"]
-    found |= {"kind": "narrow", "file": SIGNAL, "unit": design.unit, "check": check.to_dict()}
+    found |= {"kind": "narrow", "file": SIGNAL_FILE, "unit": design.unit, "check": check.to_dict()}
     return {"design": found, "verdict": _narrow_verdict(design, check)}, _plan(design, {"expected": base}, job), design
 
 
@@ -151,7 +151,7 @@ def _separate(
     unit = next((v.unit for v in base.calibration.model.inputs if v.name == apart.input), "")
     found = apart.to_dict() | {
         "kind": "separate",
-        "file": SIGNAL,
+        "file": SIGNAL_FILE,
         "unit": unit,
         "effects": [rivals.first, rivals.second],
         "common": list(rivals.common),
@@ -185,8 +185,8 @@ def _with_effect(
     here = {old: new for pairs in written.names.values() for old, new in pairs}
     values = [base.named.get(p.name, p.start) for p in job.parameters]
     found: list[Fit] = []
-    for k, row in enumerate(tried[:: max(1, -(-len(tried) // MOST_STARTS))]):
-        progress(f"fit with {name}", k / MOST_STARTS, "")
+    for k, row in enumerate(tried[:: max(1, -(-len(tried) // MAX_STARTS))]):
+        progress(f"fit with {name}", k / MAX_STARTS, "")
         starts = {here[n]: v for n, v in row.items()}
         started = [replace(p, start=min(max(starts[p.name], p.lower), p.upper)) for p in written.parameters]
         found.append(

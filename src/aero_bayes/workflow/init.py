@@ -33,15 +33,15 @@ from aero_bayes.workflow.job import columns_of, layout_of
 FloatArray = NDArray[np.float64]
 
 #: What a column of time is called, without its unit.
-TIME = {"time", "t", "timestamp", "zeit"}
-#: Sample times on which the outputs' reaction is looked at.
-SAMPLES = 2000
-#: Change of an output, as a share of its range, by a change of a parameter by its own size, below which it is not felt.
-FELT = 1e-4
-#: Share of a parameter's effect that others do not imitate, below which it cannot be told from them.
-APART = 1e-3
+TIME_NAMES = {"time", "t", "timestamp", "zeit"}
+#: Number of sample times at which sensitivities are computed.
+SAMPLE_COUNT = 2000
+#: Change of an output, as a share of its range, by a relative change of one of a parameter, below which it has none.
+MIN_RELATIVE_EFFECT = 1e-4
+#: Share of a parameter's effect outside the span of the others' effects below which it cannot be told from them.
+MIN_UNIQUE_SHARE = 1e-3
 #: A temperature in K where nothing is known.
-ROOM = 293.15
+ROOM_TEMPERATURE = 293.15
 #: Why a parameter is left to what the data tell.
 CONFOUNDED = "the outputs cannot tell it from those above"
 
@@ -117,7 +117,7 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
     units_of = {c: unit or (spelled(c) if not re.search(r"\d", c) else "") for c, (_, unit) in named.items()}
 
     def timed(signal: str, column: str) -> bool:
-        return signal == "time" and _bare(named[column][0]) in TIME
+        return signal == "time" and _bare(named[column][0]) in TIME_NAMES
 
     def alike(signal: str, column: str) -> bool:
         is_time = signal == "time" and not named[column][1] and conversion(units_of[column], "s") is not None
@@ -189,7 +189,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         if signal == column:
             continue
         given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) or unit == "%" else ""
-        alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME)
+        alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME_NAMES)
         doubts = [] if alike else ["is it this?"]
         doubts += [] if known else [f"in {unit}, and the model in {units[signal]}: see scale"]
         doubt = f"  # {'; '.join(doubts)}" if doubts else ""
@@ -220,7 +220,7 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
 
 def _usual(v: Variable) -> float:
     """A value for an input that was not recorded: the model's own, else that of a room."""
-    return v.start or (ROOM if v.unit == "K" else 0.0)
+    return v.start or (ROOM_TEMPERATURE if v.unit == "K" else 0.0)
 
 
 def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
@@ -243,9 +243,9 @@ def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: st
         size = float(np.linalg.norm(row))
         left = row - (row @ kept.T) @ kept
         rest = float(np.linalg.norm(left))
-        if size < FELT * np.sqrt(row.size):
+        if size < MIN_RELATIVE_EFFECT * np.sqrt(row.size):
             reasons[p.name] = "the outputs do not react to it"
-        elif rest < APART * size:
+        elif rest < MIN_UNIQUE_SHARE * size:
             reasons[p.name] = CONFOUNDED
         else:
             kept = np.vstack([kept, left / rest])
@@ -265,7 +265,7 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
     recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
     settings = CalibrationSettings(delay="none", start="estimated")
-    calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLES)
+    calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLE_COUNT)
     with open_simulator(calibration.problem()) as simulator:
         objective = Objective(calibration, simulator)
         at = calibration.parameters.to_search(calibration.parameters.start)
@@ -279,8 +279,9 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
 
 def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
-        "# All parameters of the model. Free are those of its own classes and those that these set, where the outputs",
-        '# react to them; free = false holds one, free = "later" until an effect lets the data tell it.',
+        "# All parameters of the model. Parameters that the outputs respond to are free, if the model's own classes",
+        '# declare or set them. free = false fixes a parameter; free = "later" fixes it until an effect is added with',
+        "# which the data determine it.",
         "[parameters]",
     ]
     for v in listed:

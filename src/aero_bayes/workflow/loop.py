@@ -22,8 +22,8 @@ from aero_bayes.workflow.settings import fit_settings
 
 Json = dict[str, Any]
 
-#: How many times the noise floor a climb from the starting values may leave for the loop to do without a swarm.
-ENOUGH = 1.2
+#: Residual over noise floor of a local fit from the starting values up to which the loop skips the swarm.
+MAX_FLOOR_RATIO = 1.2
 
 
 def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopResult:
@@ -61,7 +61,7 @@ def loop_settings(job: Job) -> LoopSettings:
     given = asked.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
-    # For a rig that is known, looser tolerances and one valley are enough unless the user says otherwise.
+    # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
     swarm, staged = fitting.ascent.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
@@ -69,7 +69,7 @@ def loop_settings(job: Job) -> LoopSettings:
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
     ascent = replace(
         defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
-        starts=fitting.starts, enough=0.0 if "pso" in given else ENOUGH,
+        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_FLOOR_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
     undecided = later_of(job)

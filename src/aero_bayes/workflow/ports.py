@@ -29,7 +29,7 @@ from aero_bayes.laws.law import STANDING
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import in_words, plain_name
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_of
-from aero_bayes.ports.sizes import MOST, port_sizes
+from aero_bayes.ports.sizes import COVERED_SHARE, port_sizes
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -38,17 +38,17 @@ from aero_bayes.workflow.job import RunOptions, open_job, which_model
 from aero_bayes.workflow.progress import ProgressBar
 
 FloatArray = NDArray[np.float64]
-Row = dict[str, Any]
+PortRow = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
 ACTS: Mapping[PortKind, str] = {
     "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
 }  # fmt: skip
-#: Response to a probe as large as all else at a port from which the port counts as hardly seen, and as seen: what is a
-#: tenth as large answers with as much.
-HARDLY, SEEN = 3.0, 30.0
+#: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
+#: at the port. Responses from which a term counts as barely visible, and as visible.
+MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
 #: Share of a signal's size over which what changes with its direction changes.
-TURN = 0.1
+TRANSITION_SHARE = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
@@ -64,7 +64,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
 
 
-def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
+def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is not None:
@@ -82,12 +82,12 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[Row]:
     return [{"id": c.id, "port": family.named(c.port), "summary": in_words(c.law, c.port)} for c in named]
 
 
-def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[Row]:
+def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
-    rows: list[Row] = port_table(family.ports)
+    rows: list[PortRow] = port_table(family.ports)
     if data:
         job = open_job(data, options)
         with ProgressBar(options.quiet) as progress:
@@ -100,10 +100,12 @@ def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) ->
 
 
 def visibility(response: float | None) -> str:
-    """``seen``, ``hardly``, ``not seen`` by a port's response in standard deviations; ``unknown`` without one."""
+    """``seen``, ``barely`` or ``not seen`` in these data, by a port's response; ``unknown`` without a response."""
     if response is None:
         return "unknown"
-    return "seen" if response >= SEEN else "hardly" if response >= HARDLY else "not seen"
+    if response >= MIN_VISIBLE_RESPONSE:
+        return "seen"
+    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
 
 
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
@@ -161,7 +163,7 @@ def _late(
     rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
     for q, port in enumerate(outputs):
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
-        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), MOST) if own else 0.0
+        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), COVERED_SHARE) if own else 0.0
         for k in own if fastest > 0.0 else ():
             rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
     return rows, [port.id for port in outputs]
@@ -203,7 +205,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
         if port.kind == "input":
             found.append(Call("*", (share, Call("abs", (share,)))))
         elif signal in ("v", "i"):
-            found.append(Call("tanh", (Call("/", (share, Number(TURN))),)))
+            found.append(Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),)))
     return found
 
 
@@ -224,7 +226,7 @@ def _apart(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
     return left
 
 
-def as_table(rows: Sequence[Row]) -> str:
+def as_table(rows: Sequence[PortRow]) -> str:
     """Rows as aligned columns with a header; file and line in one, lists with spaces."""
     shown = [_cells(row) for row in rows]
     if not shown:
@@ -234,7 +236,7 @@ def as_table(rows: Sequence[Row]) -> str:
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in table)
 
 
-def _cells(row: Row) -> dict[str, str]:
+def _cells(row: PortRow) -> dict[str, str]:
     cells: dict[str, str] = {}
     for key, value in row.items():
         if key == "line":

@@ -20,9 +20,9 @@ Json = dict[str, Any]
 
 #: Posterior draws behind a recording's density, behind those of stretches, and stretches known before the first is
 #: predicted, as a share of all.
-DRAWS, STRETCH_DRAWS, KNOWN = 10, 100, 0.5
+DRAWS, STRETCH_DRAWS, INITIAL_SHARE = 10, 100, 0.5
 #: Rows of all recordings up to which posteriors of the past are computed anew without being asked.
-SHORT = 10_000
+MAX_REFIT_ROWS = 10_000
 
 
 def prediction_settings(job: Job) -> PredictionSection | None:
@@ -30,7 +30,7 @@ def prediction_settings(job: Job) -> PredictionSection | None:
     section = job.config.prediction
     if len(job.recordings) < 2 or section.max_seconds == 0.0:
         return None
-    short = sum(r.rows for r in job.recordings) <= SHORT
+    short = sum(r.rows for r in job.recordings) <= MAX_REFIT_ROWS
     return section if section.refits is not None else section.model_copy(update={"refits": short})
 
 
@@ -49,7 +49,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
             )
             entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
             ordered = time_ordered(
-                found, opener, rng, blocks=section.stretches, first=max(1, round(KNOWN * section.stretches)),
+                found, opener, rng, blocks=section.stretches, first=max(1, round(INITIAL_SHARE * section.stretches)),
                 draws=STRETCH_DRAWS, refits=bool(section.refits), progress=progress,
             )  # fmt: skip
             entry["stretches"] = ordered.to_dict()

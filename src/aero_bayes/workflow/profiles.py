@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.check.profile import DROP_90, profile
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.search import LocalSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.job import Job
@@ -22,9 +22,9 @@ from aero_bayes.workflow.progress import ProgressBar
 Json = dict[str, Any]
 
 #: Points of a profile, iterations of its search, and seconds after which no further one is begun.
-POINTS, ITERATIONS, TIME_LIMIT = 15, 15, 4.0
-#: How near a bound, in standard deviations, makes a parameter doubtful.
-NEAR = 2.0
+PROFILE_POINTS, MAX_ITERATIONS, TIME_LIMIT = 15, 15, 4.0
+#: Distance from a bound, in standard deviations, below which a parameter gets a profile.
+MIN_BOUND_DEVIATIONS = 2.0
 
 
 def doubtful(found: Fit) -> list[str]:
@@ -35,7 +35,9 @@ def doubtful(found: Fit) -> list[str]:
     for position, column in enumerate(found.free):
         item = found.calibration.parameters.items[column]
         room = min(point[column] - low[column], high[column] - point[column])
-        unsure = found.status(column) is not Status.IDENTIFIED or room < NEAR * found.laplace.sd[position]
+        unsure = (
+            found.status(column) is not Status.IDENTIFIED or room < MIN_BOUND_DEVIATIONS * found.laplace.sd[position]
+        )
         if isinstance(item.target, ParameterTarget) and unsure:
             doubts.append((-found.identifiability.ratio[item.name], item.name))
     return [name for _, name in sorted(doubts)]
@@ -60,8 +62,8 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
             progress("profiles", k / len(names), name)
             try:
                 curve = profile(
-                    found, name, simulator, points=POINTS,
-                    settings=LocalSettings(max_iterations=ITERATIONS, tolerance=1e-3),
+                    found, name, simulator, points=PROFILE_POINTS,
+                    settings=LocalSettings(max_iterations=MAX_ITERATIONS, tolerance=1e-3),
                 )  # fmt: skip
             except CannotFinishError:
                 skipped.append(name)

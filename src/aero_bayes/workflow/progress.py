@@ -14,7 +14,7 @@ RESOLUTION = 1000
 #: Seconds between lines where nobody watches a bar, and after which the first says how long it will take.
 LINE_EVERY, FIRST_AFTER = 15.0, 3.0
 #: Seconds within which what is done was done before, by a run that this one resumes.
-AT_ONCE = 0.5
+RESUMED_SECONDS = 0.5
 _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
 
 
@@ -44,7 +44,7 @@ class ProgressBar:
         if work != self._work:
             self.close()
             self._work, self._began, self._estimated = work, time.monotonic(), False
-        if time.monotonic() - self._began < AT_ONCE:
+        if time.monotonic() - self._began < RESUMED_SECONDS:
             self._first = share
         beside = value if isinstance(value, str) else f"{value:.6g}"
         if self._lines:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
-from aero_bayes.estimate.search import LocalSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.sample.mcmc import SampleSettings

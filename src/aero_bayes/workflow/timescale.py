@@ -19,11 +19,11 @@ FloatArray = NDArray[np.float64]
 
 #: Span over which the linearised model is propagated, in s.
 #: Rates in 1/s below which a mode counts as an integrator, and below which it counts as standing still.
-SPAN, INTEGRATING, STANDING = 1e-3, 1e-6, 1e-4
+PROPAGATION_TIME, MAX_INTEGRATOR_RATE, MAX_STANDSTILL_RATE = 1e-3, 1e-6, 1e-4
 #: Speed at which a model counts as moving, in its unit.
-SPEED, SPEED_UNITS = 1.0, ("rad/s", "m/s")
+MOVING_SPEED, SPEED_UNITS = 1.0, ("rad/s", "m/s")
 #: Share of an eigenvector from which an output is taken to see the mode.
-VISIBLE = 1e-9
+MIN_EIGENVECTOR_SHARE = 1e-9
 
 
 def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> None:
@@ -37,13 +37,13 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
     if not model.states:
         return
     rest = np.array([state.start or 0.0 for state in model.states])
-    moving = rest + np.array([SPEED if state.unit in SPEED_UNITS else 0.0 for state in model.states])
+    moving = rest + np.array([MOVING_SPEED if state.unit in SPEED_UNITS else 0.0 for state in model.states])
     # Smoothed dry friction holds a body that rests so firmly that it creeps for minutes; in motion it does not.
     points = [_modes(model, fixed, start) for start in (rest, moving)]
     for recording in recordings:
         seen = [name for name, values in recording.outputs.items() if np.isfinite(values).any()]
         needed = min(
-            max((m.length for m in modes if abs(m.rate) >= STANDING and m.seen_by(seen)), default=0.0)
+            max((m.length for m in modes if abs(m.rate) >= MAX_STANDSTILL_RATE and m.seen_by(seen)), default=0.0)
             for modes in points
         )
         if recording.duration < needed:
@@ -87,7 +87,7 @@ class Mode:
     @property
     def length(self) -> float:
         """Its period in s, or its time constant where it does not oscillate."""
-        return 2.0 * math.pi / abs(self.rate) if abs(self.rate.imag) > STANDING else 1.0 / abs(self.rate)
+        return 2.0 * math.pi / abs(self.rate) if abs(self.rate.imag) > MAX_STANDSTILL_RATE else 1.0 / abs(self.rate)
 
     def seen_by(self, outputs: Sequence[str]) -> bool:
         """Whether one of the outputs shows it."""
@@ -99,7 +99,7 @@ def _modes(
 ) -> list[Mode]:
     """The modes about a state (s,) but for integrators, with inputs at zero where they are not given."""
     names = tuple(state.name for state in model.states)
-    experiment = Experiment(np.array([0.0, SPAN]), names, inputs)
+    experiment = Experiment(np.array([0.0, PROPAGATION_TIME]), names, inputs)
     targets = tuple(StartTarget(name) for name in names)
     problem = Problem(model, (experiment,), (targets,), dict(fixed), SolverSettings(1e-10, 1e-10))
     with open_simulator(problem, workers=1) as simulator:
@@ -115,10 +115,10 @@ def _modes(
     for value, vector in zip(values, vectors.T, strict=True):
         if abs(value) < 1e-12:
             continue
-        rate = np.log(complex(value)) / SPAN
-        if abs(rate) < INTEGRATING:
+        rate = np.log(complex(value)) / PROPAGATION_TIME
+        if abs(rate) < MAX_INTEGRATOR_RATE:
             continue
-        shares = dict(zip(names, (np.abs(vector) > VISIBLE * np.abs(vector).max()).tolist(), strict=True))
+        shares = dict(zip(names, (np.abs(vector) > MIN_EIGENVECTOR_SHARE * np.abs(vector).max()).tolist(), strict=True))
         shares |= {output: shares[state] for output, state in aliases.items()}
         modes.append(Mode(rate, shares))
     return modes

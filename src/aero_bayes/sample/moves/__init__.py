@@ -1,7 +1,7 @@
 """Moves of an ensemble: one a file, each of them leaves the target distribution unchanged."""
 
 from aero_bayes.sample.moves.differential import DifferentialMove
-from aero_bayes.sample.moves.heavytail import HeavyTail
+from aero_bayes.sample.moves.heavytail import WarpedStudentT
 from aero_bayes.sample.moves.independence import IndependenceMove
 from aero_bayes.sample.moves.screened import ScreenedMove, ScreenedWalkMove
 from aero_bayes.sample.moves.shear import Shear
@@ -11,7 +11,6 @@ from aero_bayes.sample.moves.warp import Warp
 
 __all__ = [
     "DifferentialMove",
-    "HeavyTail",
     "IndependenceMove",
     "ScreenedMove",
     "ScreenedWalkMove",
@@ -19,4 +18,5 @@ __all__ = [
     "StretchMove",
     "Surrogate",
     "Warp",
+    "WarpedStudentT",
 ]

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class HeavyTail:
+class WarpedStudentT:
     """Multivariate t density of whitened coordinates, each of which may be bent by itself.
 
     A draw is ``mean + factor @ shear^-1(warp^-1(t))`` with t, the *scores*, from the standard multivariate t of ``dof``
@@ -30,7 +30,7 @@ class HeavyTail:
     shear: Shear
 
     @classmethod
-    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0) -> HeavyTail:
+    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0) -> WarpedStudentT:
         """The t density whose scale matrix is a covariance, made safely positive definite."""
         sd, d = np.sqrt(np.diag(covariance)), len(mean)
         correlation = covariance / np.outer(sd, sd)
@@ -39,7 +39,9 @@ class HeavyTail:
         return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof, Warp.identity(d), Shear.identity(d))
 
     @classmethod
-    def fit(cls, samples: FloatArray, dof: float = 8.0, *, curved: bool = False, bent_first: bool = False) -> HeavyTail:
+    def fit(
+        cls, samples: FloatArray, dof: float = 8.0, *, curved: bool = False, bent_first: bool = False
+    ) -> WarpedStudentT:
         """The density that resembles samples (n, d): their mean and covariance, bent where a margin is not normal.
 
         Parameters
@@ -77,7 +79,7 @@ class HeavyTail:
         spread = np.std(scores, axis=0)
         return bool(np.all(np.abs(np.mean(scores, axis=0)) < 0.3) and np.all((spread > 0.75) & (spread < 1.35)))
 
-    def widened(self, factor: float, dof: float) -> HeavyTail:
+    def widened(self, factor: float, dof: float) -> WarpedStudentT:
         """The same with its scale multiplied."""
         return replace(self, factor=factor * self.factor, dof=dof)
 

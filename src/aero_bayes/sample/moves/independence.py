@@ -6,7 +6,7 @@ import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
 
-from aero_bayes.sample.moves.heavytail import HeavyTail
+from aero_bayes.sample.moves.heavytail import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ class IndependenceMove(MHMove):  # type: ignore[misc]
     Tweedie (1996), Annals of Statistics 24, 101.
     """
 
-    def __init__(self, proposal: HeavyTail) -> None:
+    def __init__(self, proposal: WarpedStudentT) -> None:
         super().__init__(self._propose, ndim=proposal.mean.size)
         self.proposal = proposal
 

@@ -8,7 +8,7 @@ import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
 
-from aero_bayes.sample.moves.heavytail import HeavyTail
+from aero_bayes.sample.moves.heavytail import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
@@ -25,12 +25,14 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
     ----------
     approximation : callable
         Logarithm of s, (n, d) to (n,), not normalised.
-    proposal : HeavyTail
+    proposal : WarpedStudentT
         What the inner steps propose from.
     steps : int
     """
 
-    def __init__(self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 20) -> None:
+    def __init__(
+        self, approximation: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, steps: int = 20
+    ) -> None:
         super().__init__(self.propose_from, ndim=proposal.mean.size)
         self.approximation, self.proposal, self.steps = approximation, proposal, steps
 
@@ -59,12 +61,14 @@ class ScreenedWalkMove(MHMove):  # type: ignore[misc]
     ----------
     approximation : callable
         Logarithm of s, (n, d) to (n,), not normalised.
-    proposal : HeavyTail
+    proposal : WarpedStudentT
         Its factor gives the steps their shape.
     steps : int
     """
 
-    def __init__(self, approximation: Callable[[FloatArray], FloatArray], proposal: HeavyTail, steps: int = 6) -> None:
+    def __init__(
+        self, approximation: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, steps: int = 6
+    ) -> None:
         super().__init__(self.propose_from, ndim=proposal.mean.size)
         self.approximation, self.steps = approximation, steps
         self.factor = proposal.factor / np.sqrt(proposal.mean.size)

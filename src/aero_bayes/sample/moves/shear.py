@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 #: Standard errors by which a coefficient must differ from zero to be kept.
-_SIGNIFICANT = 5.0
+_MIN_STANDARD_ERRORS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Shear:
                 estimate: FloatArray = inverse @ (design.T @ samples[:, k])
                 rest = samples[:, k] - design @ estimate
                 error = np.sqrt(np.diag(inverse) * float(rest @ rest) / max(n - design.shape[1], 1))
-                large = np.abs(estimate[1:]) > _SIGNIFICANT * error[1:]
+                large = np.abs(estimate[1:]) > _MIN_STANDARD_ERRORS * error[1:]
                 if large.all():
                     break
                 kept = kept[large]

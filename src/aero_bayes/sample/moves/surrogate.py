@@ -9,28 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from aero_bayes.sample.moves.heavytail import HeavyTail
+from aero_bayes.sample.moves.heavytail import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
 #: Length scales and amplitudes (nats squared) among which the marginal likelihood chooses.
-_LENGTHS, _BENT, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
-#: Error, in nats, that is accepted at the mode; it grows with the depth below it.
-_ERROR = 0.02
-#: Points that choose the scales, and points that the stand-in rests on.
-_CHOOSING, _POINTS = 400, 2000
+_LENGTHS, _LENGTH_RATIOS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
+#: Standard deviation of the error at the mode, in nats; it grows with the depth below the mode.
+_NOISE_AT_MODE = 0.02
+#: Points that fit the length scales, and points of the surrogate.
+_HYPERPARAMETER_POINTS, _MAX_POINTS = 400, 2000
 
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """A quadratic plus a Gaussian process with a rational quadratic kernel, over the scores of a :class:`HeavyTail`.
+    """A quadratic plus a Gaussian process with a rational quadratic kernel, over scores of a :class:`WarpedStudentT`.
 
     ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores over ``lengths``
     (d,), ``weights`` (n,) theirs. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
     Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.4.
     """
 
-    coordinates: HeavyTail
+    coordinates: WarpedStudentT
     quadratic: FloatArray
     centres: FloatArray
     lengths: FloatArray
@@ -43,25 +43,25 @@ class Surrogate:
         return 3 * (dimension + 1) * (dimension + 2) // 4 + 10
 
     @classmethod
-    def fit(cls, coordinates: HeavyTail, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
+    def fit(cls, coordinates: WarpedStudentT, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
         """Fit to ``values`` (n,) at ``points`` (n, d).
 
         Parameters
         ----------
-        coordinates : HeavyTail
+        coordinates : WarpedStudentT
             Its scores are the coordinates; a bent one gets a length scale of its own.
         points, values : ndarray
         depth : ndarray, shape (n,)
             How far each point's density lies below the highest, in nats: the deeper, the less it matters.
         """
         d = points.shape[1]
-        most = max(min(_POINTS, 25 * cls.least(d)), 3 * cls.least(d))
+        most = max(min(_MAX_POINTS, 25 * cls.least(d)), 3 * cls.least(d))
         rows = _spread(len(points), most)
         if len(points) > most:
             rows = np.concatenate(
                 [np.arange(most // 2), most // 2 + _spread(len(points) - most // 2, most - most // 2)]
             )
-        scores, error = coordinates.scores(points[rows])[0], _ERROR * (1.0 + depth[rows])
+        scores, error = coordinates.scores(points[rows])[0], _NOISE_AT_MODE * (1.0 + depth[rows])
         pairs = list(itertools.combinations_with_replacement(range(d + 1), 2))
         ahead = np.insert(scores, 0, 1.0, axis=1)
         design = np.stack([ahead[:, i] * ahead[:, j] for i, j in pairs], axis=1)
@@ -74,7 +74,7 @@ class Surrogate:
         quadratic[tuple(np.transpose(pairs))] = found
         rest = values[rows] - level - design @ found
         quadratic[0, 0] += level
-        some = _spread(len(rows), _CHOOSING)
+        some = _spread(len(rows), _HYPERPARAMETER_POINTS)
         lengths, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.bent)
         centres = scores / lengths
         covariance = amplitude * _kernel(centres, centres) + np.diag(error**2)
@@ -110,7 +110,7 @@ def _choose(
     """Length scales and amplitude of the largest marginal likelihood."""
     best, found = -np.inf, (np.ones(scores.shape[1]), 1.0)
     for length in _LENGTHS:
-        for short in (length, *(b for b in _BENT if b < length and bent.any())):
+        for short in (length, *(b for b in _LENGTH_RATIOS if b < length and bent.any())):
             lengths = np.where(bent, short, length)
             kernel = _kernel(scores / lengths, scores / lengths) / np.outer(error, error)
             values, vectors = np.linalg.eigh(kernel)

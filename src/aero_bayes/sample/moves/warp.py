@@ -10,11 +10,11 @@ from scipy.special import ndtr
 
 FloatArray = NDArray[np.float64]
 
-#: Departure of a quantile from its normal place, in standard deviations, that makes a coordinate worth bending.
-LEAST = 0.3
+#: Departure of a quantile from that of a normal density, in standard deviations, above which a coordinate is warped.
+MIN_DEPARTURE = 0.3
 
-#: Where the maps are pinned, in standard deviations.
-SCORES = np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
+#: Knots of the maps, in standard deviations.
+KNOT_SCORES = np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,30 +37,30 @@ class Warp:
     @classmethod
     def fit(cls, samples: FloatArray) -> Warp:
         """Maps under which the quantiles of ``samples`` (n, d) become those of a standard normal."""
-        return cls.through(np.quantile(samples, ndtr(SCORES), axis=0).T)
+        return cls.through(np.quantile(samples, ndtr(KNOT_SCORES), axis=0).T)
 
     @classmethod
     def through(cls, knots: FloatArray) -> Warp:
-        """Maps that take ``knots`` (d, k), of coordinates of about zero mean and unit variance, to ``SCORES`` (k,).
+        """Maps from ``knots`` (d, k), of coordinates of about zero mean and unit variance, to ``KNOT_SCORES`` (k,).
 
-        A coordinate whose quantiles are within ``LEAST`` of normal ones is left alone. Tails are stretched by a third
-        beyond what the outer quantiles suggest, so that a proposal reaches further than the target.
+        A coordinate whose quantiles are within ``MIN_DEPARTURE`` of normal ones is unchanged. Tails are stretched by a
+        third beyond what the outer quantiles suggest, so that a proposal has heavier tails than the target.
         """
         least = 1e-3 * (knots[:, -1:] - knots[:, :1]) + 1e-300
         knots = knots[:, :1] + np.concatenate(
             [np.zeros((len(knots), 1)), np.cumsum(np.maximum(np.diff(knots, axis=1), least), axis=1)], axis=1
         )
-        scores = np.tile(SCORES, (len(knots), 1))
+        scores = np.tile(KNOT_SCORES, (len(knots), 1))
         slopes = np.diff(scores, axis=1) / np.diff(knots, axis=1)
         tails = 0.75 * slopes[:, [0, -1]]
-        normal = np.max(np.abs(knots - scores), axis=1) < LEAST
+        normal = np.max(np.abs(knots - scores), axis=1) < MIN_DEPARTURE
         knots[normal], tails[normal] = scores[normal], 1.0
         return cls(knots, scores, tails)
 
     @staticmethod
     def departure(samples: FloatArray) -> FloatArray:
         """How far the quantiles of standardised samples (n, d) are from normal ones, shape (d,)."""
-        return np.asarray(np.max(np.abs(np.quantile(samples, ndtr(SCORES), axis=0).T - SCORES), axis=1))
+        return np.asarray(np.max(np.abs(np.quantile(samples, ndtr(KNOT_SCORES), axis=0).T - KNOT_SCORES), axis=1))
 
     @property
     def bent(self) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""A cheaper problem that leads a search to the same valley: few samples, and few changes of the input."""
+"""A cheaper problem with nearly the same optimum: few samples, and few changes of the inputs."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Si
 
 FloatArray = NDArray[np.float64]
 
-#: Error of an output at the start, as a share of its range, up to which averaged inputs are good enough.
-CLOSE = 0.05
-#: Changes of the input in a stretch that is taken in full where averages will not do, per sample asked for.
-STRETCH = 2
-#: Steps a sample, and tolerance, of a simulation that only leads the way.
-STEPS, FEWEST, TOLERANCE = 10, 5000, 1e-4
+#: Largest error of an output due to averaged inputs, at the starting values, as a share of its range.
+MAX_AVERAGING_ERROR = 0.05
+#: Where averages are too coarse, changes of the input per sample asked for in the part that is used in full.
+CHANGES_PER_SAMPLE = 2
+#: Limits of the solver for a search of the whole box: steps per sample, least number of steps, relative tolerance.
+STEPS_PER_SAMPLE, MIN_STEPS, LOOSE_TOLERANCE = 10, 5000, 1e-4
 
 
-def leading(calibration: Calibration, simulator: Simulator, samples: int, close: float = CLOSE) -> Calibration:
-    """The calibration on about ``samples`` samples a recording, whose simulations cost as little.
+def with_few_samples(
+    calibration: Calibration, simulator: Simulator, samples: int, close: float = MAX_AVERAGING_ERROR
+) -> Calibration:
+    """The calibration with about ``samples`` samples of each recording, and inputs that change about as rarely.
 
-    An input that changes at every sample makes an engine restart there however few outputs are asked for: it is
+    An input that changes at every sample makes the solver restart there, however few outputs are asked for. So it is
     averaged over blocks where the outputs stay close, else only the beginning of the recording is used.
 
     Parameters
@@ -33,28 +35,30 @@ def leading(calibration: Calibration, simulator: Simulator, samples: int, close:
         Of the calibration's problem.
     samples : int
     close : float
-        Error of an output at the start, as a share of its range, that averages may make.
+        Largest error of an output due to averaging, at the starting values, as a share of its range.
     """
     thinned = calibration.thinned(samples)
-    if max(s.time.size for e in calibration.experiments for s in e.inputs or (_STILL,)) <= 2 * samples:
+    if max(s.time.size for e in calibration.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:
         return thinned
     averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
     if _close(calibration, simulator, averaged, close):
         return averaged
-    changes = STRETCH * samples
+    changes = CHANGES_PER_SAMPLE * samples
     return replace(
         calibration, experiments=tuple(thin(_beginning(e, changes), changes) for e in calibration.experiments)
     )
 
 
-def hurried(calibration: Calibration) -> Calibration:
-    """The calibration with little patience: a search of the whole box meets models that are far too fast."""
+def with_loose_solver(calibration: Calibration) -> Calibration:
+    """The calibration with few solver steps and a loose tolerance, since models in the whole box may be very stiff."""
     samples = max(e.time.size for e in calibration.experiments)
-    solver = replace(calibration.solver, max_steps=max(STEPS * samples, FEWEST), relative_tolerance=TOLERANCE)
+    solver = replace(
+        calibration.solver, max_steps=max(STEPS_PER_SAMPLE * samples, MIN_STEPS), relative_tolerance=LOOSE_TOLERANCE
+    )
     return replace(calibration, solver=solver)
 
 
-_STILL = InputSignal("", np.zeros(1), np.zeros(1))
+_CONSTANT_INPUT = InputSignal("", np.zeros(1), np.zeros(1))
 
 
 def _averaged(experiment: Experiment, samples: int) -> Experiment:
@@ -62,7 +66,7 @@ def _averaged(experiment: Experiment, samples: int) -> Experiment:
 
 
 def _blocks(signal: InputSignal, samples: int) -> InputSignal:
-    """A held input by its averages over blocks of equal length."""
+    """An input averaged over blocks of equal length."""
     if signal.time.size <= 2 * samples:
         return signal
     held = signal.interpolation == "hold"
@@ -98,7 +102,7 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
 
 
 def _beginning(experiment: Experiment, changes: int) -> Experiment:
-    """The experiment until its inputs have changed so many times."""
+    """The beginning of an experiment, until its inputs have changed ``changes`` times."""
     ends = [s.time[changes] for s in experiment.inputs if s.time.size > changes]
     if not ends:
         return experiment

@@ -1,8 +1,7 @@
-"""The shape of a likelihood, as far as it is known: what is a logarithm, and where there are kinks.
+"""What is known of a likelihood's shape: which coordinates are logarithms, and where delays cause kinks.
 
-A delay that carries a jump of the input across a reading changes that reading at once.
-A slope that is taken beside a kink says nothing about the other side, so that a search whose step was refused there
-stays on its own side.
+A delay that moves a jump of the input across a sample changes that reading at once, so that the likelihood has a kink
+there. A gradient taken on one side of a kink says nothing about the other side.
 """
 
 from __future__ import annotations
@@ -13,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.way import Shape
+from aero_bayes.estimate.step_rule import CostShape
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a sample interval that is left free at both its ends: at the kink itself a slope is of either side.
-ASIDE = 1e-6
+#: Margin at both ends of a sample interval, as a share of it: at the kink itself a derivative may be of either side.
+KINK_MARGIN = 1e-6
 
 
-def shape_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> Shape:
+def cost_shape(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> CostShape:
     """Which of the free coordinates are logarithms, and where a delay among them has kinks.
 
     ``intervals`` are the sample intervals of the recordings in s.
@@ -34,14 +33,14 @@ def shape_of(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[
         if isinstance(item.target, DelayTarget)
     }
 
-    def walls(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def smooth_region(point: FloatArray) -> tuple[FloatArray, FloatArray]:
         values = own.from_search(point)
         low, high = np.full(point.size, -np.inf), np.full(point.size, np.inf)
         for k, step in steps.items():
-            first = np.floor(values[k] / step + ASIDE)
-            for bound, at in ((low, first + ASIDE), (high, first + 1.0 - ASIDE)):
+            first = np.floor(values[k] / step + KINK_MARGIN)
+            for bound, at in ((low, first + KINK_MARGIN), (high, first + 1.0 - KINK_MARGIN)):
                 values[k] = at * step
                 bound[k] = own.to_search(values)[k]
         return low, high
 
-    return Shape(walls if steps else None, own.logarithmic)
+    return CostShape(smooth_region if steps else None, own.logarithmic)

@@ -1,4 +1,4 @@
-"""Where the states of a model start in each recording: held at a reading, or estimated beside the parameters."""
+"""Initial values of the states in each recording: fixed at a reading, or estimated beside the parameters."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ FloatArray = NDArray[np.float64]
 #: ``auto``: those that are outputs and may start anywhere are estimated about their reading.
 StartPolicy = Literal["auto", "reading", "estimated"]
 
-#: Spread of a start about its reading, in standard deviations that the noise has at most, and its least and most as
-#: shares of its range: a reading tells where its state is.
-FLOORS, LEAST, MOST = 5.0, 0.002, 0.1
-#: How far a start may lie from where it is expected, in spreads.
-REACH = 8.0
+#: Prior standard deviation of an initial value about its reading: this many of the largest plausible standard
+#: deviations of the noise, limited to shares of the output's range.
+NOISE_DEVIATIONS, MIN_SPREAD_SHARE, MAX_SPREAD_SHARE = 5.0, 0.002, 0.1
+#: Bounds of an initial value about its expectation, in prior standard deviations.
+MAX_DEVIATION = 8.0
 
 
 def start_parameters(
@@ -70,7 +70,13 @@ def start_parameters(
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
             moved = _range(values)
-            spread = max(min(max(FLOORS * noise_of(recording, name).at_most, LEAST * moved), MOST * moved), 1e-9)
+            spread = max(
+                min(
+                    max(NOISE_DEVIATIONS * noise_of(recording, name).at_most, MIN_SPREAD_SHARE * moved),
+                    MAX_SPREAD_SHARE * moved,
+                ),
+                1e-9,
+            )
             found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen]
@@ -81,31 +87,31 @@ def start_parameters(
     return start, found
 
 
-def loosened(parameters: ParameterSet, experiments: Sequence[Experiment], model: Model) -> ParameterSet:
-    """Starts that a reading tells closely, let go by a tenth of what the output moves: its sensor may be off.
+def with_free_starts(parameters: ParameterSet, experiments: Sequence[Experiment], model: Model) -> ParameterSet:
+    """Widen the priors of initial values that were taken from a reading to a tenth of the output's range.
 
-    A first fit is led by its readings; what is held against it may say that they are wrong.
+    A first fit trusts its readings; later checks of it must allow for a sensor with an offset.
     """
     return ParameterSet(
-        tuple(p if p.recording is None else _let_go(p, experiments[p.recording], model) for p in parameters)
+        tuple(p if p.recording is None else _with_free_start(p, experiments[p.recording], model) for p in parameters)
     )
 
 
-def _let_go(p: Parameter, experiment: Experiment, model: Model) -> Parameter:
-    """The start of a state that is an output, let go; any other parameter as it is."""
+def _with_free_start(p: Parameter, experiment: Experiment, model: Model) -> Parameter:
+    """The initial value of a state that is an output with a wider prior; any other parameter unchanged."""
     if not isinstance(p.target, StartTarget) or not isinstance(p.prior, Normal) or experiment.measured is None:
         return p
     for column, name in enumerate(experiment.outputs):
         state = state_of(model, name)
         if state is not None and state.name == p.target.state:
-            spread = max(p.prior.sd, MOST * _range(experiment.measured[:, column]))
-            low, high, prior = _about(state, p.prior.mean, spread)
+            spread = max(p.prior.sd, MAX_SPREAD_SHARE * _range(experiment.measured[:, column]))
+            low, high, prior = _start_prior(state, p.prior.mean, spread)
             return replace(p, lower=low, upper=high, prior=prior)
     return p
 
 
 def _range(values: FloatArray) -> float:
-    """How far readings move, gaps left out."""
+    """Range of readings, gaps left out."""
     return float(np.nanmax(values) - np.nanmin(values))
 
 
@@ -119,21 +125,21 @@ def state_of(model: Model, output: str) -> Variable | None:
 
 
 def _named(state: str, model: Model) -> str:
-    """What the initial value of a state is called: not as a parameter of the model (``y_start`` of a block)."""
+    """Name of a state's initial value, different from the model's own parameters (``y_start`` of a block)."""
     taken = any(p.name == f"{state}_start" for p in model.parameters)
     return f"{state}_initial" if taken else f"{state}_start"
 
 
 def _start(name: str, of: str, state: Variable, expected: float, spread: float, index: int) -> Parameter:
-    low, high, prior = _about(state, expected, spread)
+    low, high, prior = _start_prior(state, expected, spread)
     return Parameter(
         name, state.unit, expected, low, high, prior, "linear", f"initial value of {of}", StartTarget(state.name), index
     )
 
 
-def _about(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:
-    """Bounds and prior of a state's start."""
-    low, high = expected - REACH * spread, expected + REACH * spread
+def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:
+    """Bounds and prior of a state's initial value."""
+    low, high = expected - MAX_DEVIATION * spread, expected + MAX_DEVIATION * spread
     if state.minimum is not None and state.minimum < expected:
         low = max(low, state.minimum)
     if state.maximum is not None and state.maximum > expected:
@@ -142,7 +148,7 @@ def _about(state: Variable, expected: float, spread: float) -> tuple[float, floa
 
 
 def _spreads(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
-    """How far each state may start from the model's own value: as far as it moves in a simulation."""
+    """Prior standard deviation of each state's initial value: the state's range in a simulation."""
     if not states:
         return {}
     names = tuple(state.name for state in states)
@@ -159,7 +165,7 @@ def _spreads(model: Model, experiment: Experiment, states: list[Variable]) -> Ma
 
 
 def _first_reading(values: FloatArray, recording: Recording) -> float | None:
-    """The reading at the first samples; None if they are gaps (within a hundredth of the recording)."""
+    """The first reading; None if the first hundredth of the recording is a gap."""
     seen = np.flatnonzero(np.isfinite(values))
     if seen.size == 0 or recording.time[seen[0]] - recording.time[0] > 0.01 * recording.duration:
         return None

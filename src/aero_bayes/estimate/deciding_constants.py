@@ -1,4 +1,4 @@
-"""Which held parameter decides a combination of parameters that the data hardly determine."""
+"""Find fixed parameters that decide a combination of free parameters which the data hardly determine."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.climb import Optimum
-from aero_bayes.estimate.growing import OpenSimulator
 from aero_bayes.estimate.identifiability import Identifiability, collinear
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
-#: A held parameter decides a direction if, were it free, the outputs would show so much less of it (squared).
-DECIDES = 0.01
+#: A fixed parameter decides a direction if freeing it would reduce the information about the direction to this share.
+MAX_REMAINING_INFORMATION = 0.01
 
 
-def name_held_guesses(
+def name_deciding_constants(
     found: Identifiability, calibration: Calibration, optimum: Optimum, open_simulator: OpenSimulator
 ) -> Identifiability:
     """The flat directions at an optimum with the held parameters that decide them; without any it is as it was."""
     if not found.flat:
         return found
-    held = _held(calibration)
+    held = _fixed_parameters(calibration)
     values = calibration.parameters.from_search(optimum.coordinates)
     wider = replace(calibration, parameters=calibration.parameters.extended(held.items))
     with open_simulator(wider.problem()) as simulator:
@@ -43,12 +43,12 @@ def name_held_guesses(
     for k, item in enumerate(held):
         rows = slopes[[*range(own), own + k]]
         sizes, vectors = collinear(rows @ rows.T)
-        if sizes[0] < DECIDES * alone and abs(vectors[-1, 0]) > DECIDES:
+        if sizes[0] < MAX_REMAINING_INFORMATION * alone and abs(vectors[-1, 0]) > MAX_REMAINING_INFORMATION:
             guesses.append(f"{item.name} = {item.start:.4g}")
     return replace(found, flat=tuple(replace(direction, held=tuple(guesses)) for direction in found.flat))
 
 
-def _held(calibration: Calibration) -> ParameterSet:
+def _fixed_parameters(calibration: Calibration) -> ParameterSet:
     """Parameters of the model that were not searched, with a value that can change."""
     model, fixed = calibration.model, calibration.fixed
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}

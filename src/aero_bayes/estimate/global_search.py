@@ -1,0 +1,367 @@
+"""Find the global optimum: particle swarm, local fits from several starts, delays, stages, then a check of the noise.
+
+The command ``fit``, the noise model of the closed loop and every refit of a whole model use this search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.checkpoint import Arrays, pack, unpack
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import swarm as pso
+from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressive_horizon, floor_ratio
+from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
+from aero_bayes.estimate.staged import Stage, causal_stages
+from aero_bayes.estimate.target import Target
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, float, float], None]
+CostKind = Literal["posterior", "weighted", "eq6"]
+
+#: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
+EQ6_NOISE_SHARE = 1e-3
+#: Initial noise of an output, as a share of its range.
+INITIAL_NOISE_SHARE = 0.03
+#: Ratio of an output's RMS residual to that of a least-squares fit above which its noise model has absorbed signal.
+MAX_RMS_RATIO = 1.05
+
+
+@dataclass(frozen=True)
+class GlobalSearchSettings:
+    """Settings of the global search.
+
+    Parameters
+    ----------
+    cost : {"posterior", "weighted", "eq6"}
+    staged : bool
+    stages : tuple of Stage, optional
+    swarm : SwarmSettings, optional
+        Without it there is no swarm.
+    local : LocalSettings
+    samples : int
+        Samples of each recording that the swarm uses.
+    starts : int
+        Particles that the local search starts from, besides the starting values.
+    max_correlation_time : float, optional
+        Of the noise, in s.
+    check_noise : bool
+        Whether the noise is estimated by its exact likelihood at the end and compared with a least-squares fit.
+    good_enough : float
+        The swarm is skipped if a local fit from the starting values leaves at most this many times the noise floor: no
+        optimum can be much better. By default the swarm is never skipped.
+    """
+
+    cost: CostKind = "posterior"
+    staged: bool = True
+    stages: tuple[Stage, ...] | None = None
+    swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)
+    local: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-4))
+    samples: int = 600
+    starts: int = 3
+    max_correlation_time: float | None = None
+    check_noise: bool = True
+    good_enough: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FittedStage:
+    """Result of a stage: its negative log-posterior and its optimum."""
+
+    stage: Stage
+    cost: float
+    optimum: Optimum
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalSearchResult:
+    """The optimum, with the results of the swarm and the stages on the way."""
+
+    optimum: Optimum
+    swarm: pso.SwarmResult | None
+    stages: tuple[FittedStage, ...]
+    iterations: int
+
+
+class GlobalSearch:
+    """A global search of one objective, with the kind of noise that each output may have."""
+
+    def __init__(self, objective: Objective, settings: GlobalSearchSettings, progress: Progress | None = None) -> None:
+        self.objective, self.settings = objective, settings
+        self.progress = progress or (lambda phase, share, cost: None)
+        calibration = objective.calibration
+        self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.outputs}
+        self.white_outputs: set[str] = set()
+        self.stages: list[FittedStage] = []
+        self.iterations = 0
+
+    def _kind(self, output: str) -> NoiseKind:
+        wanted = self.objective.calibration.noise.kind(output)
+        return "white" if self.settings.cost == "weighted" or wanted == "white" else "auto"
+
+    @property
+    def local_settings(self) -> LocalFitSettings:
+        eq6 = self.settings.cost == "eq6"
+        local = replace(self.settings.local, min_noise_gain=0.02, max_rejections=15, min_decrease=0.005)
+        return LocalFitSettings(
+            local, self.kinds, self.objective.calibration.floors,
+            self.settings.max_correlation_time, hold_noise=eq6, prior=self.settings.cost == "posterior",
+        )  # fmt: skip
+
+    @property
+    def least_squares_settings(self) -> LocalFitSettings:
+        """Settings of a local least-squares fit: white noise of the size of the residual."""
+        return self.local_settings.least_squares(self.kinds)
+
+    def initial_noise(self) -> dict[str, OutputNoise]:
+        """Noise of each output at the start; under Eq. 6 it never changes."""
+        scale = self.objective.calibration.scale
+        same = EQ6_NOISE_SHARE * float(np.min(scale))
+        eq6 = self.settings.cost == "eq6"
+        return {
+            name: OutputNoise(same if eq6 else INITIAL_NOISE_SHARE * float(scale[k]))
+            for k, name in enumerate(self.objective.calibration.outputs)
+        }
+
+    def run(
+        self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
+        known: pso.SwarmResult | None = None,
+    ) -> GlobalSearchResult:  # fmt: skip
+        """Search from the parameters' starting values over the free columns; ``known`` is used in place of a new swarm.
+
+        Raises
+        ------
+        CannotFinishError
+            If the model cannot be simulated at any starting point.
+        """
+        start = self.objective.parameters.to_search(self.objective.parameters.start)
+        swarm = None
+        if self.settings.swarm is not None:
+            start, swarm = self._explore(start, free, open_simulator, rng, known)
+        steady = [j for j in free if j not in delay_columns(self.objective, free)]
+        rough = self.local_settings.with_limits(12, 1.0)
+        self.progress("local", 0.0, 0.0)
+        eq6 = self.initial_noise() if self.settings.cost == "eq6" else None
+        here = self._local_fit(start, steady, eq6, rough)
+        point = scan_delays(self.objective, here, free)
+        for k, stage in enumerate(self._stages(point, free)):
+            self.progress("stages", k / 4.0, 0.0)
+            point = self._fit_stage(stage, point, free)
+        here = self._local_fit(point, free, eq6 if eq6 else here.noise, self.local_settings)
+        self.progress("local", 0.5, -here.log_likelihood)
+        here = self._search_delays(here, free)
+        here = self.settle_noise(here)
+        self.stages.append(
+            FittedStage(Stage(tuple(self.objective.parameters.names[j] for j in free), self.objective.outputs),
+                     -here.log_likelihood - here.log_prior, here)
+        )  # fmt: skip
+        return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations)
+
+    def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
+        """Fit locally from a point near the optimum and check the noise again."""
+        here = self._local_fit(start, free, noise, self.local_settings)
+        return self.settle_noise(here)
+
+    def settle_noise(self, here: Optimum) -> Optimum:
+        """Fit again with noise that can be the sensor's.
+
+        Noise that is correlated for too long, or that absorbs signal, is model error. Such outputs are weighted by the
+        RMS of their residual instead, as in least squares, and the fit is repeated until no more are found.
+        """
+        if not self.settings.check_noise or self.settings.cost != "posterior":
+            return here
+        for _ in range(3):
+            noise = self._estimate_noise(here)
+            new = {o for o, n in noise.items() if n.held} - self.white_outputs
+            if not new:
+                new = self._outputs_overfitted_by_noise(here, noise)
+            if not new:
+                break
+            self.white_outputs |= new
+            self.kinds |= dict.fromkeys(new, "white")
+            here = self._local_fit(here.coordinates, here.free, None, self.local_settings)
+        noise = self._estimate_noise(here)
+        return self._local_fit(here.coordinates, here.free, noise, replace(self.local_settings, hold_noise=True))
+
+    def _outputs_overfitted_by_noise(self, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
+        """Outputs whose correlated noise absorbs signal: least squares leaves noticeably smaller residuals."""
+        correlated = {o for o, n in noise.items() if n.kind == "ou"}
+        if not correlated:
+            return set()
+        squares = self._local_fit(here.coordinates, here.free, None, self.least_squares_settings)
+        mine, least = (self._rms(o) for o in (here, squares))
+        return {o for o in correlated if mine[o] > MAX_RMS_RATIO * least[o]}
+
+    def _rms(self, found: Optimum, objective: Objective | None = None) -> dict[str, float]:
+        white = replace(self.least_squares_settings, floors={})
+        residual = found.evaluation.residual
+        return {o: n.sd_white for o, n in fit_noise(objective or self.objective, residual, white).items()}
+
+    def _estimate_noise(self, here: Optimum) -> dict[str, OutputNoise]:
+        """Noise by its exact likelihood; for outputs weighted by their residual, the RMS of the residual."""
+        found = {}
+        for output in self.objective.outputs:
+            own = [k for k, s in enumerate(self.objective.series) if s.output == output]
+            kind = self.objective.calibration.noise.kind(output)
+            n = estimate_noise(
+                [self.objective.series[k].sampling.time for k in own], [here.evaluation.residual[k] for k in own],
+                "white" if output in self.white_outputs else kind, here.noise[output],
+                max(self.objective.calibration.floors.get(output, 0.0), 1e-7 * self._scale(output)),
+            )  # fmt: skip
+            found[output] = replace(n, held=True) if output in self.white_outputs else n
+        return found
+
+    def _scale(self, output: str) -> float:
+        calibration = self.objective.calibration
+        return float(calibration.scale[calibration.outputs.index(output)])
+
+    def _local_fit(
+        self,
+        start: FloatArray,
+        free: Sequence[int],
+        noise: Mapping[str, OutputNoise] | None,
+        settings: LocalFitSettings,
+        objective: Objective | None = None,
+    ) -> Optimum:
+        found = local_fit(objective or self.objective, start, free, noise=noise, settings=settings)
+        self.iterations += found.steps
+        return found
+
+    def _explore(
+        self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
+        known: pso.SwarmResult | None,
+    ) -> tuple[FloatArray, pso.SwarmResult | None]:  # fmt: skip
+        """Search the whole box on a cheaper problem: a swarm, then local fits from its best particles and the start.
+
+        This is a multi-start search; one more start comes from fitting progressively longer horizons.
+        """
+        assert self.settings.swarm is not None
+        calibration, simulator = self.objective.calibration, self.objective.simulator
+        reduced = with_loose_solver(with_few_samples(calibration, simulator, self.settings.samples))
+        limit = self.settings.swarm.iterations
+        values = self.objective.parameters.from_search(start)
+        with open_simulator(reduced.problem()) as simulator:
+            target = Target(reduced, simulator, values, free, prior=self.settings.cost == "posterior")
+            reduced_objective = self.objective.with_calibration(reduced, simulator)
+            noise = self.initial_noise()
+            from_start = self._fit_from_start(reduced_objective, start, free)
+            if from_start is not None:
+                ratio = floor_ratio(reduced_objective, from_start.evaluation.residual)
+                if ratio <= self.settings.good_enough:
+                    return from_start.coordinates, None
+            rows = reduced_objective.noise_rows(noise)
+            low, high = target.box
+
+            def run_swarm() -> Arrays:
+                found = pso.minimise(
+                    lambda x: target.cost(x, rows), low, high, rng, self.settings.swarm, start[list(free)][None],
+                    lambda i, c: self.progress("swarm", (i + 1) / limit, c),
+                )  # fmt: skip
+                self.objective.outcomes.update(target.outcomes)
+                return pack(found, "")
+
+            key = (start, tuple(free), self.settings.cost, self.settings.swarm, rng.bit_generator.state)
+            swarm = known or unpack(pso.SwarmResult, reduced_objective.cached("swarm", key, run_swarm), "")
+            starts = [] if from_start is not None else [start]
+            if np.isfinite(swarm.cost):
+                for x in swarm.candidates[: self.settings.starts]:
+                    at = start.copy()
+                    at[list(free)] = x
+                    starts.append(at)
+            if self.settings.cost != "eq6":
+                point, steps = fit_progressive_horizon(
+                    reduced_objective, start, free, self.least_squares_settings.with_limits(12, 0.1), open_simulator
+                )
+                starts.append(point)
+                self.iterations += steps
+            best = self._best_local_fit(reduced_objective, starts, free, noise, from_start)
+        return best.coordinates, swarm
+
+    def _fit_from_start(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
+        """A local least-squares fit from the starting values; None if the swarm is not to be skipped anyway."""
+        if self.settings.good_enough <= 0.0 or self.settings.cost == "eq6":
+            return None
+        with suppress(CannotFinishError):
+            return self._local_fit(start, free, None, self.least_squares_settings.with_limits(25, 0.1), objective)
+        return None
+
+    def _best_local_fit(
+        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],
+        from_start: Optimum | None,
+    ) -> Optimum:  # fmt: skip
+        """The best of several local fits with white noise, ``from_start`` among them."""
+        eq6 = self.settings.cost == "eq6"
+        found = [from_start] if from_start is not None else []
+        for at in starts:
+            with suppress(CannotFinishError):
+                found.append(
+                    self._local_fit(
+                        at, free, noise if eq6 else None, self.least_squares_settings.with_limits(25, 0.1), objective
+                    )
+                )
+        if not found:
+            raise CannotFinishError(
+                f"model {objective.calibration.model.name} could not be simulated at any starting point: "
+                f"{self.objective.commonest_failure}"
+            )
+        return max(found, key=lambda o: o.log_likelihood + o.log_prior)
+
+    def _stages(self, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
+        """The user's stages, or stages by causality: parameters that move few outputs come first."""
+        if not self.settings.staged:
+            return ()
+        if self.settings.stages is not None:
+            return self.settings.stages
+        parameters, calibration = self.objective.parameters, self.objective.calibration
+        found = self.objective.evaluate(point, free)
+        if found is None or found.slopes is None or len(calibration.outputs) == 1:
+            return ()
+        effect = np.zeros((len(free), len(calibration.outputs)))
+        for k, series in enumerate(self.objective.series):
+            size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.scale[series.column]
+            effect[:, series.column] = np.maximum(effect[:, series.column], size)
+        names = [parameters.names[j] for j in free]
+        stages = causal_stages(names, calibration.outputs, np.where(effect > 1e-6, effect, 0.0))
+        return stages if len(stages) > 1 else ()
+
+    def _fit_stage(self, stage: Stage, point: FloatArray, free: Sequence[int]) -> FloatArray:
+        """Fit a stage's own parameters to its outputs."""
+        parameters = self.objective.parameters
+        own = [j for n in stage.parameters if (j := parameters.index(n)) in free]
+        part = self.objective.with_outputs(stage.outputs)
+        if not own or not part.series:
+            return point
+        eq6 = self.initial_noise() if self.settings.cost == "eq6" else None
+        found = self._local_fit(point, own, eq6, self.local_settings.with_limits(20, 0.5), part)
+        self.stages.append(FittedStage(stage, -found.log_likelihood - found.log_prior, found))
+        return found.coordinates
+
+    def _search_delays(self, here: Optimum, free: Sequence[int]) -> Optimum:
+        """Move to better local optima of the delays, with all parameters refitted, as long as there are any."""
+        if not delay_columns(self.objective, free):
+            return here
+        calibration = self.objective.calibration
+        for _ in range(3):
+            values = self.objective.parameters.from_search(here.coordinates)
+            target = Target(
+                calibration, self.objective.simulator, values, free, prior=self.settings.cost == "posterior"
+            )
+            point, moved = search_delays(target, here.coordinates[list(free)], self.objective.noise_rows(here.noise))
+            self.objective.outcomes.update(target.outcomes)
+            if not moved:
+                return here
+            at = here.coordinates.copy()
+            at[list(free)] = point
+            here = self._local_fit(at, free, here.noise, self.local_settings)
+        return here

@@ -1,0 +1,262 @@
+"""Minimise a cost inside bounds by the Levenberg-Marquardt method.
+
+Each step minimises the damped quadratic model of the cost inside the box by a projected Newton method (Bertsekas, 1982,
+SIAM J. Control Optim. 20, 221), so that a parameter at its bound is left out of the step. The damping follows Nielsen
+(1999), "Damping parameter in Marquardt's method". After each step the cost function may estimate its noise again at the
+same point, as a likelihood with unknown noise does; this is coordinate ascent over parameters and noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.step_rule import CostShape, StepRule
+
+FloatArray = NDArray[np.float64]
+
+
+#: A search is given up when its cost is farther above the target cost than this many times the decrease of its last
+#: :data:`RECENT_STEPS` steps, or the predicted decrease of the next step if that is larger.
+MAX_GAP_RATIO, RECENT_STEPS = 20.0, 3
+
+
+class Stop(Enum):
+    """Why a local search ended; the value is the text that a person reads."""
+
+    CONVERGED = "converged: no step inside the bounds would lower the cost noticeably"
+    SMALL_STEP = "converged: the steps became smaller than the tolerance"
+    OUT_OF_REACH = "given up: its last steps were too small to reach the cost of the best fit known"
+    KNOWN_OPTIMUM = "given up: it was converging to an optimum that is already known"
+    NO_PROGRESS = "no step lowered the cost although the model of it promised one"
+    ITERATION_LIMIT = "the iteration limit was reached"
+    FAILED_START = "the simulation failed at the starting point"
+
+    @property
+    def converged(self) -> bool:
+        return self in (Stop.CONVERGED, Stop.SMALL_STEP)
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticModel:
+    """Second-order model of a cost about one point: its value, gradient (p,) and Hessian (p, p)."""
+
+    cost: float
+    gradient: FloatArray
+    hessian: FloatArray
+
+    def predicted_decrease(self, step: FloatArray) -> float:
+        """Decrease of the cost that the model predicts for a step (p,)."""
+        return -float(self.gradient @ step + 0.5 * step @ self.hessian @ step)
+
+
+Quadratic = TypeVar("Quadratic", bound=QuadraticModel)
+
+
+class CostFunction(Protocol[Quadratic]):
+    """The cost that a search minimises; a user's own objective has these two methods."""
+
+    def evaluate(self, point: FloatArray) -> Quadratic | None:
+        """The quadratic model of the cost at a point (p,); None where the cost cannot be evaluated."""
+        ...
+
+    def update_noise(self, here: Quadratic) -> Quadratic:
+        """The model at the same point with new noise, at no higher cost; ``here`` itself if nothing changes."""
+        ...
+
+
+@dataclass(frozen=True)
+class FixedCost:
+    """A cost function without noise to estimate, given by a function of the point."""
+
+    function: Callable[[FloatArray], QuadraticModel | None]
+
+    def evaluate(self, point: FloatArray) -> QuadraticModel | None:
+        return self.function(point)
+
+    def update_noise(self, here: QuadraticModel) -> QuadraticModel:
+        return here
+
+
+@dataclass(frozen=True)
+class LocalSettings:
+    """When a local search stops.
+
+    Parameters
+    ----------
+    max_iterations : int
+    tolerance, relative_tolerance : float
+        The search has converged when the predicted decrease of the cost is below ``tolerance`` (in the cost's own unit;
+        nats for a log-posterior) or below ``relative_tolerance`` times the cost.
+    step_tolerance : float
+        Relative size of a step below which the search has converged.
+    damping : float
+        Initial damping, as a share of the largest curvature seen.
+    min_noise_gain : float
+        A converged search goes on if estimating the noise again lowers the cost by at least this much.
+    max_rejections : int
+        Steps in a row that may fail to lower the cost.
+    min_decrease : float
+        One of two steps in a row must lower the cost by at least this much: along a kink, steps become ever smaller.
+    target_cost : float
+        The search is given up where it cannot be expected to reach this cost (see :data:`MAX_GAP_RATIO`).
+    """
+
+    max_iterations: int = 60
+    tolerance: float = 1e-7
+    relative_tolerance: float = 1e-13
+    step_tolerance: float = 1e-11
+    damping: float = 1e-3
+    min_noise_gain: float = 0.02
+    max_rejections: int = 60
+    min_decrease: float = 0.0
+    target_cost: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult(Generic[Quadratic]):
+    """Where a search ended: the point (p,) and the quadratic model there (None if the start could not be evaluated)."""
+
+    point: FloatArray
+    quadratic: Quadratic | None
+    iterations: int
+    reason: Stop
+    evaluations: int
+
+    @property
+    def cost(self) -> float:
+        return self.quadratic.cost if self.quadratic is not None else float("inf")
+
+
+def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Minimise ``g'd + d'Hd/2`` over ``low <= d <= high`` for a positive definite H; shape (p,).
+
+    An active-set method (Bertsekas, 1982): release coordinates whose gradient points into the box, fix those that a
+    full Newton step would carry outside, until neither happens.
+    """
+    p = gradient.size
+    step = np.zeros(p)
+    pinned = low == high
+    step[pinned] = low[pinned]
+    fixed = pinned | ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
+    for _ in range(4 * p + 4):
+        free = ~fixed
+        if free.any():
+            right = gradient[free] + hessian[np.ix_(free, fixed)] @ step[fixed]
+            target = -np.linalg.solve(hessian[np.ix_(free, free)], right)
+            move = target - step[free]
+            room = np.where(move > 0.0, high[free] - step[free], low[free] - step[free])
+            ratio = np.where(np.abs(move) > np.abs(room), room / np.where(move == 0.0, 1.0, move), 1.0)
+            share = float(ratio.min())
+            step[free] += share * move
+            if share < 1.0:
+                tightest = int(np.argmin(ratio))
+                column = int(np.flatnonzero(free)[tightest])
+                step[column] = high[column] if move[tightest] > 0.0 else low[column]
+                fixed[column] = True
+                continue
+        slope = gradient + hessian @ step
+        leaving = fixed & ~pinned & (((step <= low) & (slope < -1e-14)) | ((step >= high) & (slope > 1e-14)))
+        if not leaving.any():
+            break
+        fixed[int(np.argmax(np.where(leaving, np.abs(slope), 0.0)))] = False
+    return np.clip(step, low, high)
+
+
+def levenberg_marquardt(
+    cost_function: CostFunction[Quadratic],
+    start: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    settings: LocalSettings | None = None,
+    progress: Callable[[int, float], None] | None = None,
+    shape: CostShape | None = None,
+    leads_to_known: Callable[[Quadratic, FloatArray], bool] | None = None,
+) -> SearchResult[Quadratic]:
+    """Minimise a cost from a start, inside bounds.
+
+    Parameters
+    ----------
+    cost_function : CostFunction
+    start : ndarray, shape (p,)
+        Clipped to the bounds.
+    low, high : ndarray, shape (p,)
+        Bounds; a coordinate whose bounds are equal is fixed.
+    settings : LocalSettings, optional
+    progress : callable, optional
+        Called with the iteration and the cost.
+    shape : CostShape, optional
+        Where the cost has kinks, and which coordinates are logarithms.
+    leads_to_known : callable, optional
+        Called with the quadratic model and the step (p,) to its minimum; the search ends if it returns True.
+    """
+    settings = settings or LocalSettings()
+    point = np.clip(np.asarray(start, dtype=np.float64), low, high)
+    here = cost_function.evaluate(point)
+    if here is None:
+        return SearchResult(point, None, 0, Stop.FAILED_START, 1)
+    rule = StepRule(low, high, shape or CostShape())
+    damping, growth, evaluations = settings.damping, 2.0, 1
+    largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
+    recent: deque[float] = deque(maxlen=RECENT_STEPS)
+    for iteration in range(1, settings.max_iterations + 1):
+        np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
+        scale = np.where(largest_curvature > 0.0, largest_curvature, 1.0)
+        bounds = rule.bounds(point)
+        newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *bounds)
+        newton_decrease = here.predicted_decrease(newton)
+        if leads_to_known is not None and leads_to_known(here, newton):
+            return SearchResult(point, here, iteration, Stop.KNOWN_OPTIMUM, evaluations)
+        gap = here.cost - settings.target_cost
+        if len(recent) == RECENT_STEPS and gap > MAX_GAP_RATIO * max(sum(recent), newton_decrease):
+            return SearchResult(point, here, iteration, Stop.OUT_OF_REACH, evaluations)
+        converged = _converged(here, newton_decrease, newton, point, settings)
+        before = here.cost
+        if converged is None:
+            step = bounded_step(here.hessian + np.diag((1e-14 + damping) * scale), here.gradient, *bounds)
+            predicted = max(here.predicted_decrease(step), 1e-300)
+            trial = rule.apply(point, step)
+            there = cost_function.evaluate(trial)
+            evaluations += 1
+            if there is None or not there.cost < before:
+                if rule.change_after_rejection(point, trial, newton):
+                    continue
+                damping, growth, rejected = damping * growth, 2.0 * growth, rejected + 1
+                if damping > 1e15 or rejected >= settings.max_rejections:
+                    return SearchResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
+                continue
+            gain_ratio = min((before - there.cost) / predicted, 1e6)  # the cube of more overflows
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain_ratio - 1.0) ** 3), 1e-12)
+            rule.change_after_step(point, trial, newton, gain_ratio)
+            growth, point, here, rejected = 2.0, trial, there, 0
+            if progress is not None:
+                progress(iteration, here.cost)
+        updated = cost_function.update_noise(here)
+        noise_gain, here = here.cost - updated.cost, updated
+        recent.append(before - here.cost)
+        idle = idle + 1 if before - here.cost < settings.min_decrease else 0
+        if converged is None and idle >= 2:
+            return SearchResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
+        if converged is not None and noise_gain < settings.min_noise_gain:
+            return SearchResult(point, here, iteration, converged, evaluations)
+    return SearchResult(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
+
+
+def _converged(
+    here: QuadraticModel, newton_decrease: float, newton: FloatArray, point: FloatArray, settings: LocalSettings
+) -> Stop | None:
+    """Why the search has converged: the Newton step would lower the cost too little, or is too small; else None."""
+    # A decrease below the rounding error of the cost can be predicted but not observed.
+    relative = max(settings.relative_tolerance, float(np.finfo(np.float64).eps))
+    if newton_decrease <= max(settings.tolerance, relative * abs(here.cost)):
+        return Stop.CONVERGED
+    if np.all(np.abs(newton) <= settings.step_tolerance * (np.abs(point) + settings.step_tolerance)):
+        return Stop.SMALL_STEP
+    return None

@@ -1,0 +1,107 @@
+"""Steps of a local search at kinks of the cost and along logarithmic coordinates.
+
+Gradients say nothing about the far side of a kink, so steps may be confined to the smooth region about the point. Along
+a logarithmic coordinate a step may be linear in the logarithm or in its value, whichever the quadratic model predicts
+better (a change of the local parametrisation, as in Bates and Watts, 1980, J. R. Stat. Soc. B 42, 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Distance from a kink, as a share of the smooth region, up to which a coordinate counts as at the kink.
+KINK_TOLERANCE = 1e-3
+#: Length of a Newton step in a logarithm above which steps linear in the logarithm and in the value differ noticeably.
+MIN_LOG_STEP = 0.3
+#: Ratio of actual to predicted decrease below which the next step is made in the other parametrisation.
+MIN_GAIN_RATIO = 0.75
+
+#: Bounds (p,) of the region about a point (p,) in which the cost is smooth.
+SmoothRegion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class CostShape:
+    """What is known of a cost beforehand.
+
+    Parameters
+    ----------
+    smooth_region : callable, optional
+        Bounds of the region between kinks. After a step across a kink was rejected, steps end at the kink, until one
+        leaves the kink that the search was at.
+    logarithmic : ndarray of bool, shape (p,), optional
+        Coordinates that are logarithms: a valley that is curved in them may be straight in their values.
+    """
+
+    smooth_region: SmoothRegion | None = None
+    logarithmic: NDArray[np.bool_] | None = None
+
+
+class StepRule:
+    """Make steps inside the box, on one side of a kink, linear in the coordinates or in their values."""
+
+    def __init__(self, low: FloatArray, high: FloatArray, shape: CostShape) -> None:
+        self.low, self.high, self.shape = low, high, shape
+        self._logarithmic = shape.logarithmic if shape.logarithmic is not None else np.zeros(low.size, dtype=bool)
+        self._confined = self._linear_in_values = self._switched = False
+
+    def _region(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.shape.smooth_region(point) if self.shape.smooth_region is not None else (self.low, self.high)
+
+    @property
+    def _relative(self) -> NDArray[np.bool_]:
+        """Coordinates whose steps are relative changes of their values."""
+        return self._logarithmic & self._linear_in_values
+
+    def bounds(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds (p,) of a step from a point."""
+        low, high = self.low - point, self.high - point
+        if self._confined:
+            region = self._region(point)
+            low, high = np.maximum(low, region[0] - point), np.minimum(high, region[1] - point)
+        relative = self._relative
+        low[relative], high[relative] = np.expm1(low[relative]), np.expm1(high[relative])
+        return low, high
+
+    def apply(self, point: FloatArray, step: FloatArray) -> FloatArray:
+        """The point (p,) after a step."""
+        relative, moved = self._relative, point + step
+        moved[relative] = point[relative] + np.log1p(step[relative])
+        return np.clip(moved, self.low, self.high)
+
+    def change_after_rejection(self, point: FloatArray, rejected: FloatArray, newton: FloatArray) -> bool:
+        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change."""
+        low, high = self._region(point)
+        if not self._confined and np.any((rejected < low) | (rejected > high)):
+            self._confined = True
+            return True
+        if self._switched or not self._is_long(newton):
+            return False
+        self._linear_in_values, self._switched = not self._linear_in_values, True
+        return True
+
+    def change_after_step(self, point: FloatArray, new: FloatArray, newton: FloatArray, gain_ratio: float) -> None:
+        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease."""
+        self._switched = False
+        self._confined = self._confined and self._stays_at_kink(point, new)
+        if gain_ratio < MIN_GAIN_RATIO and self._is_long(newton):
+            self._linear_in_values = not self._linear_in_values
+
+    def _is_long(self, newton: FloatArray) -> bool:
+        """Whether the Newton step is so long that the two parametrisations differ."""
+        return bool(np.any(np.abs(newton[self._logarithmic]) > MIN_LOG_STEP))
+
+    def _stays_at_kink(self, point: FloatArray, new: FloatArray) -> bool:
+        """Whether a step moved along a kink."""
+        low, high = self._region(point)
+        kinked = np.isfinite(low)
+        x, low, high = new[kinked], low[kinked], high[kinked]
+        tolerance = KINK_TOLERANCE * (high - low)
+        at_kink = (x <= low + tolerance) | (x >= high - tolerance)
+        return bool(np.any(at_kink & (np.abs(x - point[kinked]) <= tolerance)))
