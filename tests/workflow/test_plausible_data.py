@@ -55,7 +55,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def fit(folder: Path, time: np.ndarray, *, shift: float = 0.0, factor: float = 1.0) -> Result:
+def fit(folder: Path, time: np.ndarray, *, shift: float | np.ndarray = 0.0, factor: float = 1.0) -> Result:
     """Fit a recording of ``time`` in s, written with other units."""
     power, temperature = room(time)
     rng = np.random.default_rng(1)
@@ -81,8 +81,9 @@ def test_an_input_that_nobody_drives_is_refused(folder: Path):
     assert "[data] constants = {T_amb = ...}" in done.stderr
 
 
-def test_degrees_celsius_are_told_from_kelvin(folder: Path):
-    done = fit(folder, 60.0 * np.arange(400), shift=-273.15)
+@pytest.mark.parametrize("rise", [0.0, 300.0])
+def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
+    done = fit(folder, 60.0 * np.arange(400), shift=-273.15 + np.linspace(0.0, rise, 400))
     assert done.exit_code == 2
     assert "run.csv, column T: reads" in done.stderr
     assert 'looks like degC; say so by [data.columns.T] unit = "degC"' in done.stderr

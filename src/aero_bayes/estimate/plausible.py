@@ -12,7 +12,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.model import Model, Variable
 
-#: If the model starts above the first temperature in K, readings that stay below the second must be degrees Celsius.
+#: If the model starts above the first temperature in K, readings that begin below the second must be degrees Celsius.
 MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
 
 
@@ -47,9 +47,9 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
         values = {**recording.inputs, **recording.outputs}.get(v.name)
         if v.unit != "K" or values is None or not np.isfinite(values).any():
             continue
-        start = _start(v, model) or warm
+        start, first = _start(v, model) or warm, float(values[np.isfinite(values)][0])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        if start > MIN_KELVIN_START and high < MAX_CELSIUS_READING:
+        if start > MIN_KELVIN_START and first < MAX_CELSIUS_READING:
             raise InputError(
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
                 f'starts at {start:.4g} K: looks like degC; say so by [data.columns.{v.name}] unit = "degC"'

@@ -80,7 +80,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
         return _nothing_named(bench, base, explored, choice, before)
     steps = steps_of(explored, chosen, within)
     try:
-        extended = extend(bench, base, explored, chosen, steps)
+        extended = extend(bench, base, explored, chosen)
     except CannotFinishError:
         why = f"{_explain(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
         return _unexplained(base, explored, chosen, steps, why, before)

@@ -18,7 +18,7 @@ from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.family import Basis, Extension
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.result import FoundEffect, LearnedCurve, NewParameter
-from aero_bayes.loop.steps import Step, equivalents, in_order, loss_without
+from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
@@ -36,9 +36,7 @@ class ExtendedFit:
     after: Prediction
 
 
-def extend(
-    bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedModel, steps: tuple[Step, ...]
-) -> ExtendedFit:
+def extend(bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedModel) -> ExtendedFit:
     """Write a structure into the model and fit it at its best.
 
     Raises
@@ -64,7 +62,7 @@ def extend(
     after = bench.unseen.predict(calibration, fit)
     effects = []
     for id_ in terms:
-        effect = _effect(bench, explored, chosen, id_, (written, calibration.parameters, fit), steps)
+        effect = _effect(bench, explored, chosen, id_, (written, calibration.parameters, fit))
         effects.append(replace(effect, width_influence=_width_influence(bench, effect, calibration, fit)))
     bench.tally.lap("judgement")
     return ExtendedFit(written, tuple(effects), calibration, fit, reports, after)
@@ -76,14 +74,15 @@ def _effect(
     chosen: FittedModel,
     id_: str,
     made: tuple[Extension, ParameterSet, Optimum],
-    steps: tuple[Step, ...],
 ) -> FoundEffect:
     written, parameters, fit = made
     named = fitted_parameters(parameters, fit)
     over = bench.family.learned().get(id_, "")
     columns = [parameters.index(new) for _, new in written.names[id_]]
-    same = equivalents(explored, chosen, id_, bench.settings.structures.equivalence)
-    step = next((s for s in steps if s.chosen == id_), None)
+    within = bench.settings.structures.equivalence
+    same = equivalents(explored, chosen, id_, within)
+    # Its odds are those in its place, beside all other terms that were chosen.
+    step = step_of(explored, chosen.structure.minus(id_), id_, 1, within)
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),

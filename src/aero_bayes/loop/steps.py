@@ -78,14 +78,15 @@ def steps_of(explored: Explored, fitted: FittedModel, within: float) -> tuple[St
     found: list[Step] = []
     base = fitted.structure.minus(*fitted.terms)
     for id_ in (*in_order(explored, fitted), None):
-        step = _step(explored, base, id_, len(found) + 1, within)
+        step = step_of(explored, base, id_, len(found) + 1, within)
         if step is not None:
             found.append(step)
         base = base.plus(id_) if id_ is not None else base
     return tuple(found)
 
 
-def _step(explored: Explored, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
+def step_of(explored: Explored, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
+    """What a term is worth beside a structure, with its rivals there; None where that structure was not fitted."""
     here = explored.fits.get(base)
     if here is None:
         return None
