@@ -12,7 +12,7 @@ from aero_bayes.laws.law import Law, general_laws
 #: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
 SLOW = {
     "benchmarks", "design", "docs", "estimate", "export", "fleet", "judge", "known_answers", "library", "loop",
-    "predict", "replay", "report", "sample", "search", "workflow",
+    "replay", "report", "sample", "search", "workflow",
 }  # fmt: skip
 
 

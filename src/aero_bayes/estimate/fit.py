@@ -201,11 +201,11 @@ def _with_sensors(
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
 
 
-def _again(first: Fit, climber: GlobalSearch, settings: FitSettings) -> Fit:
+def _again(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
     """The fit to readings without their ripple, from where the first one ended."""
-    start = climber.objective.parameters.to_search(first.values)
-    optimum = climber.refit(start, first.free, first.noise)
-    again = _finish(climber, GlobalSearchResult(optimum, first.swarm, (), climber.iterations), settings, first.seconds)
+    start = search.objective.parameters.to_search(first.values)
+    optimum = search.refit(start, first.free, first.noise)
+    again = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)
     outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
     return replace(again, stages=first.stages, iterations=first.iterations + again.iterations, outcomes=outcomes)
 
@@ -255,32 +255,32 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        climber = GlobalSearch(Objective(calibration, simulator, result_cache=checkpoint), settings.ascent, progress)
+        search = GlobalSearch(Objective(calibration, simulator, result_cache=checkpoint), settings.ascent, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
-        ascent = climber.run(free, open_simulator, rng)
+        ascent = search.run(free, open_simulator, rng)
         lines = (
-            choose_interpolation(climber, ascent, open_simulator, rng)
+            choose_interpolation(search, ascent, open_simulator, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )
         if lines is not None:
             simulator = stack.enter_context(open_simulator(lines[0].problem()))
-            climber = GlobalSearch(climber.objective.with_calibration(lines[0], simulator), settings.ascent)
-            ascent = replace(ascent, optimum=climber.refit(lines[1].coordinates, free, lines[1].noise))
-        wider = _free_what_shows(climber, ascent.optimum)
+            search = GlobalSearch(search.objective.with_calibration(lines[0], simulator), settings.ascent)
+            ascent = replace(ascent, optimum=search.refit(lines[1].coordinates, free, lines[1].noise))
+        wider = _free_what_shows(search, ascent.optimum)
         if wider != free:
-            optimum = climber.refit(ascent.optimum.coordinates, wider, ascent.optimum.noise)
-            ascent = replace(ascent, optimum=optimum, iterations=climber.iterations)
-        return _finish(climber, ascent, settings, time.perf_counter() - began)
+            optimum = search.refit(ascent.optimum.coordinates, wider, ascent.optimum.noise)
+            ascent = replace(ascent, optimum=optimum, iterations=search.iterations)
+        return _finish(search, ascent, settings, time.perf_counter() - began)
 
 
-def _free_what_shows(climber: GlobalSearch, here: Optimum) -> tuple[int, ...]:
+def _free_what_shows(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     """The free columns and each optional parameter that the data would narrow to a third of its prior."""
-    parameters = climber.objective.parameters
+    parameters = search.objective.parameters
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
         return here.free
-    verdict = assess_columns(climber.objective, here, tuple(sorted({*here.free, *optional})))[0]
+    verdict = assess_columns(search.objective, here, tuple(sorted({*here.free, *optional})))[0]
     shown = [j for j in optional if verdict.status[parameters.names[j]] is Status.IDENTIFIED]
     return tuple(sorted({*here.free, *shown}))
 
@@ -301,15 +301,15 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     return verdict, wide
 
 
-def _finish(climber: GlobalSearch, ascent: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
+def _finish(search: GlobalSearch, ascent: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
     """Judge what was found and put it together: with the noise as it is, whatever the search minimised."""
-    objective, here = climber.objective, ascent.optimum
+    objective, here = search.objective, ascent.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":
-        climber = GlobalSearch(
+        search = GlobalSearch(
             objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0))
         )
-        here = climber.settle_noise(replace(here, noise=climber.initial_noise()))
+        here = search.settle_noise(replace(here, noise=search.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
     verdict, _ = assess_columns(objective, here, tuple(sorted({*here.free, *optional})))
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}

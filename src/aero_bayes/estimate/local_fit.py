@@ -26,7 +26,7 @@ from aero_bayes.estimate.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
-from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, update_output_noise
 
 FloatArray = NDArray[np.float64]
@@ -126,7 +126,7 @@ class Optimum:
         second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
         low, high = (bound[list(self.free)] for bound in parameters.box)
         curvature = self.whitened.slopes @ self.whitened.slopes.T / temperature
-        covariance, volume = _laplace(curvature + np.diag(np.maximum(-second, 1e-9)), high - low)
+        covariance, volume = _laplace(curvature + prior_curvature(second), high - low)
         occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
         return covariance, self.log_likelihood / temperature + self.log_prior + occam
 
@@ -254,8 +254,7 @@ class _NegativeLogPosterior:
             return np.zeros(count), np.zeros((count, count))
         parameters = self.objective.parameters
         first, second = parameters.prior_derivatives(x)
-        curvature = np.diag(np.maximum(-second, 1e-9))
-        return -first[self.free], curvature[np.ix_(self.free, self.free)]
+        return -first[self.free], prior_curvature(second[self.free])
 
 
 def _pack(found: SearchResult[_PosteriorModel]) -> Arrays:

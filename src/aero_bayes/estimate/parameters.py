@@ -26,6 +26,8 @@ MIN_BOUND_RATIO = 1e-12
 BOUND_TOLERANCE = 1e-6
 #: Share of its upper bound to which a parameter at zero is moved where its sensitivity is needed.
 ZERO_OFFSET = 1e-9
+#: Least curvature of a prior, in search coordinates.
+MIN_PRIOR_CURVATURE = 1e-9
 Scale = Literal["log", "linear"]
 
 
@@ -78,6 +80,11 @@ class Parameter:
         if self.scale == "log" and self.lower <= 0.0:
             raise InputError(f"{self.name}: a logarithmic axis needs a positive lower bound, not {self.lower:g}")
         object.__setattr__(self, "prior", self.prior.bounded(self.lower, self.upper))
+
+
+def prior_curvature(second: FloatArray) -> FloatArray:
+    """Curvature (k, k) of negative log-priors from their second derivatives (k,); never so flat that it is singular."""
+    return np.diag(np.maximum(-second, MIN_PRIOR_CURVATURE))
 
 
 @dataclass(frozen=True)

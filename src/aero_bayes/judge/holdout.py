@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.search.models import FittedModel
 
 FloatArray = NDArray[np.float64]
 
 #: Least curvature, as a share of what all readings tell.
-UNSEEN = 1e-12
+MIN_CURVATURE_SHARE = 1e-12
 #: Blocks of a recording, and readings that one has at least.
 BLOCK_COUNT, MIN_BLOCK_READINGS = 20, 4
 
@@ -79,7 +80,7 @@ def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
     """
     slopes, parameters = fitted.optimum.whitened.slopes, fitted.model.objective.parameters
     second = parameters.prior_derivatives(fitted.optimum.coordinates)[1][list(fitted.optimum.free)]
-    curvature = slopes @ slopes.T + np.diag(np.maximum(-second, 1e-9))
+    curvature = slopes @ slopes.T + prior_curvature(second)
     leverage = np.einsum("kn,kn->n", slopes, np.linalg.solve(curvature, slopes))
     series = fitted.model.objective.series
     first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
@@ -103,7 +104,7 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
     slopes, residual = optimum.whitened.slopes[shared] / cold, optimum.whitened.residual / cold
     second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
-    prior = np.diag(np.maximum(-second, 1e-9))
+    prior = prior_curvature(second)
     own = [slopes[:, block] @ slopes[:, block].T for block in blocks]
     whole = prior + sum(own)
     unit = 1.0 / np.sqrt(np.diag(whole))
@@ -121,4 +122,4 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
 def _spectrum(curvature: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues and eigenvectors of a curvature in units of its parameters; what is not seen is held by rounding."""
     values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
-    return np.maximum(values, UNSEEN), vectors
+    return np.maximum(values, MIN_CURVATURE_SHARE), vectors

@@ -142,12 +142,12 @@ def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Op
     settings = bench.settings
     with bench.open(calibration.problem()) as simulator:
         study = bench.objective(calibration, simulator)
-        climber = GlobalSearch(study, settings.ascent)
+        search = GlobalSearch(study, settings.ascent)
         rng = np.random.default_rng(settings.seed)
-        ascent = climber.run(_seen(study), bench.open, rng)
+        ascent = search.run(_seen(study), bench.open, rng)
         found = ascent.optimum
         lines = (
-            choose_interpolation(climber, ascent, bench.open, rng)
+            choose_interpolation(search, ascent, bench.open, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )

@@ -81,7 +81,7 @@ def _effect(
     columns = [parameters.index(new) for _, new in written.names[id_]]
     within = bench.settings.structures.equivalence
     same = equivalents(explored, chosen, id_, within)
-    # Its odds are those in its place, beside all other terms that were chosen.
+    # Its odds are against all other terms that could replace it, beside the other chosen ones.
     step = step_of(explored, chosen.structure.minus(id_), id_, 1, within)
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",

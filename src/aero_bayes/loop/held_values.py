@@ -44,7 +44,7 @@ def held_in(model: Model, parameters: ParameterSet) -> ParameterSet:
 
 
 def doubts(cache: ModelCache, explored: Explored, chosen: FittedModel, settings: LoopSettings) -> tuple[Doubt, ...]:
-    """For each chosen term the held values that would do as well in its place.
+    """For each chosen term the held values that could replace it without a loss of evidence.
 
     The slope by each says which are likely; these are fitted.
     """

@@ -56,7 +56,7 @@ def loss_without(explored: Explored, fitted: FittedModel, id_: str) -> float:
 
 
 def equivalents(explored: Explored, fitted: FittedModel, id_: str, within: float) -> tuple[str, ...]:
-    """A term and those that do as well in its place, best first.
+    """A term and those that could replace it without a loss of evidence, best first.
 
     A refinement of the term holds it as a special case, so that it does as well by itself: it is not listed.
     """

@@ -118,7 +118,7 @@ class AddPair:
 
 
 class RefineTerm:
-    """The finer laws of each term that the structure has, in its place."""
+    """Each term replaced by its finer laws."""
 
     def neighbours(self, here: Surroundings) -> Iterable[Structure]:
         if not here.best:

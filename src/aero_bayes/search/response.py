@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.laws.family import CandidateTerm
 
 FloatArray = NDArray[np.float64]
@@ -84,7 +85,7 @@ class LinearResponse:
         delays = delay_columns(objective, free)
         steady = [k for k, j in enumerate(free) if j not in delays]
         own = slopes[steady]
-        curvature = own @ own.T + np.diag(np.maximum(-second[steady], 1e-9))
+        curvature = own @ own.T + prior_curvature(second[steady])
         # Where parameters cannot be told apart, the smallest step that does, in units of what each is known to.
         unit = 1.0 / np.sqrt(np.diag(curvature))
         both = np.outer(unit, unit)

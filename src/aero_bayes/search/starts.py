@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
@@ -223,7 +223,7 @@ class Tangent:
             return []
         across, _, back = slopes
         first, second = parameters.prior_derivatives(origin)
-        curvature = across @ across.T + np.diag(np.maximum(-second[columns], 1e-9))
+        curvature = across @ across.T + prior_curvature(second[columns])
         slope = across @ response.left + first[columns]
         step = np.linalg.solve(curvature, slope)
         low, high = parameters.box
