@@ -126,7 +126,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
         story = loop_part(job, loop)
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        parts = [result, {"loop": story["loop"]}, closing]
+        parts = [result, {key: story[key] for key in ("loop", "words")}, closing]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
