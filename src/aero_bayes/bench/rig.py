@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +52,13 @@ def plan_of(truth: Truth) -> Plan:
     return plan
 
 
-def simulate(truth: Truth, design: InputDesign, time: FloatArray, theta_start: float | None = None) -> TrueRun:
+def simulate(
+    truth: Truth,
+    design: InputDesign,
+    time: FloatArray,
+    theta_start: float | None = None,
+    push: Callable[[float], float] | None = None,
+) -> TrueRun:
     """What a rig truly does, without noise.
 
     Parameters
@@ -63,8 +70,12 @@ def simulate(truth: Truth, design: InputDesign, time: FloatArray, theta_start: f
         Sample times in s.
     theta_start : float, optional
         Pitch in rad from which the body is let go; by default where it rests undriven. Rotor and body start at rest.
+    push : callable, optional
+        Torque in N m on the body as a function of time in s.
     """
     plan = plan_of(truth)
+    if push is not None:
+        plan.body.append(lambda t, i, w, th, q, z: push(t))
     commands = design.volts(time)
     changes = np.concatenate(([True], commands[1:] != commands[:-1]))
     jump_times = time[changes] + truth.input_delay
