@@ -127,6 +127,7 @@ docs: setup ## documentation -> build/docs/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 dist: setup ## wheel and source distribution, checked -> build/dist
+	mkdir -p build
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check build twine
 	$(BIN)/python -m build --outdir build/dist . >build/dist.log 2>&1 || (tail -20 build/dist.log; false)
 	$(BIN)/python -m twine check --strict build/dist/*
