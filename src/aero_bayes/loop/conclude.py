@@ -16,7 +16,8 @@ from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.extend import ExtendedFit, extend
-from aero_bayes.loop.result import FoundEffect, LoopOutcome
+from aero_bayes.loop.found_effect import FoundEffect
+from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
