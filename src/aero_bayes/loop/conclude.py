@@ -116,7 +116,7 @@ def _nothing_named(
     steps = steps_of(explored, best, within)
     structured = those_structured(base.reports)
     last = steps[-1].why if steps else "nothing was tried"
-    far = far_off(bench, base, before)
+    far = far_off(bench.unseen, base.plain, base.fit, base.reports, base.floors, before, bench.settings.times_fitted)
     if not structured and not choice.refused:
         sentence = f"The model is adequate for these recordings: {last}."
         if far.beyond:
