@@ -1,57 +1,76 @@
-"""Rigs whose model is right or wrong in a known way: the simulated AERO and three rigs of the many-rig trial.
+"""Rigs whose model is right, or wrong in a known way: the simulated AERO and three rigs of the many-rig trial.
 
-A rig is recorded in a state: nothing is missing (``right``), a law of the library is missing (``missing``), something
-acts that no law describes (``unlisted``), or a random force drives a state (``process_noise``). What is missing has one
-of two sizes. Every recording of a rig has the same design: levels drawn at random, each held for a random time.
+A rig is recorded in one of four states: nothing is missing (``right``), a law of the library is missing (``missing``),
+an effect acts that no library lists (``unlisted``), or a random force drives a state (``process_noise``). What is
+missing has one of two sizes. All recordings of a rig are repetitions of one experiment: levels drawn at random, each
+held for a random time, are drawn anew each time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
+from aero_trial import ALL_KINDS
 from numpy.random import Generator
 from numpy.typing import NDArray
+from simulated_rigs import MODELS
+from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.truth import LawTruth, Place, law_kind
 
-from aero_bayes import bench
-from aero_bayes.bench.rigs.assembly import Assembly
-from aero_bayes.bench.rigs.kinds import KINDS, RigKind
-from aero_bayes.bench.rigs.truth import LawTruth, Place, law_kind
+from aero_bayes import bench, load_model
+from aero_bayes.bench.effects import EffectKind
 from aero_bayes.bench.sensors import Noise
 from aero_bayes.data import Recording
+from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
+from aero_bayes.estimate.parameters import Override
+from aero_bayes.simulation import Model
 
 FloatArray = NDArray[np.float64]
 One = TypeVar("One", bench.EffectTruth, LawTruth)
 
-#: What may be wrong with a model, as a recording is made.
-RECORDED = ("right", "missing", "unlisted", "process_noise")
 #: Factors of the size of what is missing.
 SIZES = (1.0, 3.0)
 #: Shortest and longest time for which a level is held, in units of the rig's clock.
 DWELL = (0.2, 1.2)
 
 
-class WrongRig(Protocol):
-    """A rig that can be recorded in every state."""
+class Rig(Protocol):
+    """A rig, and what an engineer knows of it.
 
-    name: str
+    ``truth`` are the true values of the parameters that are fitted. ``calibration`` says how recordings are fitted.
+    """
+
     truth: Mapping[str, float]
+    calibration: CalibrationSettings
 
-    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
-        """A recording of the rig's design, ``times`` as long as usual, with and without reading noise."""
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """Modelica files of the model."""
+        ...
+
+    def model(self, folder: Path) -> Model:
+        """The model as given, without what may be missing; its FMU is built in a folder."""
+        ...
+
+    def parameters(self, model: Model) -> ParameterSet:
+        """What is fitted. The search starts at the true values: that it finds the optimum is not in question here."""
         ...
 
     def law(self, size: float) -> Mapping[str, float]:
-        """True parameters of the law that is missing, named as in the extended model."""
+        """True parameters of the law that may be missing, by the names that they have in the library."""
         ...
 
-
-def levels(rng: Generator, time: FloatArray) -> FloatArray:
-    """Levels within +-1 at times in units of the clock, zero for the first half unit, shape (n,)."""
-    # random_levels() rests during the last sixth: what is used ends before.
-    return bench.random_levels(rng, 1.0, 1.3 * float(time[-1]) + 5.0, DWELL, 0.5).volts(time)
+    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
+        """Repeat the experiment, ``times`` as long as usual: as it is read, and the same without reading noise."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -61,12 +80,12 @@ class Aero:
     Parameters
     ----------
     truth : mapping of str to float
-        Parameters that differ from the data sheet.
     missing, unlisted : EffectTruth
         At size 1; the first parameter of an effect is its size.
     torque : float
-        Spectral density (N m s^0.5) of the random torque on the body, at size 1.
+        Random torque on the body at size 1, the square root of its spectral density in N m s^0.5.
     duration, rate_hz : float
+    calibration : CalibrationSettings
     """
 
     truth: Mapping[str, float]
@@ -74,24 +93,41 @@ class Aero:
     unlisted: bench.EffectTruth
     torque: float
     duration: float = 120.0
-    rate_hz: float = 25.0
-    name: str = "aero"
+    rate_hz: float = 20.0
+    calibration: CalibrationSettings = CalibrationSettings(delay="free", delay_limit=0.02)
 
-    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
-        time = bench.sample_times(times * self.duration, self.rate_hz)
-        effect = {"missing": self.missing, "unlisted": self.unlisted}.get(state)
-        effects = () if effect is None else (scaled(effect, size),)
-        truth = bench.Truth("one_dof", replace(bench.Parameters(), **self.truth), effects, 5e-3)
-        push = None
-        if state == "process_noise":
-            push = white_force(rng, size * self.torque, time)
-        design = Held(time, 24.0 * levels(rng, time))
-        run = bench.simulate(truth, design, time, push=push)
-        silent = bench.measure(run, bench.clean(), rng, self.name)
-        return bench.measure(run, bench.white(), rng, self.name), silent
+    @property
+    def name(self) -> str:
+        return "aero"
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return ()
+
+    def model(self, folder: Path) -> Model:
+        return load_model(DEFAULT_MODEL, folder=folder)
+
+    def parameters(self, model: Model) -> ParameterSet:
+        declared = declared_overrides(model)
+        return parameters_from_model(
+            model, overrides={name: replace(declared[name], start=value) for name, value in self.truth.items()}
+        )
 
     def law(self, size: float) -> Mapping[str, float]:
         return scaled(self.missing, size).parameters
+
+    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
+        time = bench.sample_times(times * self.duration, self.rate_hz)
+        kinds, effects = ALL_KINDS, ()
+        if state in ("missing", "unlisted"):
+            effects = (scaled(self.missing if state == "missing" else self.unlisted, size),)
+        elif state == "process_noise":
+            kind = random_torque(white_force(rng, size * self.torque, time))
+            kinds, effects = {**ALL_KINDS, kind.id: kind}, (kind.truth(),)
+        truth = bench.Truth("one_dof", replace(bench.Parameters(), **self.truth), effects, 5e-3)
+        run = bench.simulate(truth, Held(time, 24.0 * levels(rng, time)), time, kinds=kinds)
+        measured, silent = (bench.measure(run, sensors, rng, self.name) for sensors in (bench.white(), bench.clean()))
+        return measured, silent
 
 
 @dataclass(frozen=True)
@@ -105,8 +141,9 @@ class TrialRig:
     missing, unlisted : LawTruth
         At size 1; the first parameter of a law is its size.
     pushed, push : str, float
-        The state that a random force drives, and the spectral density of that force (its unit times s^0.5) at size 1.
+        The state that a random force drives, and the square root of that force's spectral density at size 1.
     noise : mapping of str to Noise
+    calibration : CalibrationSettings
     """
 
     kind: RigKind
@@ -116,91 +153,124 @@ class TrialRig:
     pushed: str
     push: float
     noise: Mapping[str, Noise]
+    calibration: CalibrationSettings = CalibrationSettings(start="estimated")
 
     @property
     def name(self) -> str:
         return self.kind.name
 
-    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
-        kind, parameters = self.kind, {**self.kind.parameters, **self.truth}
-        time: FloatArray = np.arange(round(times * (kind.rows - 1)) + 1) * kind.step
-        commands = np.column_stack(
-            [d.centre + d.height * levels(rng, time / d.clock) for d in kind.inputs.values()]
-        )
-        rig = kind.assemble(parameters)
-        law = {"missing": self.missing, "unlisted": self.unlisted}.get(state)
-        if law is not None:
-            slack = 1e-9 * dict(zip(kind.states, kind.sizes, strict=True)).get(law.place.name, 1.0)
-            law_kind(kind, law.law, law.place).install(rig, law.place.name, scaled(law, size).parameters, slack)
-        if state == "process_noise":
-            drive(rig, self.pushed, white_force(rng, size * self.push, time))
-        outputs, _ = rig.run(time, commands, kind.rest(parameters), kind.step / kind.pieces)
-        inputs = {name: commands[:, k] for k, name in enumerate(kind.inputs)}
-        clean = {name: outputs[:, k] for k, name in enumerate(kind.outputs)}
-        silent = Recording(kind.name, time, inputs, clean, {"time": "s", **kind.units})
-        nothing = np.zeros(time.size)
-        noisy = {name: y + self.noise[name].sample(rng, time, nothing, nothing) for name, y in clean.items()}
-        return replace(silent, outputs=noisy), silent
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        return (MODELS / self.name / "Rig.mo",)
+
+    def model(self, folder: Path) -> Model:
+        return load_model(self.sources[0], folder=folder)
+
+    def parameters(self, model: Model) -> ParameterSet:
+        starts = {name: Override(start=value) for name, value in self.truth.items()}
+        return parameters_from_model(model, tuple(starts), starts)
 
     def law(self, size: float) -> Mapping[str, float]:
         return scaled(self.missing, size).parameters
 
+    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
+        kind, parameters = self.kind, {**self.kind.parameters, **self.truth}
+        time: FloatArray = np.arange(round(times * (kind.rows - 1)) + 1) * kind.step
+        commands = np.column_stack(
+            [drive.centre + drive.height * levels(rng, time / drive.clock) for drive in kind.inputs.values()]
+        )
+        rig = kind.assemble(parameters)
+        if state in ("missing", "unlisted"):
+            law = scaled(self.missing if state == "missing" else self.unlisted, size)
+            slack = 1e-9 * dict(zip(kind.states, kind.sizes, strict=True)).get(law.place.name, 1.0)
+            law_kind(kind, law.law, law.place).install(rig, law.place.name, law.parameters, slack)
+        elif state == "process_noise":
+            force, index = white_force(rng, size * self.push, time), rig.state(self.pushed)
+
+            def add(t: float, x: object, u: object, e: list[float]) -> None:
+                e[index] += force(t)
+
+            rig.term(add)
+        outputs, _ = rig.run(time, commands, kind.rest(parameters), kind.step / kind.pieces)
+        inputs = {name: commands[:, k] for k, name in enumerate(kind.inputs)}
+        clean = {name: outputs[:, k] for k, name in enumerate(kind.outputs)}
+        silent = Recording(self.name, time, inputs, clean, {"time": "s", **kind.units})
+        still = np.zeros(time.size)
+        noisy = {name: y + self.noise[name].sample(rng, time, still, still) for name, y in clean.items()}
+        return replace(silent, outputs=noisy), silent
+
 
 @dataclass(frozen=True)
 class Held:
-    """An input that holds each value to the next sample."""
+    """An input that holds each of its values to the next sample."""
 
     time: FloatArray
     values: FloatArray
 
     def volts(self, time: FloatArray) -> FloatArray:
         index = np.searchsorted(self.time, time + 1e-9, side="right") - 1
-        return self.values[np.maximum(index, 0)]
+        found: FloatArray = self.values[np.maximum(index, 0)]
+        return found
+
+
+def levels(rng: Generator, time: FloatArray) -> FloatArray:
+    """Random levels within +-1 over time (n,) in units of the clock; zero for the first half unit."""
+    # random_levels() rests for the last sixth of its duration: what is used ends before.
+    return bench.random_levels(rng, 1.0, 1.3 * float(time[-1]) + 5.0, DWELL, 0.5).volts(time)
 
 
 def scaled(one: One, size: float) -> One:
-    """The same with its first parameter ``size`` times as large."""
+    """The same effect or law with its first parameter ``size`` times as large."""
     first = next(iter(one.parameters))
     return replace(one, parameters={**one.parameters, first: size * one.parameters[first]})
 
 
 def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[float], float]:
-    """White noise of a spectral density, held over each sample interval, as a function of time in s."""
+    """White noise as a function of time in s, held over each sample interval.
+
+    ``density`` is the square root of the spectral density.
+    """
     step = float(time[1] - time[0])
     values = (density / np.sqrt(step) * rng.standard_normal(time.size)).tolist()
     last, first = time.size - 1, float(time[0])
     return lambda t: values[min(max(int((t - first) / step), 0), last)]
 
 
-def drive(rig: Assembly, state: str, push: Callable[[float], float]) -> None:
-    """Let a force of time act on a state."""
-    index = rig.state(state)
-
-    def add(t: float, x: object, u: object, e: list[float]) -> None:
-        e[index] += push(t)
-
-    rig.term(add)
+def random_torque(force: Callable[[float], float]) -> EffectKind:
+    """A torque in N m on the body of the AERO over time in s, as an effect without parameters."""
+    return EffectKind(
+        "random_torque", "body", {}, lambda plan, p: plan.body.append(lambda t, i, w, th, q, z: force(t))
+    )
 
 
-def rigs() -> dict[str, WrongRig]:
+def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
+    """The same rig read so many times less often, over the same time."""
+    return replace(
+        kind, step=factor * kind.step, rows=(kind.rows - 1) // factor + 1, pieces=factor * kind.pieces, **changes
+    )
+
+
+def rigs() -> dict[str, Rig]:
     """The four rigs by name."""
     aero = Aero(
-        {"R_a": 9.0, "c_m": 0.040, "k_d": 2.7e-8, "k_t": 3.1e-7, "D_p": 0.0065, "K_sp": 0.041},
+        {"R_a": 9.0, "c_m": 0.040, "J_r": 4.4e-6, "k_d": 2.7e-8, "k_t": 3.1e-7, "D_p": 0.0065, "K_sp": 0.041},
         bench.effect("pivot_coulomb_friction", tau_c=2.5e-4),
-        bench.effect("propeller_stall", s=2e-4),
+        ALL_KINDS["propeller_stall"].truth(s=2e-4),
         torque=1e-4,
     )
-    pendulum = TrialRig(
-        KINDS["pendulum"],
+    pendulum = KINDS["pendulum"]
+    drive = {"tau": replace(pendulum.inputs["tau"], height=0.3)}
+    swinging = TrialRig(
+        coarser(pendulum, 3, inputs=drive),
         {"J": 0.06, "D": 0.05, "G": 1.05},
         LawTruth("coulomb_friction", Place("balance", "omega"), {"F_c": 4e-3}),
         LawTruth("cogging", Place("balance", "omega"), {"a": 8e-3, "pitch": 0.25}, named=False),
         "omega",
         2e-3,
-        {"angle": Noise(3e-3)},
+        {"angle": Noise(2e-3)},
     )
     motor = TrialRig(
-        KINDS["motor"],
+        coarser(KINDS["motor"], 3),
         {"R": 2.4, "L": 0.017, "k_m": 0.072, "J": 2.3e-4, "d": 2.4e-4},
         LawTruth("coulomb_friction", Place("balance", "w"), {"F_c": 4e-3}),
         LawTruth("wave", Place("input", "V"), {"a": 0.1, "p": 5.0}, named=False),
@@ -209,7 +279,7 @@ def rigs() -> dict[str, WrongRig]:
         {"current": Noise(0.02, 0.01, 0.01), "speed": Noise(0.5, 0.3, 0.01)},
     )
     reservoirs = TrialRig(
-        KINDS["reservoirs"],
+        coarser(KINDS["reservoirs"], 3),
         {"first.A": 0.023, "second.A": 0.036, "pipe.c": 4.4e-4, "outlet.c": 2.7e-4},
         LawTruth("square_loss", Place("balance", "second.h"), {"k": 5e-5}),
         LawTruth("vibration", Place("balance", "first.h"), {"a": 1e-5, "T": 300.0, "phase": 0.3}, named=False),
@@ -217,4 +287,4 @@ def rigs() -> dict[str, WrongRig]:
         3e-5,
         {"level_1": Noise(4e-3), "level_2": Noise(2e-3)},
     )
-    return {rig.name: rig for rig in (aero, pendulum, motor, reservoirs)}
+    return {rig.name: rig for rig in (aero, swinging, motor, reservoirs)}
