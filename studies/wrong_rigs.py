@@ -9,19 +9,15 @@ held for a random time, are drawn anew each time.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
-from aero_trial import ALL_KINDS
 from numpy.random import Generator
 from numpy.typing import NDArray
-from simulated_rigs import MODELS
-from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.truth import LawTruth, Place, law_kind
 
-from aero_bayes import bench, load_model
+from aero_bayes import bench
 from aero_bayes.bench.effects import EffectKind
 from aero_bayes.bench.sensors import Noise
 from aero_bayes.data import Recording
@@ -29,6 +25,10 @@ from aero_bayes.default import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.simulation import Model
+from aero_trial import ALL_KINDS
+from simulated_rigs import MODELS
+from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.truth import LawTruth, Place, law_kind
 
 FloatArray = NDArray[np.float64]
 One = TypeVar("One", bench.EffectTruth, LawTruth)
@@ -37,6 +37,8 @@ One = TypeVar("One", bench.EffectTruth, LawTruth)
 SIZES = (1.0, 3.0)
 #: Shortest and longest time for which a level is held, in units of the rig's clock.
 DWELL = (0.2, 1.2)
+#: How long a rig rests before a recording begins, as a share of the recording, so that it starts at its own rest.
+SETTLING = 0.25
 
 
 class Rig(Protocol):
@@ -52,12 +54,13 @@ class Rig(Protocol):
     def name(self) -> str: ...
 
     @property
-    def sources(self) -> tuple[Path, ...]:
-        """Modelica files of the model."""
+    def reference(self) -> str | Path:
+        """The model as given, without what may be missing, as ``load_model`` takes it."""
         ...
 
-    def model(self, folder: Path) -> Model:
-        """The model as given, without what may be missing; its FMU is built in a folder."""
+    @property
+    def law_id(self) -> str:
+        """Name of the law that may be missing, as the loop would give it."""
         ...
 
     def parameters(self, model: Model) -> ParameterSet:
@@ -94,18 +97,21 @@ class Aero:
     torque: float
     duration: float = 120.0
     rate_hz: float = 20.0
-    calibration: CalibrationSettings = CalibrationSettings(delay="free", delay_limit=0.02)
+    calibration: CalibrationSettings = field(
+        default_factory=lambda: CalibrationSettings(delay="free", delay_limit=0.02)
+    )
 
     @property
     def name(self) -> str:
         return "aero"
 
     @property
-    def sources(self) -> tuple[Path, ...]:
-        return ()
+    def reference(self) -> str | Path:
+        return DEFAULT_MODEL
 
-    def model(self, folder: Path) -> Model:
-        return load_model(DEFAULT_MODEL, folder=folder)
+    @property
+    def law_id(self) -> str:
+        return self.missing.id
 
     def parameters(self, model: Model) -> ParameterSet:
         declared = declared_overrides(model)
@@ -153,18 +159,19 @@ class TrialRig:
     pushed: str
     push: float
     noise: Mapping[str, Noise]
-    calibration: CalibrationSettings = CalibrationSettings(start="estimated")
+    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(start="estimated"))
 
     @property
     def name(self) -> str:
         return self.kind.name
 
     @property
-    def sources(self) -> tuple[Path, ...]:
-        return (MODELS / self.name / "Rig.mo",)
+    def reference(self) -> str | Path:
+        return MODELS / self.name / "Rig.mo"
 
-    def model(self, folder: Path) -> Model:
-        return load_model(self.sources[0], folder=folder)
+    @property
+    def law_id(self) -> str:
+        return self.missing.id
 
     def parameters(self, model: Model) -> ParameterSet:
         starts = {name: Override(start=value) for name, value in self.truth.items()}
@@ -175,10 +182,10 @@ class TrialRig:
 
     def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
         kind, parameters = self.kind, {**self.kind.parameters, **self.truth}
-        time: FloatArray = np.arange(round(times * (kind.rows - 1)) + 1) * kind.step
-        commands = np.column_stack(
-            [drive.centre + drive.height * levels(rng, time / drive.clock) for drive in kind.inputs.values()]
-        )
+        lead = round(SETTLING * kind.rows)
+        time: FloatArray = np.arange(-lead, round(times * (kind.rows - 1)) + 1) * kind.step
+        driven = [drive.height * levels(rng, np.maximum(time, 0.0) / drive.clock) for drive in kind.inputs.values()]
+        commands = np.array([drive.centre for drive in kind.inputs.values()]) + np.column_stack(driven)
         rig = kind.assemble(parameters)
         if state in ("missing", "unlisted"):
             law = scaled(self.missing if state == "missing" else self.unlisted, size)
@@ -192,8 +199,9 @@ class TrialRig:
 
             rig.term(add)
         outputs, _ = rig.run(time, commands, kind.rest(parameters), kind.step / kind.pieces)
-        inputs = {name: commands[:, k] for k, name in enumerate(kind.inputs)}
-        clean = {name: outputs[:, k] for k, name in enumerate(kind.outputs)}
+        time = time[lead:]
+        inputs = {name: commands[lead:, k] for k, name in enumerate(kind.inputs)}
+        clean = {name: outputs[lead:, k] for k, name in enumerate(kind.outputs)}
         silent = Recording(self.name, time, inputs, clean, {"time": "s", **kind.units})
         still = np.zeros(time.size)
         noisy = {name: y + self.noise[name].sample(rng, time, still, still) for name, y in clean.items()}
@@ -238,9 +246,7 @@ def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[f
 
 def random_torque(force: Callable[[float], float]) -> EffectKind:
     """A torque in N m on the body of the AERO over time in s, as an effect without parameters."""
-    return EffectKind(
-        "random_torque", "body", {}, lambda plan, p: plan.body.append(lambda t, i, w, th, q, z: force(t))
-    )
+    return EffectKind("random_torque", "body", {}, lambda plan, p: plan.body.append(lambda t, i, w, th, q, z: force(t)))
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
@@ -282,7 +288,7 @@ def rigs() -> dict[str, Rig]:
         coarser(KINDS["reservoirs"], 3),
         {"first.A": 0.023, "second.A": 0.036, "pipe.c": 4.4e-4, "outlet.c": 2.7e-4},
         LawTruth("square_loss", Place("balance", "second.h"), {"k": 5e-5}),
-        LawTruth("vibration", Place("balance", "first.h"), {"a": 1e-5, "T": 300.0, "phase": 0.3}, named=False),
+        LawTruth("vibration", Place("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}, named=False),
         "first.h",
         3e-5,
         {"level_1": Noise(4e-3), "level_2": Noise(2e-3)},

@@ -22,15 +22,13 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import OutputNoise, whiten
 from aero_bayes.sensors.ripple import is_rotor
+from aero_bayes.sensors.whiteness import correlation_statistic, over_ripple
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
 
 #: Probability that the tests of one residual together call it structured when it is noise.
 FALSE_ALARM_RATE = 1e-3
-#: Where a rotor turns, innovations are averaged over blocks of this many s before the test for autocorrelation: ripple
-#: is faster, and missing physics is slower.
-ROTOR_BLOCK_LENGTH = 0.2
 #: Ratio of residual to noise floor above which a residual is structured whatever the tests say.
 MAX_FLOOR_RATIO = 2.0
 
@@ -109,19 +107,9 @@ def reports_table(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict
 
 
 def portmanteau(innovations: FloatArray, lags: int = 20) -> StructureTest:
-    """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time.
-
-    Each lag's sum of products is standardised by its own sum of squared products.
-    """
-    e = innovations - innovations.mean()
-    total = 0.0
-    used = min(lags, max(e.size // 4, 1))
-    for k in range(1, used + 1):
-        product = e[k:] * e[:-k]
-        spread = float(product @ product)
-        if spread > 0.0:
-            total += float(product.sum()) ** 2 / spread
-    return StructureTest("autocorrelation", total, used, float(chi2.sf(total, used)))
+    """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time."""
+    statistic, freedom = correlation_statistic(innovations, innovations, lags)
+    return StructureTest("autocorrelation", statistic, freedom, float(chi2.sf(statistic, freedom)))
 
 
 def smooth_structure(
@@ -199,7 +187,7 @@ def inspect(
         states = _states(calibration, series, fit, own, units)
         turning = any(s.experiment == own.experiment and is_rotor(s.measured, units.get(s.output, "")) for s in series)
         tests = [
-            portmanteau(_blocks(innovations, own.sampling.interval) if turning else innovations),
+            portmanteau(over_ripple(innovations, own.sampling.interval) if turning else innovations),
             slow_structure(innovations, own, noise, white),
         ]
         tests += [smooth_structure(name, over, innovations, own, noise, white) for name, over in states.items()]
@@ -247,16 +235,6 @@ def _states(
         at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="left") - 1, 0, signal.time.size - 1)
         states[signal.name] = signal.values[at]
     return states
-
-
-def _blocks(innovations: FloatArray, interval: float) -> FloatArray:
-    """Means of innovations over stretches of :data:`ROTOR_BLOCK_LENGTH` s."""
-    width = max(round(ROTOR_BLOCK_LENGTH / interval), 1)
-    count = innovations.size // width
-    if count < 20:
-        return innovations
-    means: FloatArray = innovations[: count * width].reshape(count, width).mean(axis=1)
-    return means
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

@@ -30,7 +30,7 @@ from aero_bayes.estimate.global_search import (
 )
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, parameter_covariance
+from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_report import structure_warnings
@@ -295,7 +295,7 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     white = objective.whiten(found.residual, found.slopes, here.noise)
     wide = replace(here, free=columns, evaluation=found, whitened=white)
     information = white.slopes @ white.slopes.T
-    spread = curvature_adjustment(objective.series, wide, part.prior_sd())
+    spread = curvature_adjustment(objective, wide)
     if spread is not None:
         information = spread.map.T @ information @ spread.map
     values = objective.parameters.from_search(here.coordinates)[list(columns)]
@@ -325,14 +325,10 @@ def _finish(search: GlobalSearch, ascent: GlobalSearchResult, settings: FitSetti
     rest = [j for j in range(len(values)) if j not in sampled]
     values[rest] = calibration.parameters.start[rest]
     fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
-    spread = curvature_adjustment(objective.series, here, part.prior_sd())
-    hessian = here.whitened.slopes @ here.whitened.slopes.T
-    if spread is not None:
-        hessian = spread.map.T @ hessian @ spread.map
-    hessian = hessian + np.diag(np.maximum(-part.prior_derivatives(point[list(sampled)])[1], 0.0))
+    spread = curvature_adjustment(objective, here)
     layout = NoiseLayout.of(calibration, here.noise)
     covariance = np.zeros((len(sampled) + layout.size,) * 2)
-    covariance[: len(sampled), : len(sampled)] = parameter_covariance(hessian, part.prior_sd())
+    covariance[: len(sampled), : len(sampled)] = widened_covariance(objective, here)
     residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
     times = tuple(e.time for e in calibration.experiments)
     covariance[len(sampled) :, len(sampled) :] = noise_covariance(layout, times, residual, here.noise)

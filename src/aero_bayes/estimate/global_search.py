@@ -17,8 +17,10 @@ from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
+from aero_bayes.estimate.laplace import with_honest_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
+from aero_bayes.estimate.model_error import correlated_outputs
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressive_horizon, floor_ratio
 from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
@@ -176,23 +178,25 @@ class GlobalSearch:
     def settle_noise(self, here: Optimum) -> Optimum:
         """Fit again with noise that can be the sensor's.
 
-        Noise that is correlated for too long, or that absorbs signal, is model error. Such outputs are weighted by the
-        RMS of their residual instead, as in least squares, and the fit is repeated until no more are found.
+        Noise that is correlated for too long, that absorbs signal, or that leaves correlated innovations is model
+        error. Such outputs are weighted by the RMS of their residual instead, as in least squares, and the fit is
+        repeated until no more are found.
         """
         if not self.settings.check_noise or self.settings.cost != "posterior":
             return here
         for _ in range(3):
             noise = self._estimate_noise(here)
             new = {o for o, n in noise.items() if n.held} - self.white_outputs
-            if not new:
-                new = self._outputs_overfitted_by_noise(here, noise)
+            new = new or self._outputs_overfitted_by_noise(here, noise)
+            new = new or correlated_outputs(self.objective, here, noise) - self.white_outputs
             if not new:
                 break
             self.white_outputs |= new
             self.kinds |= dict.fromkeys(new, "white")
             here = self._local_fit(here.coordinates, here.free, None, self.local_settings)
         noise = self._estimate_noise(here)
-        return self._local_fit(here.coordinates, here.free, noise, replace(self.local_settings, hold_noise=True))
+        here = self._local_fit(here.coordinates, here.free, noise, replace(self.local_settings, hold_noise=True))
+        return with_honest_covariance(self.objective, here)
 
     def _outputs_overfitted_by_noise(self, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
         """Outputs whose correlated noise absorbs signal: least squares leaves noticeably smaller residuals."""

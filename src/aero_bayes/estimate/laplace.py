@@ -1,22 +1,21 @@
-"""Laplace approximation of the posterior, and its sandwich covariance where the residual is not white noise."""
+"""Laplace approximation of the posterior, and how much wider it is where the residual is no noise."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.block_jackknife import jackknife_covariance
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
 from aero_bayes.sensors.noise import OutputNoise, log_density
 
 FloatArray = NDArray[np.float64]
-
-#: Bandwidth of the residual's autocovariance, in its effective correlation lengths and as a share of the readings.
-BANDWIDTH_LENGTHS, MAX_BANDWIDTH_SHARE = 8.0, 0.25
 
 
 @dataclass(frozen=True)
@@ -44,63 +43,55 @@ def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArra
     return np.asarray(inverse * prior_sd[:, None] * prior_sd[None, :])
 
 
-def curvature_adjustment(
-    series: Sequence[Series], optimum: Optimum, prior_sd: FloatArray
-) -> CurvatureAdjustment | None:
-    """Curvature adjustment by the sandwich covariance; None where the noise of all outputs describes their residuals.
+def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdjustment | None:
+    """How much wider than its likelihood the posterior is; None where noise describes the residuals of all outputs.
 
-    With whitened slopes S and residuals of correlation R, the estimate's covariance is the sandwich (S S')^-1 S R S'
-    (S S')^-1 (White, 1982, Econometrica 50, 1; Newey & West, 1987, Econometrica 55, 703). It is never narrower
-    than that of independent readings.
-
-    Parameters
-    ----------
-    series : sequence of Series
-        Of the objective that was fitted.
-    optimum : Optimum
-    prior_sd : ndarray, shape (f,)
-        Standard deviation of the free columns' priors in search coordinates; only sets the scale.
+    Parameters that all recordings share have the covariance of the moving-block jackknife
+    (:func:`jackknife_covariance`), in no direction less than that of independent readings. An initial value or a delay
+    of one recording acts on a part of it only, and cannot be left out there: the variance that it has when the shared
+    parameters are known grows by their mean factor.
     """
-    if not any(optimum.noise[s.output].held for s in series):
+    if not any(optimum.noise[s.output].held for s in objective.series):
         return None
-    count = len(optimum.free)
-    bread, meat = np.zeros((count, count)), np.zeros((count, count))
-    position = 0
-    for s in series:
-        here = slice(position, position + s.sampling.size)
-        slopes = optimum.whitened.slopes[:, here] * prior_sd[:, None]
-        residual = optimum.whitened.residual[here]
-        position = here.stop
-        own = slopes @ slopes.T
-        bread += own
-        meat += slopes @ _correlated(slopes, residual).T if optimum.noise[s.output].held else own
-    values, vectors = np.linalg.eigh(bread)
-    seen = values > 1e-10 * max(float(values[-1]), 1e-300)
-    root = np.where(seen, np.sqrt(np.maximum(values, 0.0)), 1.0)
-    half = np.where(seen, 1.0 / root, 0.0)
-    middle = (vectors * half) @ vectors.T @ meat @ (vectors * half) @ vectors.T
-    sizes, axes = np.linalg.eigh(0.5 * (middle + middle.T))
-    shrink = (axes / np.sqrt(np.maximum(sizes, 1.0))) @ axes.T
-    full = np.where(seen, root, 1.0)
-    scaled = ((vectors / full) @ vectors.T) @ shrink @ ((vectors * full) @ vectors.T)
-    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], scaled * prior_sd[:, None] / prior_sd[None, :])
+    items = [objective.parameters.items[j] for j in optimum.free]
+    unit = ParameterSet(tuple(items)).prior_sd()
+    slopes = optimum.whitened.slopes * unit[:, None]
+    own = np.array([item.recording is not None for item in items])
+    # With the own parameters readjusted to each change of the shared ones.
+    follow = -np.linalg.pinv(slopes[own] @ slopes[own].T, hermitian=True) @ (slopes[own] @ slopes[~own].T)
+    shared = slopes[~own] + follow.T @ slopes[own]
+    values, vectors = np.linalg.eigh(shared @ shared.T)
+    seen = values > 1e-10 * max(float(values.max(initial=0.0)), 1e-300)
+    axes, root = vectors[:, seen], np.sqrt(values[seen])
+    covariance = jackknife_covariance(objective.series, (axes / root).T @ shared, optimum.whitened.residual)
+    sizes, directions = np.linalg.eigh(covariance)
+    sizes = np.maximum(sizes, 1.0)
+    narrowed = (
+        np.eye(len(values))
+        + (axes / root) @ ((directions / np.sqrt(sizes)) @ directions.T - np.eye(len(sizes))) @ (axes * root).T
+    )
+    adjusted = np.zeros((len(items), len(items)))
+    kept = 1.0 / np.sqrt(np.mean(sizes)) if sizes.size else 1.0
+    adjusted[np.ix_(~own, ~own)] = narrowed
+    adjusted[np.ix_(own, own)] = kept * np.eye(int(own.sum()))
+    adjusted[np.ix_(own, ~own)] = follow @ narrowed - kept * follow
+    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], adjusted * unit[:, None] / unit[None, :])
 
 
-def _correlated(slopes: FloatArray, residual: FloatArray) -> FloatArray:
-    """Slopes (k, n) times the autocovariance of a residual (n,), by FFT, its far lags tapered away (Parzen)."""
-    n = residual.size
-    size = 1 << (2 * n - 1).bit_length()
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2, size)[:n] / n
-    rho = covariance / max(float(covariance[0]), 1e-300)
-    limit = max(int(MAX_BANDWIDTH_SHARE * n), 1)
-    length = float(np.sum(rho[:limit] ** 2))
-    lags = np.arange(n) / min(max(BANDWIDTH_LENGTHS * length, 2.0), limit)
-    taper = np.where(lags <= 0.5, 1.0 - 6.0 * lags**2 + 6.0 * lags**3, 2.0 * np.clip(1.0 - lags, 0.0, None) ** 3)
-    kernel = np.zeros(size)
-    kernel[:n] = taper * covariance
-    kernel[size - n + 1 :] = (taper * covariance)[:0:-1]
-    product = np.fft.irfft(np.fft.rfft(slopes, size, axis=1) * np.fft.rfft(kernel), size, axis=1)
-    return np.asarray(product[:, :n])
+def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
+    """Covariance of the free columns' posterior, in search coordinates."""
+    items = ParameterSet(tuple(objective.parameters.items[j] for j in optimum.free))
+    information = optimum.whitened.slopes @ optimum.whitened.slopes.T
+    if (spread := curvature_adjustment(objective, optimum)) is not None:
+        information = spread.map.T @ information @ spread.map
+    second = items.prior_derivatives(optimum.coordinates[list(optimum.free)])[1]
+    return parameter_covariance(information + prior_curvature(second), items.prior_sd())
+
+
+def with_honest_covariance(objective: Objective, optimum: Optimum) -> Optimum:
+    """The optimum with the covariance that its residuals ask for, where they are no noise."""
+    held = any(optimum.noise[s.output].held for s in objective.series)
+    return replace(optimum, covariance=widened_covariance(objective, optimum)) if held else optimum
 
 
 def noise_covariance(
