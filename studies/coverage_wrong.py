@@ -11,9 +11,9 @@ length, where its error is that of the model and the noise together. Where the m
 the true values are asked for.
 
 Beside the intervals of the program stand, on the same recordings, those of white-noise least squares (the covariance
-that scipy's ``curve_fit`` gives) and of an MCMC posterior under white noise (emcee), the latter on every fifth
-recording. Widths are relative to the narrowest interval of this estimate that could hold: 1.645 times the root mean
-square error of the estimates, to either side.
+that scipy's ``curve_fit`` gives). On every fifth recording they stand beside an MCMC posterior under white noise
+(emcee); some of these also have the program's own draws and prediction bands. Widths are relative to the narrowest
+interval of this estimate that could hold: 1.645 times the root mean square error of the estimates, to either side.
 """
 
 from __future__ import annotations
@@ -46,7 +46,14 @@ from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, open_simulator
 from coverage_wrong_page import write_page
 from trial_runs import code, executor_options, run_trials, write_summary
-from wrong_intervals import Intervals, intervals_of_fit, least_squares_intervals, white_posterior_intervals
+from wrong_intervals import (
+    HALF_90,
+    Intervals,
+    intervals_of_draws,
+    intervals_of_fit,
+    least_squares_intervals,
+    white_posterior_intervals,
+)
 from wrong_rigs import SIZES, Rig, rigs
 
 STATES = ("right", "missing", "mended", "unlisted", "process_noise")
@@ -56,9 +63,10 @@ RECORDED = {"mended": "missing"}
 DEVELOPMENT, REPORT = 35001, 35902
 #: Recordings of each rig in each state, and how much longer the recording of the best values is.
 RECORDINGS, LONG = 26, 20.0
-#: Every so many recordings are sampled under white noise, and so many have a posterior that predicts a new recording.
-WHITE_EVERY, BANDS_EVERY = 5, 12
-METHODS = ("ours", "curve_fit", "mcmc_white")
+#: Every so many recordings of a rig are sampled; the posteriors of the first few predict a new recording.
+SAMPLED_EVERY, PREDICTING = 5, 2
+#: ``posterior`` are quantiles of the program's draws; all others stand in the contract.
+METHODS = ("ours", "curve_fit", "mcmc_white", "posterior")
 SHORT = SampleSettings(ess=200.0, max_steps=400, time_limit=40.0, predictive=20)
 
 
@@ -107,6 +115,7 @@ class Repetition:
     """One repetition of an experiment, and what its intervals should hold.
 
     ``targets`` are the values by parameter; ``extended`` is the model that is fitted, for a rig that was mended.
+    Posteriors are ``sampled`` in a task of their own, since they take longer.
     """
 
     seed: int
@@ -115,6 +124,7 @@ class Repetition:
     number: int
     folder: Path
     targets: Mapping[str, float] = field(compare=False)
+    sampled: bool = False
     extended: Extended | None = field(default=None, compare=False)
 
     @property
@@ -123,7 +133,7 @@ class Repetition:
 
     @property
     def key(self) -> str:
-        return f"{self.seed}/{self.state}/{self.rig}/{self.number}"
+        return f"{self.seed}/{self.state}/{self.rig}/{self.number}{'/sampled' if self.sampled else ''}"
 
 
 Task = Best | Mend | Repetition
@@ -200,11 +210,11 @@ def mend(task: Mend, rig: Rig) -> dict[str, Any]:
         return row
     sources = [folder / found.modelica_path, *([rig.reference] if isinstance(rig.reference, Path) else [])]
     load_model(found.model, sources=sources, folder=folder)
-    shown = {p.name: e.id for e in found.effects for p in e.parameters}
+    right = [e for e in found.effects if e.id.partition("@")[0] == rig.law_name]
     return row | {
         "model": str(folder / f"{found.model.rpartition('.')[2]}.fmu"),
         "added": {p.name: [found.parameters[p.name].value, p.lower, p.upper, p.scale] for p in found.added},
-        "law": {name: name.rpartition(".")[2] for name, id_ in shown.items() if id_ == rig.law_id},
+        "law": [p.name for e in right[:1] for p in e.parameters],
     }
 
 
@@ -220,31 +230,26 @@ def repetition(task: Repetition, rig: Rig) -> dict[str, Any]:
     white = found
     if any(noise.kind != "white" for noise in found.noise.values()):
         white = fit(measured, model, parameters=parameters, settings=settings_of(rig, "white"), workers=0)
-    methods: dict[str, Mapping[str, Intervals]] = {
-        "ours": intervals_of_fit(found), "curve_fit": least_squares_intervals(white)
-    }  # fmt: skip
-    if task.number % WHITE_EVERY == 0:
+    row: dict[str, Any] = {"targets": dict(task.targets)}
+    methods: dict[str, Mapping[str, Intervals]] = {}
+    if task.sampled:
         methods["mcmc_white"] = white_posterior_intervals(white, rng)
-    row: dict[str, Any] = {
-        "targets": dict(task.targets),
-        "methods": {m: {n: i.to_list() for n, i in by.items() if n in task.targets} for m, by in methods.items()},
-        "error_of_model": [o for o, noise in found.noise.items() if noise.held],
-    }
-    if task.number % BANDS_EVERY < len(SIZES):
-        posterior = sample(found, settings=SHORT, seed=int(rng.integers(2**31)), workers=0)
-        again, _ = rig.record(RECORDED.get(task.state, task.state), task.size, rng)
-        row["bands"] = posterior.predict(replace(again, name="unseen")).coverage
-        row["posterior"] = {
-            name: [*np.quantile(posterior.samples(name), [0.25, 0.75, 0.05, 0.95])]
-            for name in task.targets if name in posterior.names
-        }  # fmt: skip
-    return row
+        if task.number < PREDICTING * SAMPLED_EVERY:
+            posterior = sample(found, settings=SHORT, seed=int(rng.integers(2**31)), workers=0)
+            methods["posterior"] = intervals_of_draws(posterior)
+            again, _ = rig.record(RECORDED.get(task.state, task.state), task.size, rng)
+            row["bands"] = posterior.predict(replace(again, name="unseen")).coverage
+    else:
+        methods |= {"ours": intervals_of_fit(found), "curve_fit": least_squares_intervals(white)}
+        row["error_of_model"] = [o for o, noise in found.noise.items() if noise.held]
+    shown = {m: {n: i.to_list() for n, i in by.items() if n in task.targets} for m, by in methods.items()}
+    return row | {"methods": shown}
 
 
 def tasks_of(
     seed: int, folder: Path, count: int, best: Mapping[str, Any], mended: Mapping[str, Any]
 ) -> list[Repetition]:
-    """All repetitions, states and rigs interleaved so that a partial run says something of each."""
+    """All repetitions, states and rigs interleaved so that a partial run says something of each; sampled ones last."""
     tasks = []
     for number in range(count):
         for state in STATES:
@@ -256,14 +261,15 @@ def tasks_of(
                     if "model" not in found:
                         continue
                     extended = Extended(found["model"], found["added"])
-                    targets |= {own: rig.law(size)[law] for own, law in found["law"].items() if law in rig.law(size)}
+                    targets |= dict(zip(found["law"], rig.law(size).values(), strict=False))
                 elif state != "right":
                     row = best[f"{seed}/best/{name}/{state}/{size:g}"]
                     if "values" not in row:
                         continue
                     targets = row["values"]
-                tasks.append(Repetition(seed, name, state, number, folder, targets, extended))
-    return tasks
+                one = Repetition(seed, name, state, number, folder, targets, extended=extended)
+                tasks += [one, replace(one, sampled=True)] if number % SAMPLED_EVERY == 0 else [one]
+    return sorted(tasks, key=lambda task: task.sampled)
 
 
 def summarise(
@@ -272,7 +278,7 @@ def summarise(
     """The contract of the study, with tables by state and rig."""
     good = [row for row in rows if "methods" in row]
     for row in good:
-        row["state"], row["rig"], row["number"] = row["key"].split("/")[1:]  # type: ignore[index]
+        row["state"], row["rig"], row["number"] = row["key"].split("/")[1:4]  # type: ignore[index]
     states = {state: summary_of([row for row in good if row["state"] == state]) for state in STATES}
     names = sorted({row["rig"] for row in good})
     table = [
@@ -298,47 +304,41 @@ def summarise(
 
 def summary_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Shares held and relative width, as means over rigs of means over parameters; how often an output was no noise."""
-    found: dict[str, Any] = {"recordings": len(rows)}
-    for method in (*METHODS, "posterior"):
-        shares = [
-            share
+    plain = [row for row in rows if "error_of_model" in row]
+    found: dict[str, Any] = {"recordings": len(plain)}
+    for method in METHODS:
+        by_rig = [
+            of_rig([row for row in rows if row["rig"] == rig and method in row["methods"]], method)
             for rig in sorted({row["rig"] for row in rows})
-            if (share := of_rig([row for row in rows if row["rig"] == rig], method)) is not None
         ]
+        shares = [share for share in by_rig if share]
         if shares:
-            means = np.mean([[s[key] for key in ("50", "90", "width_90")] for s in shares], axis=0)
-            found[method] = dict(zip(("50", "90", "width_90"), means.tolist(), strict=True))
-            found[method]["recordings"] = sum(s["recordings"] for s in shares)
-    found["error_of_model"] = float(np.mean([bool(row["error_of_model"]) for row in rows])) if rows else None
+            found[method] = {key: float(np.mean([share[key] for share in shares])) for key in ("50", "90", "width_90")}
+            found[method]["recordings"] = sum(share["recordings"] for share in shares)
+    found["error_of_model"] = float(np.mean([bool(row["error_of_model"]) for row in plain])) if plain else None
     return found
 
 
-def of_rig(rows: Sequence[Mapping[str, Any]], method: str) -> dict[str, Any] | None:
-    """Means over the parameters of one rig; sizes of what is missing are told apart for the width."""
-    held50, held90, width, recordings = [], [], [], 0
-    groups: dict[tuple[str, int], list[tuple[list[float], float]]] = {}
+def of_rig(rows: Sequence[Mapping[str, Any]], method: str) -> dict[str, Any]:
+    """Means over the parameters of one rig; empty where there is nothing to compare.
+
+    Recordings with different sizes of what is missing have different errors: widths are compared within each size.
+    """
+    held, widths = [], []
+    groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for row in rows:
-        intervals = row["posterior"] if method == "posterior" and "posterior" in row else row["methods"].get(method)
-        recordings += intervals is not None
-        for name, values in (intervals or {}).items():
-            estimate = row["methods"]["ours" if method == "posterior" else method].get(name)
-            if estimate is not None:
-                target = row["targets"][name]
-                own = groups.setdefault((name, int(row["number"]) % len(SIZES)), [])
-                own.append((values[-4:], estimate[0] - target))
-                low50, high50, low90, high90 = values[-4:]
-                held50.append(low50 < target < high50)
-                held90.append(low90 < target < high90)
-    for own in groups.values():
-        if len(own) > 1:
-            narrowest = 2.0 * 1.645 * float(np.sqrt(np.mean([error**2 for _, error in own])))
-            width.append(float(np.mean([v[3] - v[2] for v, _ in own])) / narrowest)
-    if not held90 or not width:
-        return None
-    return {
-        "50": float(np.mean(held50)), "90": float(np.mean(held90)), "width_90": float(np.mean(width)),
-        "recordings": recordings,
-    }  # fmt: skip
+        for name, (estimate, low_50, high_50, low_90, high_90) in row["methods"][method].items():
+            target = row["targets"][name]
+            held.append((low_50 < target < high_50, low_90 < target < high_90))
+            groups.setdefault((name, int(row["number"]) % len(SIZES)), []).append((high_90 - low_90, estimate - target))
+    for pairs in groups.values():
+        width, error = np.array(pairs).T
+        if len(pairs) > 1:
+            widths.append(float(width.mean() / (2.0 * HALF_90 * np.sqrt(np.mean(error**2)))))
+    if not widths:
+        return {}
+    half, most = np.mean(held, axis=0).tolist()
+    return {"50": half, "90": most, "width_90": float(np.mean(widths)), "recordings": len(rows)}
 
 
 def main() -> int:

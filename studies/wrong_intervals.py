@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from aero_bayes import Posterior
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.simulation import open_simulator
@@ -19,7 +20,7 @@ FloatArray = NDArray[np.float64]
 #: Half a central interval of 50 and 90 % of a Gaussian, in standard deviations.
 HALF_50, HALF_90 = 0.6744897501960817, 1.6448536269514722
 #: Steps of the ensemble sampler that are thrown away and that are kept; its walkers start in Laplace's Gaussian.
-BURN_IN, STEPS = 30, 70
+BURN_IN, STEPS = 20, 50
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,16 @@ def white_posterior_intervals(fit: Fit, rng: Generator) -> Mapping[str, Interval
         sampler.run_mcmc(begin, BURN_IN + STEPS)
         points = sampler.get_chain(discard=BURN_IN, flat=True)[:, :own]
     values = target.parameters.from_search(points)
-    quantiles = np.quantile(values, [0.5, 0.25, 0.75, 0.05, 0.95], axis=0).T.tolist()
-    return {
-        name: Intervals(q[0], (q[1], q[2]), (q[3], q[4]))
-        for name, q in zip(target.parameters.names, quantiles, strict=True)
-    }
+    return {name: quantiles(column) for name, column in zip(target.parameters.names, values.T, strict=True)}
+
+
+def intervals_of_draws(posterior: Posterior) -> dict[str, Intervals]:
+    """Quantiles of the draws of a posterior, for parameters that have an interval."""
+    shown = [name for name, estimate in posterior.parameters.items() if estimate.q05 is not None]
+    return {name: quantiles(posterior.samples(name)) for name in shown if name in posterior.names}
+
+
+def quantiles(draws: FloatArray) -> Intervals:
+    """Median and central intervals of draws (n,)."""
+    q = np.quantile(draws, [0.5, 0.25, 0.75, 0.05, 0.95]).tolist()
+    return Intervals(q[0], (q[1], q[2]), (q[3], q[4]))

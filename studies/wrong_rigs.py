@@ -59,8 +59,8 @@ class Rig(Protocol):
         ...
 
     @property
-    def law_id(self) -> str:
-        """Name of the law that may be missing, as the loop would give it."""
+    def law_name(self) -> str:
+        """Name of the law that may be missing, as the library has it."""
         ...
 
     def parameters(self, model: Model) -> ParameterSet:
@@ -110,7 +110,7 @@ class Aero:
         return DEFAULT_MODEL
 
     @property
-    def law_id(self) -> str:
+    def law_name(self) -> str:
         return self.missing.id
 
     def parameters(self, model: Model) -> ParameterSet:
@@ -170,8 +170,8 @@ class TrialRig:
         return MODELS / self.name / "Rig.mo"
 
     @property
-    def law_id(self) -> str:
-        return self.missing.id
+    def law_name(self) -> str:
+        return self.missing.law
 
     def parameters(self, model: Model) -> ParameterSet:
         starts = {name: Override(start=value) for name, value in self.truth.items()}
