@@ -57,7 +57,7 @@ class NotHere(Exception):
 
 
 def in_engine(path: Path) -> float:
-    """Largest error of the compiled engine's run (FMPy's, for co-simulation FMUs)."""
+    """Return the largest error of the compiled engine's run (FMPy's, for co-simulation FMUs)."""
     time = np.linspace(0.0, STOP, 201)
     problem = Problem(Model.load(path), (Experiment(time, ("x",)),), ((),), settings=SolverSettings(1e-8, 1e-8))
     with warnings.catch_warnings(action="ignore"), open_simulator(problem, workers=1) as simulator:
@@ -68,14 +68,14 @@ def in_engine(path: Path) -> float:
 
 
 def in_fmpy(path: Path, kind: str) -> float:
-    """Largest error of FMPy's run."""
+    """Return the largest error of FMPy's run."""
     found = fmpy.simulate_fmu(str(path), fmi_type=kind, stop_time=STOP, output_interval=0.02, relative_tolerance=1e-8,
                               output=["x"])  # fmt: skip
     return float(np.max(np.abs(found["x"] - np.cos(np.sqrt(K) * found["time"]))))
 
 
 def with_steps_only(path: Path, out: Path) -> Path:
-    """The same FMU without Model Exchange."""
+    """Write the same FMU without Model Exchange."""
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(out, "w") as new:
         for name in old.namelist():
             data = old.read(name)
@@ -87,7 +87,7 @@ def with_steps_only(path: Path, out: Path) -> Path:
 
 
 def with_law(path: Path, out: Path) -> Path:
-    """The same FMU with a law around it that is off."""
+    """Write the same FMU with a law around it that is off."""
     inner = Model.load(path)
     law = next(law for law in general_laws() if (law.kind, law.id) == ("output", "gain"))
     around, models = FmuBoundary(inner), law_models([law])
@@ -97,12 +97,13 @@ def with_law(path: Path, out: Path) -> Path:
 
 
 def version_of(command: list[str]) -> str:
+    """Return the first line that a tool prints for ``--version``."""
     done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
     return (done.stdout.splitlines() or ["version unknown"])[0]
 
 
 def tools() -> dict[str, str]:
-    """What is installed, by name."""
+    """List what is installed, by name."""
     found: dict[str, str] = {}
     try:
         found["C compiler"] = version_of(c_compiler())
@@ -149,7 +150,7 @@ def main() -> None:
 
 
 def routes(folder: Path, there: dict[str, str]) -> list[tuple[str, Callable[[], float]]]:
-    """Every route, and what runs it."""
+    """List every route, and what runs it."""
     plain, library = folder / "Spring.mo", folder / "LibrarySpring.mo"
     plain.write_text(PLAIN, encoding="utf-8")
     library.write_text(LIBRARY, encoding="utf-8")

@@ -97,8 +97,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 
 def test_a_fit_is_freed_of_its_ripple(model):
-    rippling = bench.Noise(white=0.005, ripple=(0.004, 0.02))
-    sensors = bench.Sensors(rippling, bench.Noise(white=1.0), bench.Noise(white=0.002))
+    rippling = bench.SensorNoise(white=0.005, ripple=(0.004, 0.02))
+    sensors = bench.Sensors(rippling, bench.SensorNoise(white=1.0), bench.SensorNoise(white=0.002))
     levels = bench.random_levels(np.random.default_rng(3), 16.0, 8.0)
     recording = bench.simulate_recording(
         bench.Truth("one_dof", bench.Parameters(), (), 0.006), levels, sensors,
@@ -156,7 +156,10 @@ def counted(model):
     """A fit to a pitch encoder of 64 counts whose noise before rounding is a fifth of a count."""
     step = 2.0 * np.pi / 64
     sensors = bench.Sensors(
-        bench.Noise(white=0.005), bench.Noise(white=1.0), bench.Noise(white=0.2 * step), encoder_counts=64
+        bench.SensorNoise(white=0.005),
+        bench.SensorNoise(white=1.0),
+        bench.SensorNoise(white=0.2 * step),
+        encoder_counts=64,
     )
     levels = bench.random_levels(np.random.default_rng(6), 20.0, 10.0)
     recording = bench.simulate_recording(

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 from aero_bayes.bench.truth import Truth
 
 #: (t, i, w, theta, q, z) -> addition; q is dtheta/dt, z the extra states, z[0] the rotor's angle.
-Law = Callable[[float, float, float, float, float, Sequence[float]], float]
+StateFunction = Callable[[float, float, float, float, float, Sequence[float]], float]
 #: (F, t, i, w, theta, q, z) -> F
-ThrustLaw = Callable[[float, float, float, float, float, float, Sequence[float]], float]
+ThrustFunction = Callable[[float, float, float, float, float, float, Sequence[float]], float]
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class ExtraState:
     """z' = rate z + source(F, t, i, w, theta, q, z), starting at ``start``; F is the thrust before any lag."""
 
     rate: float
-    source: ThrustLaw
+    source: ThrustFunction
     start: float = 0.0
 
 
 @dataclass
-class Plan:
-    """What effects may change; filled while a rig is assembled, not afterwards.
+class RigEquations:
+    """Equations of a rig to which effects add their terms.
 
     ``volts`` that depend on the current come with ``slopes``, (i, z) -> -d(volts)/di in ohm, which the exact part of
     the integration takes over. ``supply`` are factors of the applied voltage over time; ``lag`` and ``speed_state`` are
@@ -46,13 +46,13 @@ class Plan:
     damping: float
     viscous: float = 0.0
     amplifier: list[Callable[[float], float]] = field(default_factory=list)
-    volts: list[Law] = field(default_factory=list)
-    rotor: list[Law] = field(default_factory=list)
-    thrust: list[ThrustLaw] = field(default_factory=list)
-    body: list[Law] = field(default_factory=list)
-    brush: list[Law] = field(default_factory=list)
-    rotor_friction: list[Law] = field(default_factory=list)
-    pivot_friction: list[Law] = field(default_factory=list)
+    volts: list[StateFunction] = field(default_factory=list)
+    rotor: list[StateFunction] = field(default_factory=list)
+    thrust: list[ThrustFunction] = field(default_factory=list)
+    body: list[StateFunction] = field(default_factory=list)
+    brush: list[StateFunction] = field(default_factory=list)
+    rotor_friction: list[StateFunction] = field(default_factory=list)
+    pivot_friction: list[StateFunction] = field(default_factory=list)
     extra: list[ExtraState] = field(default_factory=list)
     supply: list[Callable[[float], float]] = field(default_factory=list)
     slopes: list[Callable[[float, Sequence[float]], float]] = field(default_factory=list)
@@ -64,11 +64,11 @@ class Plan:
     max_step: float = 2.5e-3
 
     @classmethod
-    def of(cls, truth: Truth) -> Plan:
-        """A rig without effects."""
-        plan = cls(truth, truth.parameters.R_a, truth.parameters.D_p)
-        plan.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: w))
-        return plan
+    def of(cls, truth: Truth) -> RigEquations:
+        """Assemble a rig without effects."""
+        equations = cls(truth, truth.parameters.R_a, truth.parameters.D_p)
+        equations.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: w))
+        return equations
 
     @property
     def motors(self) -> int:
@@ -81,7 +81,7 @@ class Plan:
         return len(self.extra) - 1
 
     def applied(self, command: float) -> float:
-        """Voltage that the amplifier puts out for a commanded one."""
+        """Return the voltage that the amplifier puts out for a commanded one."""
         for law in self.amplifier:
             command = law(command)
         return command

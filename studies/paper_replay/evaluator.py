@@ -26,19 +26,19 @@ FloatArray = NDArray[np.float64]
 IGNORED = 1e9
 
 
-def problem_of(model: Model, experiment: Experiment, names: Sequence[str]) -> Problem:
-    """One column for each named parameter of the model."""
+def parameter_problem(model: Model, experiment: Experiment, names: Sequence[str]) -> Problem:
+    """Pose the problem with one column for each named parameter of the model."""
     targets = tuple(ParameterTarget(name) for name in names)
     return Problem(model, (experiment,), (targets,), settings=SolverSettings(time_limit=5.0))
 
 
-class Runner:
-    """Evaluates parameter vectors on the recording of a problem with one experiment.
+class ModelEvaluator:
+    """One model on the recording of a problem with one experiment.
 
     Parameters
     ----------
     simulator : Simulator
-        Opened on :func:`problem_of`.
+        Opened on :func:`parameter_problem`.
     start : mapping of str to float
         Values of all columns, in the problem's order, where nothing else is said.
     """
@@ -54,15 +54,15 @@ class Runner:
         self.time, self.outputs, self.measured = experiment.time, experiment.outputs, experiment.measured
 
     def column(self, output: str) -> int:
-        """Position of an output."""
+        """Return the position of an output."""
         return self.outputs.index(output)
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
-        """The columns' values, shape (p,), with the starting ones where none is given."""
+        """Return the columns' values, shape (p,), with the starting ones where none is given."""
         return np.array([values.get(name, self.start[name]) for name in self.names])
 
     def simulate(self, values: FloatArray) -> FloatArray:
-        """Outputs of a batch (n, p): shape (n, samples, m), NaN where a run failed."""
+        """Simulate a batch (n, p): outputs of shape (n, samples, m), NaN where a run failed."""
         found = self.simulator.simulate(np.atleast_2d(values))
         self._count(found.outcomes)
         outputs = found.outputs[0].copy()
@@ -70,14 +70,14 @@ class Runner:
         return outputs
 
     def cost(self, values: FloatArray, output: str) -> FloatArray:
-        """Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
+        """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
         k = self.column(output)
         runs = self.simulate(values)[:, :, k]
         costs = [eq6([(self.measured[:, k] - y)[:, None]]) if np.isfinite(y).all() else np.inf for y in runs]
         return np.array(costs)
 
     def slopes(self, values: FloatArray, output: str, active: Sequence[int]) -> FloatArray:
-        """Exact derivative of Eq. 6 of one output by the active columns, shape (a,)."""
+        """Compute the exact derivative of Eq. 6 of one output by the active columns, shape (a,)."""
         cost, gradient, _ = self.products(values[None, :], output, active)
         if not np.isfinite(cost[0]):
             raise CannotFinishError(f"the model cannot be simulated at {dict(zip(self.names, values, strict=True))}")
@@ -87,9 +87,9 @@ class Runner:
     def products(
         self, values: FloatArray, output: str, active: Sequence[int]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Half of Eq. 6 of one output, its gradient and Gauss-Newton Hessian by SI values: (n,), (n, a), (n, a, a).
+        """Compute half of Eq. 6 of an output, its gradient and Gauss-Newton Hessian: (n,), (n, a), (n, a, a).
 
-        Infinite cost where a run failed.
+        Derivatives are by SI values. The cost is infinite where a run failed.
         """
         noise = np.zeros((1, 1, len(self.outputs), 3))
         noise[..., 0] = IGNORED * np.maximum(np.nanmax(np.abs(self.measured), axis=0), 1.0)
