@@ -12,15 +12,17 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
-from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.global_search import (
+from aero_bayes.estimate import (
+    CalibrationSettings,
     GlobalSearch,
     GlobalSearchResult,
     GlobalSearchSettings,
+    Objective,
+    Override,
+    calibrate,
+    choose_interpolation,
+    parameters_from_model,
 )
-from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 

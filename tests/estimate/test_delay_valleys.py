@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from aero_bayes import bench
-from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
+from aero_bayes.estimate import CalibrationSettings, FitSettings, QuadraticModel, SearchResult, Stop, fit
 from aero_bayes.estimate.delays import laplace_log_mass
-from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, SearchResult, Stop
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model
 
