@@ -72,8 +72,8 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
             for at in (there, held.parameters.start)
         )
         assert alias.log_likelihood > near.log_likelihood + 100.0
-        ascent = GlobalSearchResult(alias, None, (), 0)
-        found = choose_interpolation(search, ascent, partial(open_simulator, workers=0), np.random.default_rng(1))
+        result = GlobalSearchResult(alias, None, (), 0)
+        found = choose_interpolation(search, result, partial(open_simulator, workers=0), np.random.default_rng(1))
     assert found is not None
     calibration, optimum = found
     assert calibration.interpolation == {"u": "linear"}

@@ -1,4 +1,4 @@
-"""From recordings to parameters and how sure they are."""
+"""Estimate parameters and their uncertainty from recordings."""
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate

@@ -1,4 +1,4 @@
-"""From a fit to its posterior: independent ensembles of walkers, and what they say."""
+"""Sample the posterior of a fit, and predict recordings from its draws."""
 
 from aero_bayes.sample.diagnostics import Diagnosis, autocorrelation_time, diagnose, r_hat
 from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
