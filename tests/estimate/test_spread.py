@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aero_bayes.estimate import Normal, OutputNoise
-from aero_bayes.estimate.laplace import curvature_adjustment
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate import (
+    LocalFitSettings,
+    LocalSettings,
+    Normal,
+    Objective,
+    OutputNoise,
+    curvature_adjustment,
+    local_fit,
+)
 
 N, RHO, RUNS = 1500, 0.9, 400
 TIME = np.linspace(0.0, 1.0, N)

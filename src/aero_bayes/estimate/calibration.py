@@ -54,7 +54,7 @@ class CalibrationSettings:
     most_readings : int, optional
         Readings of an output that a recording keeps; beyond it every n-th is kept.
     standing : bool
-        Whether every reading of a count that stands still counts; a comparison of models takes few of them.
+        Whether all readings of a counter at standstill are fitted. Comparisons of models use few of them.
     interpolation : {"auto", "hold", "linear"} or mapping
         Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
         the fit decide for each that moves from sample to sample (see :mod:`aero_bayes.estimate.interpolation`).

@@ -258,7 +258,7 @@ class _NegativeLogPosterior:
 
 
 def _pack(found: SearchResult[_PosteriorModel]) -> Arrays:
-    """What :meth:`_Posterior.back` needs of the end of a descent."""
+    """What :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
     steps = np.array([found.iterations, found.evaluations])
     kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
     if found.quadratic is None:

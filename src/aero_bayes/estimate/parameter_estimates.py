@@ -22,7 +22,7 @@ Json = dict[str, object]
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter as a reader sees it; spread and quantiles are None where the data says nothing of it."""
+    """Value and interval of one parameter; ``sd`` and the quantiles are None where the data do not determine it."""
 
     name: str
     value: float

@@ -57,7 +57,7 @@ class Fit(FitStatistics, EstimateTable):
         What was compared, by recording and output, in the order of ``optimum``.
     identifiability : Identifiability
     spread : CurvatureAdjustment, optional
-        How much wider than its likelihood the posterior is, where a residual is no noise.
+        Widens the likelihood where a residual is not noise.
     log_posterior : float
     fitted : tuple of ndarray, shape (n, m)
         Outputs at the fit, of each recording.
@@ -67,10 +67,10 @@ class Fit(FitStatistics, EstimateTable):
     iterations : int
         Of the local search.
     warnings : tuple of str
-        What a reader must know before trusting an interval.
+        Reasons why intervals may be wrong.
     seconds : float
-    engine : str
-        What simulated.
+    engine : {"native", "fmpy"}
+        Simulation engine.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
 
@@ -183,7 +183,7 @@ class Fit(FitStatistics, EstimateTable):
         Parameters
         ----------
         inputs : Recording or mapping of str to array_like, shape (n,)
-            A recording, whose readings only say where it starts; or ``time`` in s and every input in its SI unit. A
+            A recording, whose readings only give its initial values; or ``time`` in s and every input in its SI unit. A
             recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
             were, and starts at its own first readings, off by as much as theirs were; without readings, where the
             model starts.
@@ -248,18 +248,18 @@ class Fit(FitStatistics, EstimateTable):
     def plot(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
     ) -> Figure:
-        """Draw a recording, what the fit makes of it, and what is left.
+        """Draw a recording, the fitted outputs and the residuals.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
         ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
+            Axes whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
-            Colours for a dark ground.
+            Colours for a dark background.
 
         Returns
         -------

@@ -57,7 +57,7 @@ def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatAr
     return out
 
 
-def predict(
+def posterior_predictive(
     joint: JointTarget, points: FloatArray, rng: np.random.Generator, *, stored: int = 600, blocks: int = 2000
 ) -> tuple[Predictive, ...]:
     """Predictions of posterior draws for each recording.

@@ -21,7 +21,7 @@ from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sample.mcmc import Chain, SampleSettings, run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.predictive import predict
+from aero_bayes.sample.predictive import posterior_predictive
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
@@ -99,7 +99,7 @@ def _sample(
     points, density = _thin(chain, settings.draws)
     each = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = predict(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    predictive = posterior_predictive(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
     return Posterior(
         fit=fit,
         names=joint.names,

@@ -62,7 +62,7 @@ def loop_settings(job: Job) -> LoopSettings:
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
-    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
+    swarm, staged = fitting.global_search.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
