@@ -24,7 +24,7 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
 
 
-def listed(names: Sequence[str]) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 

@@ -17,13 +17,13 @@ from trial_runs import run_trials, write_summary
 
 from aero_bayes.bench.rigs import LawTruth, Place, draw_trial
 from aero_bayes.bench.rigs.nodes import connected, same_places
-from aero_bayes.data import Layout, Quantity, read_recording
+from aero_bayes.data import ColumnSpec, Layout, read_recording
 
 
 def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
     """A program that always answers the same, having looked at what it was given."""
     assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
-    layout = Layout((Quantity("P", "W"),), (Quantity("T_heater", "K"), Quantity("T_plate", "K")))
+    layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
     test = read_recording(folder / "test.csv", layout=layout)
     rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
     found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "odds": 0.9} for one in ids)

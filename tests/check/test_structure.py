@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.check.structure import autocorrelation, inspect, portmanteau, slow_structure, smooth_structure
+from aero_bayes.check.structure import autocorrelation, check_residuals, portmanteau, slow_structure, smooth_structure
 from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.prediction import rms_error
-from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
+from aero_bayes.sensors.noise import OutputNoise, SampleTimes, whiten
 from aero_bayes.simulation.interface import InputSignal
 
 N = 4000
@@ -24,7 +24,7 @@ NOISE = OutputNoise(1.0, 0.8, 0.3)
 
 @pytest.fixture(scope="module")
 def series():
-    return Series(0, 0, "theta", Sampling.of(TIME, np.zeros(N)), np.zeros(N))
+    return Series(0, 0, "theta", SampleTimes.of(TIME, np.zeros(N)), np.zeros(N))
 
 
 def test_portmanteau_keeps_its_size_under_changing_variance():
@@ -93,6 +93,8 @@ def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
     given = replace(given, experiments=(replace(given.experiments[0], inputs=(signal,)),))
     simulator = closed_form.FormulaSimulator(given.problem(), lambda t, p: (p[0] + 0.0 * t)[:, None])
     study = Objective(given, simulator)
-    (report,) = inspect(given, study.series, local_fit(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {})
+    (report,) = check_residuals(
+        given, study.series, local_fit(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {}
+    )
     assert report.verdict == "adequate"
     assert next(t for t in report.tests if t.name == "u").p_value > 1e-4

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.data.beginning import first_level
+from aero_bayes.data.initial_level import first_level
 
 TIME = 2.0 + 0.01 * np.arange(600)
-SHAPES = {
+LAW_INTERFACES = {
     "rest": lambda t: 0.0 * t + 3.0,
     "ramp": lambda t: 3.0 - 5.0 * t,
     "fall": lambda t: 3.0 - 0.5 * 9.81 * t**2,
@@ -21,11 +21,11 @@ SHAPES = {
 MOST = {"rest": 0.15, "ramp": 0.25, "fall": 0.35, "rise": 1.3, "swing": 1.3}
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", LAW_INTERFACES)
 def test_a_beginning_is_told_better_than_by_the_first_reading_where_it_is_slow(shape):
     rng = np.random.default_rng(5)
     noise = 0.02
-    truth = SHAPES[shape](TIME - TIME[0])
+    truth = LAW_INTERFACES[shape](TIME - TIME[0])
     found = [first_level(truth + rng.normal(0.0, noise, TIME.size), TIME, noise) for _ in range(200)]
     rms = float(np.sqrt(np.mean([(level - truth[0]) ** 2 for level, _ in found])))
     assert rms < MOST[shape] * noise
@@ -34,7 +34,7 @@ def test_a_beginning_is_told_better_than_by_the_first_reading_where_it_is_slow(s
 
 
 def test_without_noise_the_first_reading_is_the_beginning_and_gaps_are_bridged():
-    truth = SHAPES["swing"](TIME - TIME[0])
+    truth = LAW_INTERFACES["swing"](TIME - TIME[0])
     assert first_level(truth, TIME, 0.0) == (truth[0], 0.0)
     line = 1.0 + 2.0 * (TIME - TIME[0])
     line[:2] = np.nan

@@ -10,7 +10,7 @@ import pytest
 from aero_bayes import bench
 from aero_bayes.design import FAMILIES, Limits, check_gain, propose_experiment, separating_experiment
 from aero_bayes.design.information import Forecaster, posterior_sd
-from aero_bayes.design.optimise import SearchSettings
+from aero_bayes.design.signal_search import SearchSettings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu

@@ -20,12 +20,12 @@ from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.export.embedded import export_embedded, export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.laws.candidates import candidates, ports_of
-from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.candidates import find_candidates, ports_with_laws
+from aero_bayes.laws.compose import LawModels, compose_laws
 from aero_bayes.laws.fmu_coupling import couple
 from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import Use, use_of
+from aero_bayes.laws.placed_law import PlacedLaw, place_law
 from aero_bayes.ports.port import Port
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import (
@@ -53,14 +53,14 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Model:
     return exported(tmp_path_factory.mktemp("plant"), 2)
 
 
-def uses(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel) -> list[Use]:
+def placed_laws(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel) -> list[PlacedLaw]:
     """The asked laws at ports whose names do not matter."""
     taken = {v.name for v in flat.variables}
     found = {}
-    for c in candidates(ports, laws):
+    for c in find_candidates(ports, laws):
         id_ = c.id.replace("output_", "")
         if id_ in ASKED:
-            found[id_] = use_of(c.law, c.port, taken, sizes=SIZES, values={c.law.switch.name: ASKED[id_]})
+            found[id_] = place_law(c.law, c.port, taken, nominals=SIZES, values={c.law.magnitude.name: ASKED[id_]})
             taken |= {found[id_].instance, *found[id_].names.values()}
     return [found[id_] for id_ in ASKED]
 
@@ -84,16 +84,16 @@ def run(path: Path) -> tuple[FloatArray, FloatArray]:
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_laws_around_an_fmu_are_the_laws_in_its_source(
-    fmi: int, laws: tuple[Law, ...], models: Models, tmp_path: Path
+    fmi: int, laws: tuple[Law, ...], models: LawModels, tmp_path: Path
 ) -> None:
     """Two implementations: the chain rule between two binaries, and one system of equations."""
     plant = exported(tmp_path, fmi)
     flat = rig("Plant")
-    inside = uses(ports_of(flat, laws), laws, flat)
+    inside = placed_laws(ports_with_laws(flat, laws), laws, flat)
     export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
     around = FmuBoundary(plant, laws)
-    seam = around.seam(uses(around.ports, laws, flat), models)
-    couple(plant, seam, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
+    coupling = around.coupling(placed_laws(around.ports, laws, flat), models)
+    couple(plant, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
     assert validate_fmu(str(tmp_path / "coupled.fmu")) == []
     (y, s), (y_source, s_source) = run(tmp_path / "coupled.fmu"), run(tmp_path / "source.fmu")
     assert np.abs(y - y_source).max(axis=0) == pytest.approx([0.0, 0.0], abs=1e-6)
@@ -190,9 +190,9 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
+    from aero_bayes.laws.candidate_filter import CandidateFilter
     from aero_bayes.laws.fmu_family import FmuFamily
-    from aero_bayes.laws.selection import Narrowed
 
-    family = FmuFamily("Plant", (), tmp_path, (), Narrowed(laws=("deadzone",)), fmu=plant.path)
+    family = FmuFamily("Plant", (), tmp_path, (), CandidateFilter(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match="did you mean 'dead_zone'"):
         family.check()

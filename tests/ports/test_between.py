@@ -15,9 +15,9 @@ from written_laws import agree, uses_at
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.candidates import candidates as all_candidates
-from aero_bayes.laws.candidates import ports_of
+from aero_bayes.laws.candidates import ports_with_laws
 from aero_bayes.laws.compose import compose_laws
-from aero_bayes.laws.law import general_laws
+from aero_bayes.laws.law import shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.ports.port import Port
 
@@ -98,7 +98,7 @@ end Drive;
 def found(tmp_path: Path, source: str) -> dict[str, Port]:
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
-    return {p.id: p for p in ports_of(load_flat(name, [tmp_path / f"{name}.mo"]), general_laws())}
+    return {p.id: p for p in ports_with_laws(load_flat(name, [tmp_path / f"{name}.mo"]), shipped_laws())}
 
 
 def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
@@ -107,7 +107,7 @@ def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
     assert between.signals == {"v": "v_b - v_w", "x": "body - wheel"}
     assert (between.unit, between.neighbours) == ("N", ("v_w",))
     assert set(between.laws) == set(ports["v_b"].laws)
-    (damper,) = (c for c in all_candidates(tuple(ports.values()), general_laws()) if c.id == "quadratic_drag@v_b-v_w")
+    (damper,) = (c for c in all_candidates(tuple(ports.values()), shipped_laws()) if c.id == "quadratic_drag@v_b-v_w")
     assert damper.neighbour is not None
     assert damper.neighbour.id == "v_w"
 
@@ -124,19 +124,19 @@ def test_what_a_component_joins_has_a_place_beside_it_and_what_none_joins_has_no
     assert [id_ for id_ in ports if "-" in id_] == ["motor.fl-load.fl", "load.fl-far.fl"]
     twist = ports["motor.fl-load.fl"]
     assert twist.signals == {"v": "motor.w - load.w", "x": "motor.fl.phi - load.fl.phi"}
-    assert (twist.via, twist.unit, twist.neighbours) == ("node", "N.m", ("load.fl",))
+    assert (twist.attachment, twist.unit, twist.neighbours) == ("node", "N.m", ("load.fl",))
     assert set(twist.laws) == set(ports["motor.fl"].laws)
 
 
 def test_what_acts_at_one_end_of_a_component_reacts_at_the_other(laws, models, tmp_path):
     (tmp_path / "Drive.mo").write_text(DRIVE, encoding="utf-8")
     flat = load_flat("Drive", [tmp_path / "Drive.mo"])
-    (use,) = uses_at(flat, laws, "quadratic_drag@motor.fl-load.fl")
-    with_it, without = Numbers(explicit(compose_laws(flat, [use], models))), Numbers(explicit(flat))
+    (placed,) = uses_at(flat, laws, "quadratic_drag@motor.fl-load.fl")
+    with_it, without = Numbers(explicit(compose_laws(flat, [placed], models))), Numbers(explicit(flat))
     point = {**dict.fromkeys(without.names(), 0.0), "motor.w": 3.0, "load.w": 5.0}
     one, two = with_it(point), without(point)
     change = [one[f"der({rotor}.w)"] - two[f"der({rotor}.w)"] for rotor in ("motor", "load", "far")]
-    torque = use.value(use.law.parameters[0]) * 2.0**2
+    torque = placed.value(placed.law.parameters[0]) * 2.0**2
     assert change == pytest.approx([torque / 0.01, -torque / 0.03, 0.0], abs=1e-12)
 
 
@@ -198,5 +198,5 @@ def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_
 def test_a_deflection_whose_rate_is_taken_is_no_storage_beside_the_two_it_is_between(tmp_path):
     strut = CAR.replace("f = k_s*(body - wheel) + c_s*(v_b - v_w);", "x = body - wheel;\n  f = k_s*x + c_s*der(x);")
     ports = found(tmp_path, strut.replace("protected", 'protected\n  Real x(unit = "m");'))
-    assert {p.id for p in ports.values() if p.via == "equation"} == {"v_b", "v_w", "v_b-v_w", "v_w-road"}
+    assert {p.id for p in ports.values() if p.attachment == "equation"} == {"v_b", "v_w", "v_b-v_w", "v_w-road"}
     assert ports["v_b-v_w"].signals == {"v": "v_b - v_w", "x": "body - wheel"}

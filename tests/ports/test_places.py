@@ -9,11 +9,11 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_of
-from aero_bayes.laws.compose import Models, compose_law
+from aero_bayes.laws.candidates import ports_with_laws
+from aero_bayes.laws.compose import LawModels, compose_law
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import use_of
-from aero_bayes.laws.write import write_law
+from aero_bayes.laws.placed_law import place_law
+from aero_bayes.laws.write_model import write_law
 
 LIBRARY = """package Lib
   package Units
@@ -113,7 +113,7 @@ def sources(tmp_path: Path) -> list[Path]:
 
 def test_each_place_is_listed_once(sources: list[Path], laws: tuple[Law, ...]) -> None:
     """No shaker, no accelerometer; the brake is where the body moves, the twin where the strut is."""
-    found = {p.id: (p.kind, p.unit) for p in ports_of(rig("Car", *map(str, sources)), laws)}
+    found = {p.id: (p.kind, p.unit) for p in ports_with_laws(rig("Car", *map(str, sources)), laws)}
     assert found == {
         "road": ("input", "m"), "y": ("output", "m/s2"), "body.a": ("motion", "N"), "wheel.a": ("motion", "N"),
         "strut.s_rel": ("motion", "N"), "tyre.s_rel": ("motion", "N"),
@@ -128,13 +128,13 @@ def test_each_place_is_listed_once(sources: list[Path], laws: tuple[Law, ...]) -
         ("tyre.s_rel", lambda at: {"wheel": 0.7 * (at["shaker.v"] - at["wheel.v"])}),
     ],
 )
-def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models: Models, tmp_path, rng: Generator):
+def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models: LawModels, tmp_path, rng: Generator):
     flat = rig("Car", *map(str, sources))
-    place = next(p for p in ports_of(flat, laws) if p.id == port)
+    place = next(p for p in ports_with_laws(flat, laws) if p.id == port)
     law = next(law for law in laws if law.id == "viscous_friction")
-    use = use_of(law, place, {v.name for v in flat.variables}, values={"d": 0.7})
-    composed = Numbers(explicit(compose_law(flat, use, models)))
-    written = write_law(sources, "Car", flat, [use], tmp_path / "out")
+    placed = place_law(law, place, {v.name for v in flat.variables}, values={"d": 0.7})
+    composed = Numbers(explicit(compose_law(flat, placed, models)))
+    written = write_law(sources, "Car", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     base = Numbers(explicit(flat))
     at = somewhere(base.names(), rng)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
-from aero_bayes.sensors.noise import Sampling, log_density, whiten
+from aero_bayes.sensors.noise import SampleTimes, log_density, whiten
 
 
 def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: O
     reference = multivariate_normal(np.zeros(60), dense(t, noise)).logpdf(r)
     assert log_density(t, r, noise) == pytest.approx(reference, rel=1e-8)
     white = innovations(t, r, noise)
-    _, log_determinant = whiten(r[None], Sampling.of(t, r), noise)
+    _, log_determinant = whiten(r[None], SampleTimes.of(t, r), noise)
     density = -0.5 * float(white @ white) - 0.5 * log_determinant - 30 * np.log(2 * np.pi)
     assert density == pytest.approx(reference, rel=1e-8)
     gaps = rng.random(60) < 0.3
@@ -44,7 +44,7 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: O
     reference = multivariate_normal(np.zeros(kept.sum()), dense(t[kept], noise)).logpdf(r[kept])
     assert log_density(t, np.where(gaps, np.nan, r), noise) == pytest.approx(reference, rel=1e-8)
     columns = rng.normal(size=(60, 3))
-    white, _ = whiten(columns.T, Sampling.of(t, r), noise)
+    white, _ = whiten(columns.T, SampleTimes.of(t, r), noise)
     products = columns.T @ np.linalg.solve(dense(t, noise), columns)
     np.testing.assert_allclose(white @ white.T, products, rtol=1e-6, atol=1e-6 * np.max(np.diag(products)))
 

@@ -13,7 +13,7 @@ from aero_bayes.data import read_recording
 from aero_bayes.estimate import FitSettings, NoiseModel, fit
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.export import export_fmu
-from aero_bayes.sensors.counts import (
+from aero_bayes.sensors.quantisation import (
     counts_of,
     interval_log_density,
     rounding_error,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.sensors.counts import quantum, thin_standstill
+from aero_bayes.sensors.quantisation import quantum, thin_standstill
 from aero_bayes.sensors.ripple import find_ripple
 
 

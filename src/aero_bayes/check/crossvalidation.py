@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from aero_bayes.check.blocks import block_edges, block_log_likelihood
-from aero_bayes.check.comparison import Predictive, leave_future_out, leave_one_out, waic
+from aero_bayes.check.comparison import ElpdEstimate, leave_future_out, leave_one_out, waic
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
@@ -36,9 +36,9 @@ _DELAY_POINTS = 21
 class TimeOrdered:
     """Criteria of one fit over stretches of time, all from the same draws."""
 
-    waic: Predictive
-    leave_one_out: Predictive
-    leave_future_out: Predictive
+    waic: ElpdEstimate
+    leave_one_out: ElpdEstimate
+    leave_future_out: ElpdEstimate
 
     def to_dict(self) -> dict[str, object]:
         return {

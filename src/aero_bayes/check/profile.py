@@ -20,7 +20,7 @@ DROP_90 = 1.3527
 
 
 @dataclass(frozen=True)
-class Profile:
+class LikelihoodProfile:
     """Best log-posterior (noise as fitted) at each held value, relative to the best of all: shapes (k,).
 
     ``values`` are SI; ``drop`` is zero at the best and grows away from it, infinite where every simulation failed.
@@ -54,7 +54,7 @@ class Profile:
         return float(values[k - 1] + share * (values[k] - values[k - 1]))
 
 
-def profile(
+def profile_likelihood(
     fit: Fit,
     name: str,
     simulator: Simulator,
@@ -62,7 +62,7 @@ def profile(
     points: int = 21,
     width: float = 4.0,
     settings: LocalSettings | None = None,
-) -> Profile:
+) -> LikelihoodProfile:
     """Profile of one free parameter of a fit, its points one after the other.
 
     Parameters
@@ -108,4 +108,4 @@ def profile(
                 at, last = found.point, grid[k]
     item = fit.calibration.parameters.items[column]
     values = np.exp(grid) if item.scale == "log" else grid * (item.upper - item.lower)
-    return Profile(name, item.unit, values, cost - cost.min())
+    return LikelihoodProfile(name, item.unit, values, cost - cost.min())

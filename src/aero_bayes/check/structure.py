@@ -95,7 +95,7 @@ class ResidualReport:
         }
 
 
-def those_structured(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
+def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
     """The reports of residuals that sensors do not explain."""
     return [report for report in reports if report.verdict == "structured"]
 
@@ -172,7 +172,7 @@ def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: Fl
     return StructureTest(name, statistic, freedom, float(chi2.sf(statistic, freedom)))
 
 
-def inspect(
+def check_residuals(
     calibration: Calibration,
     series: Sequence[Series],
     fit: Optimum,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.data.layout import Layout
 from aero_bayes.data.recording import FloatArray, Recording
-from aero_bayes.declared import Quantity
+from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
 #: Length of a gap in the sampling, in usual intervals, above which it is reported.
@@ -151,5 +151,5 @@ def _check_sizes(name: str, recording: Recording, layout: Layout, place: Where) 
         )
 
 
-def _hint(quantity: Quantity) -> str:
+def _hint(quantity: ColumnSpec) -> str:
     return f": {quantity.hints}" if quantity.hints else ""

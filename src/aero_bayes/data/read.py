@@ -12,7 +12,7 @@ from aero_bayes.data.csv_text import FloatArray, read_columns, read_header
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, matlab_names, read_matlab
 from aero_bayes.data.recording import Recording
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine, Forecaster
 from aero_bayes.design.propose import Design
-from aero_bayes.design.separate import Separation
+from aero_bayes.design.separation import Separation
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
 

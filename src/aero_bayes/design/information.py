@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
-from aero_bayes.sensors.noise import Sampling, whiten
+from aero_bayes.sensors.noise import SampleTimes, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -135,7 +135,7 @@ class Forecaster:
         every = -(-time.size // MAX_SAMPLES)
         self.time = time[::every]
         self._noise = [_thinned(fit.noise[name], every) for name in calibration.outputs]
-        self._sampling = Sampling.of(self.time, self.time)
+        self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
         """What is known already of the shared parameters, shape (p, p), in search coordinates."""

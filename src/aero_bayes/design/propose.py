@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted, posterior_sd
-from aero_bayes.design.optimise import BestSignal, Progress, SearchSettings, best_signals
 from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.signal_search import BestSignal, Progress, SearchSettings, best_signals
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
 from aero_bayes.show import table_html
@@ -163,7 +163,7 @@ def propose_experiment(
     Examples
     --------
     >>> from aero_bayes.design import Limits
-    >>> from aero_bayes.design.optimise import SearchSettings
+    >>> from aero_bayes.design.signal_search import SearchSettings
     >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
     >>> allowed = Limits(amplifier=5.0, travel={"position": 0.3})  # N, m
     >>> aero_bayes.propose_experiment(
@@ -172,7 +172,7 @@ def propose_experiment(
     ('d',)
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
-    time = sample_times(fit, duration, rate_hz)
+    time = experiment_times(fit, duration, rate_hz)
     rng = np.random.default_rng(settings.seed)
     with WorkerPool(workers) as pool, Forecaster(fit, time, limits, settings.engine, workers, pool) as forecaster:
         aimed = _targets(fit, forecaster, targets)
@@ -204,7 +204,7 @@ def default_limits(fit: Fitted) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
+def experiment_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.intervals[0]

@@ -17,8 +17,8 @@ from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
-from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.sensors.quantisation import quantum, thin_standstill
 from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 

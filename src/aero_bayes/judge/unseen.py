@@ -19,7 +19,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.predict.carry import first_reading, typical
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
@@ -40,7 +40,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: Family
+    family: ModelFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property

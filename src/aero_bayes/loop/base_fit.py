@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.check.structure import ResidualReport, check_residuals
 from aero_bayes.data import floors_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -124,7 +124,7 @@ def for_search(bench: Workbench, plain: Calibration) -> Calibration:
 
 def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
     with bench.open(plain.problem()) as simulator:
-        return inspect(plain, bench.objective(plain, simulator).series, fit, floors)
+        return check_residuals(plain, bench.objective(plain, simulator).series, fit, floors)
 
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:

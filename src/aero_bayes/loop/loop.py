@@ -12,15 +12,15 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import one, paths_of, several
 from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.fmu_family import FmuFamily
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.model_family import ModelFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
 from aero_bayes.loop.conclude import checks_of, conclude
 from aero_bayes.loop.forecast import tell_time
@@ -122,8 +122,8 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     source = ModelSource(
         family, plain, base.fit.free, bench.open_objective, bench.open, settings.calibration.interpolation == "auto"
     )
-    cache, curves = ModelCache(source), tuple(family.learned())
-    library = Library(family.groups(), family.finer(), curves)
+    cache, curves = ModelCache(source), tuple(family.curves())
+    library = Library(family.groups(), family.refinements(), curves)
     fit = replace(settings.climb, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)
@@ -168,14 +168,14 @@ def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, Lo
     return source.name, replace(settings, sources=tuple(files.values()), libraries=tuple(libraries.values()))
 
 
-def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
+def _family(model: str, folder: Path, settings: LoopSettings) -> ModelFamily:
     """The model and its relatives."""
     require = settings.structures.require
-    narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
+    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     given = settings.sources, folder, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
-        family: RigFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
+        family: ModelicaFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
     else:
-        family = RigFamily(model, *given)
+        family = ModelicaFamily(model, *given)
     family.check()
     return family

@@ -27,7 +27,7 @@ from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import listed, with_unit
+from aero_bayes.show import join_names, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
 
@@ -160,11 +160,11 @@ def _story(bench: Workbench, conclusion: Conclusion, sentence: str) -> tuple[str
 def _readings(bench: Workbench) -> str:
     """Which readings did what."""
     recordings = bench.recordings
-    fitted = listed([r.name for r in recordings.train])
+    fitted = join_names([r.name for r in recordings.train])
     if recordings.held_from:
         ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.held_from.items())
         return f"Fitted and chosen on the beginning of {fitted}; the end ({ends}) was looked at once, after the choice."
-    unseen = listed([r.name for r in recordings.test])
+    unseen = join_names([r.name for r in recordings.test])
     return f"Fitted and chosen on {fitted}; {unseen} was looked at once, after the choice."
 
 

@@ -15,7 +15,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
@@ -68,7 +68,7 @@ class Workbench:
     ``result_cache`` keeps the results of searches.
     """
 
-    family: Family
+    family: ModelFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool

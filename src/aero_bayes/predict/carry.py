@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data import Recording, noise_of
-from aero_bayes.data.beginning import Beginning, first_level
+from aero_bayes.data.initial_level import Beginning, first_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.interface import ProblemTarget, StartTarget

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.sensors.counts import Quantisation, counts_of, quantum
+from aero_bayes.sensors.quantisation import Quantisation, counts_of, quantum
 from aero_bayes.sensors.ripple import Ripple
 
 FloatArray = NDArray[np.float64]

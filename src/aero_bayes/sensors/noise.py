@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from aero_bayes.sensors.innovations import LOG_2PI, whiten_rows
+from aero_bayes.sensors.whitening import LOG_2PI, whiten_rows
 from aero_bayes.sensors.whittle import BinnedPower, maximise_whittle
 
 FloatArray = NDArray[np.float64]
@@ -79,7 +79,7 @@ class NoiseModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class SampleTimes:
     """When one output of one recording was read.
 
     ``index`` are the samples that hold a reading, ``time`` (n,) their times, ``interval`` the median step in s, and
@@ -92,7 +92,7 @@ class Sampling:
     even: bool
 
     @classmethod
-    def of(cls, time: FloatArray, values: FloatArray) -> Sampling:
+    def of(cls, time: FloatArray, values: FloatArray) -> SampleTimes:
         """Sampling of ``values`` (n,), NaN where there is no reading."""
         index = np.flatnonzero(np.isfinite(values))
         seen = time[index]
@@ -113,7 +113,7 @@ class Sampling:
         return float(self.time[-1] - self.time[0]) if self.size else 0.0
 
 
-def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[FloatArray, float]:
+def whiten(rows: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> tuple[FloatArray, float]:
     """Rows in units of the noise, and the log-determinant of its covariance.
 
     Parameters
@@ -141,11 +141,11 @@ def whiten(rows: FloatArray, sampling: Sampling, noise: OutputNoise) -> tuple[Fl
 
 def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> float:
     """Log-density of a residual with gaps (NaN), shape (n,) each."""
-    sampling = Sampling.of(time, residual)
+    sampling = SampleTimes.of(time, residual)
     return _log_density(residual[sampling.index], sampling, noise)
 
 
-def _log_density(residual: FloatArray, sampling: Sampling, noise: OutputNoise) -> float:
+def _log_density(residual: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> float:
     white, log_det = whiten(residual[np.newaxis], sampling, noise)
     return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * LOG_2PI)
 
@@ -155,7 +155,7 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
 
     Returns an array of the residual's shape, NaN where it is NaN.
     """
-    sampling = Sampling.of(time, residual)
+    sampling = SampleTimes.of(time, residual)
     out = np.full(residual.shape, np.nan)
     out[sampling.index] = whiten(residual[np.newaxis, sampling.index], sampling, noise)[0][0]
     return out
@@ -163,7 +163,7 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
 
 def update_output_noise(
     residuals: Sequence[FloatArray],
-    samplings: Sequence[Sampling],
+    samplings: Sequence[SampleTimes],
     *,
     floor: float = 0.0,
     longest: float | None = None,
@@ -210,7 +210,7 @@ def estimate_noise(
     floor : float
         Smallest white standard deviation to consider (a sensor's quantum over sqrt(12), for instance).
     """
-    samplings = [Sampling.of(t, r) for t, r in zip(times, residuals, strict=True)]
+    samplings = [SampleTimes.of(t, r) for t, r in zip(times, residuals, strict=True)]
     pairs = [(r[s.index], s) for r, s in zip(residuals, samplings, strict=True) if s.size]
     count = sum(r.size for r, _ in pairs)
     if count == 0:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, Sampling, estimate_noise, whiten
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes, estimate_noise, whiten
 
 FloatArray = NDArray[np.float64]
 
@@ -198,7 +198,7 @@ def _form(
         return None
     terms = []
     for piece in own:
-        sampling = Sampling.of(time[piece.part], residual[piece.part])
+        sampling = SampleTimes.of(time[piece.part], residual[piece.part])
         rows = np.vstack([piece.columns[key].T, residual[piece.part][piece.seen]])
         white, _ = whiten(rows, sampling, noise)
         terms.append((white[:2] @ white[:2].T, white[:2] @ white[2]))

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from aero_bayes.check.structure import inspect, reports_table
+from aero_bayes.check.structure import check_residuals, reports_table
 from aero_bayes.data import Recording, floors_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.workflow.job import Job
@@ -68,7 +68,7 @@ def recording_row(recording: Recording, role: str) -> Json:
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
     """What a fit leaves, by recording and output; the floors are those of ``recordings``."""
     floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
-    return reports_table(inspect(fit.calibration, fit.series, fit.optimum, floors))
+    return reports_table(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
 
 
 def verdict(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.structure import reports_table, those_structured
+from aero_bayes.check.structure import reports_table, structured_residuals
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import Override
@@ -200,7 +200,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
 def _level(loop: LoopResult) -> str:
     """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
     value decides what the parameters are."""
-    left = bool(those_structured(loop.residual_after)) or bool(loop.identifiability.flat)
+    left = bool(structured_residuals(loop.residual_after)) or bool(loop.identifiability.flat)
     return "warning" if left or loop.outcome == "unexplained" else "good"
 
 

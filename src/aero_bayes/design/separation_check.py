@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.check import draw_noise, refit_experiment
+from aero_bayes.design.gain_check import refit_experiment, simulate_noise
 from aero_bayes.design.information import Engine, Forecaster
-from aero_bayes.design.optimise import Progress
-from aero_bayes.design.separate import Separation
+from aero_bayes.design.separation import Separation
+from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
 from aero_bayes.simulation.interface import Outcome
@@ -113,7 +113,7 @@ def _repetition(separation: Separation, truth: Forecaster, rival: Forecaster, rn
     if result.outcomes[0, 0] != Outcome.OK:
         return None
     noise = [rival.fit.noise[name] for name in outputs]
-    readings = result.outputs[0][0] + np.stack([draw_noise(separation.time, n, rng) for n in noise], axis=1)
+    readings = result.outputs[0][0] + np.stack([simulate_noise(separation.time, n, rng) for n in noise], axis=1)
     measured = replace(experiment, measured=readings)
     own, other = refit_experiment(truth, measured, noise), refit_experiment(rival, measured, noise)
     return None if own is None or other is None else other[1] - own[1]

@@ -15,19 +15,19 @@ from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.syntax import Expression, Name, reference
 from aero_bayes.language.tokens import find_outside, split_outside, words_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
-from aero_bayes.laws.component_copies import without_numbers
+from aero_bayes.laws.component_copies import without_indices
 from aero_bayes.laws.law_text import formula
-from aero_bayes.laws.use import Use, plain_name
-from aero_bayes.ports.balance import Entry, entry_of, in_vector
-from aero_bayes.ports.equal_variables import structure_of
+from aero_bayes.laws.placed_law import PlacedLaw, identifier
+from aero_bayes.ports.aliases import alias_structure
+from aero_bayes.ports.balance import parameter_values
 from aero_bayes.ports.find import driver_names, is_driver
-from aero_bayes.ports.port import DIFFERENCE_SIGN, Port, Via
-from aero_bayes.ports.residual import parameter_values
+from aero_bayes.ports.insertion_point import InsertionPoint, find_insertion_point, in_vector
+from aero_bayes.ports.port import DIFFERENCE, Attachment, Port
 
 #: A law whose formula is longer than this is written as a component.
 MAX_FORMULA_LENGTH = 70
 #: Which laws are written before others.
-_WRITING_ORDER: Mapping[Via, int] = {"output": 0, "input": 1}
+_WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
 _COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
@@ -35,48 +35,53 @@ class LawWriter:
     """Adds laws to the text of a class."""
 
     def __init__(
-        self, known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, uses: Sequence[Use], title: str
+        self,
+        known: Sources,
+        user: tuple[SourceFile, ClassText],
+        flat: FlatModel,
+        placed_laws: Sequence[PlacedLaw],
+        title: str,
     ) -> None:
-        self.known, self.uses = known, uses
-        self.structure = structure_of(flat)
+        self.known, self.placed_laws = known, placed_laws
+        self.structure = alias_structure(flat)
         self.flat = flat
         self.whole_numbers = {
             v.name: round(evaluate(flat, v.name, "value"))
             for v in flat.variables
             if v.constant and v.type == "Integer" and not v.sizes
         }
-        self.target = ClassWithLaws(known, user, uses, title, inherits=self._inherits(user[1]))
+        self.target = ClassWithLaws(known, user, placed_laws, title, inherits=self._inherits(user[1]))
 
     def text(self) -> str:
         """The whole file."""
-        ways: Mapping[str, Callable[[Use], None]] = {
+        ways: Mapping[str, Callable[[PlacedLaw], None]] = {
             "input": self._at_input, "output": self._at_output, "signal": self._at_signal,
             "equation": self._in_equation, "node": self._at_node, "series": self._in_series,
         }  # fmt: skip
         # what a law in a balance reads is called by then as laws at outputs and inputs have it
-        for use in sorted(self.uses, key=lambda u: _WRITING_ORDER.get(u.port.via, 2)):
-            ways[use.port.via](use)
+        for placed in sorted(self.placed_laws, key=lambda u: _WRITING_ORDER.get(u.port.attachment, 2)):
+            ways[placed.port.attachment](placed)
         return self.target.written()
 
-    def _in_equation(self, use: Use) -> None:
-        given, exchange = dict(use.port.signals), use.law.kind == "exchange"
-        if exchange and use.neighbour is not None:
-            given = {"h_1": use.port.signals["h"], "h_2": use.neighbour.signals["h"]}
+    def _in_equation(self, placed: PlacedLaw) -> None:
+        given, exchange = dict(placed.port.signals), placed.law.kind == "exchange"
+        if exchange and placed.neighbour is not None:
+            given = {"h_1": placed.port.signals["h"], "h_2": placed.neighbour.signals["h"]}
         # a reading that is a state has a name of its own for what it was
         given = {signal: self._read(name) for signal, name in given.items()}
-        near = all(not self._equation_of(p).component for p in (use.port, use.neighbour) if p is not None)
-        text = formula(use.law, sizes=use.all_sizes, names={**given, **use.names}) if near else None
+        near = all(not self._equation_of(p).component for p in (placed.port, placed.neighbour) if p is not None)
+        text = formula(placed.law, nominals=placed.all_nominals, names={**given, **placed.names}) if near else None
         if text is None or len(text) > MAX_FORMULA_LENGTH:
-            self.target.declare(use, given, {})
-            text = f"{use.instance}.{use.law.shape.acts}"
-        self._term(use.port, text, 1)
-        if use.neighbour is not None:
-            self._term(use.neighbour, f"{use.instance}.q_2" if use.law.kind == "overflow" else text, -1)
+            self.target.declare(placed, given, {})
+            text = f"{placed.instance}.{placed.law.interface.output}"
+        self._term(placed.port, text, 1)
+        if placed.neighbour is not None:
+            self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 
     def _read(self, given: str) -> str:
         """A variable, or a difference of two, as it is called beside laws at outputs."""
-        parts = [self.target.read.get(name, name) for name in given.split(DIFFERENCE_SIGN)]
-        return f"({DIFFERENCE_SIGN.join(parts)})" if len(parts) > 1 else parts[0]
+        parts = [self.target.replacements.get(name, name) for name in given.split(DIFFERENCE)]
+        return f"({DIFFERENCE.join(parts)})" if len(parts) > 1 else parts[0]
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
@@ -84,13 +89,13 @@ class LawWriter:
         if not equation.component:
             self.target.edits += self._entry(port, self.target.cls, "").insert(text, sign)
             return
-        path, numbers = without_numbers(equation.component)
+        path, numbers = without_indices(equation.component)
         copy = self.target.copy_of(path)
         stated = self._class_at(equation)
         if stated is None or stated.name != copy.origin.name:
             copy.write_out_bases(self.known)
         # two elements of an array of components share the copy of their class
-        given = plain_name(text) if plain_name(text) not in copy.inputs else f"{plain_name(text)}_in"
+        given = identifier(text) if identifier(text) not in copy.inputs else f"{identifier(text)}_in"
         copy.edits += self._entry(port, copy.cls, equation.component + ".").insert(given, sign)
         about = f'"{"Taken from" if sign > 0 else "Added to"} the balance"'
         while path:
@@ -98,33 +103,33 @@ class LawWriter:
             value = given if parent else text
             if path in numbers:
                 value = in_vector(value, (numbers[path], self._count(path)))
-            self.target.copies[path].take(given, value, about)
+            self.target.copies[path].add_input(given, value, about)
             path = parent
 
     def _count(self, path: str) -> int:
         """How many components an array of them has."""
-        known = (without_numbers(v.name.rpartition(".")[0])[1].get(path, 0) for v in self.flat.variables)
+        known = (without_indices(v.name.rpartition(".")[0])[1].get(path, 0) for v in self.flat.variables)
         return max(known, default=0)
 
     def _equation_of(self, port: Port) -> FlatEquation:
-        if port.entrance is None:
+        if port.balance is None:
             raise InputError(f"the port {port.id!r} has no balance")
-        return self.flat.equations[port.entrance.equation]
+        return self.flat.equations[port.balance.equation]
 
     def _class_at(self, equation: FlatEquation) -> ClassText | None:
         return None if equation.place is None else self.known.at(equation.place)[1]
 
-    def _entry(self, port: Port, cls: ClassText, prefix: str) -> Entry:
+    def _entry(self, port: Port, cls: ClassText, prefix: str) -> InsertionPoint:
         """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
         flat = self.structure.flat
         values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
         constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
         whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
-        state = port.entrance.state if port.entrance is not None else ""
+        state = port.balance.state if port.balance is not None else ""
         drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, state)]
         wanted = self._words(port)
-        row = port.entrance.row if port.entrance is not None else None
-        found: list[tuple[bool, int, Entry]] = []
+        row = port.balance.row if port.balance is not None else None
+        found: list[tuple[bool, int, InsertionPoint]] = []
         for s in cls.statements:
             for loop in self._turns(s):
                 sides = self._sides(s, cls, whole | dict([loop] if loop else []))
@@ -132,7 +137,7 @@ class LawWriter:
                     continue
                 for name in drivers:
                     driver = is_driver(name, whole=row is not None)
-                    entry = entry_of(sides, driver, constants=constants, values=values, row=row)
+                    entry = find_insertion_point(sides, driver, constants=constants, values=values, row=row)
                     if entry is not None:
                         entry = replace(entry, loop=loop)
                         found.append(([t.word for t in s.core] != wanted, len(found), entry))
@@ -170,30 +175,30 @@ class LawWriter:
 
     # connections
 
-    def _at_node(self, use: Use) -> None:
-        port, exchange = use.port, use.law.kind == "exchange"
+    def _at_node(self, placed: PlacedLaw) -> None:
+        port, exchange = placed.port, placed.law.kind == "exchange"
         ends = {"port": port.connectors[0]}
-        flows = [f"port.{port.flow} = {use.law.shape.acts};"]
+        flows = [f"port.{port.flow} = {placed.law.interface.output};"]
         inside = self._inside(port)
-        if use.neighbour is not None:
-            ends["neighbour"] = use.neighbour.connectors[0]
-            taken = "q_2" if use.law.kind == "overflow" else use.law.shape.acts
-            flows.append(f"neighbour.{use.neighbour.flow} = -{taken};")
+        if placed.neighbour is not None:
+            ends["neighbour"] = placed.neighbour.connectors[0]
+            taken = "q_2" if placed.law.kind == "overflow" else placed.law.interface.output
+            flows.append(f"neighbour.{placed.neighbour.flow} = -{taken};")
         if exchange:
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
-        elif use.neighbour is not None and port.kind == "motion":
-            other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(use.neighbour).items()}
-            inside = {k: f"{v}{DIFFERENCE_SIGN}{other[k]}" for k, v in inside.items() if k in other}
+        elif placed.neighbour is not None and port.kind == "motion":
+            other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(placed.neighbour).items()}
+            inside = {k: f"{v}{DIFFERENCE}{other[k]}" for k, v in inside.items() if k in other}
         given = {k: v for k, v in port.signals.items() if k not in inside}
-        self.target.declare(use, given, inside, self._connectors(port, *ends), flows)
-        self.target.equations += [f"connect({use.instance}.{end}, {outer});" for end, outer in ends.items()]
+        self.target.declare(placed, given, inside, self._connectors(port, *ends), flows)
+        self.target.equations += [f"connect({placed.instance}.{end}, {outer});" for end, outer in ends.items()]
 
     def _inside(self, port: Port) -> dict[str, str]:
         """What a law's class can take from its own connector: the potential, or its rate."""
         potential = f"port.{port.potential}"
         if port.kind == "storage":
             return {"h": potential}
-        position = port.signals.get("x", "").partition(DIFFERENCE_SIGN)[0]
+        position = port.signals.get("x", "").partition(DIFFERENCE)[0]
         if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(position):
             return {"v": f"der({potential})", "x": potential}
         return {"v": potential}
@@ -209,13 +214,13 @@ class LawWriter:
         whole = ["connector End", f"  extends {cls.full_name};", "end End;"]
         return [*whole, *(f"End {name};" for name in names)]
 
-    def _in_series(self, use: Use) -> None:
-        port = use.port
+    def _in_series(self, placed: PlacedLaw) -> None:
+        port = placed.port
         left, right = port.connectors
         equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
-        self.target.declare(use, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
-        mine = [u.instance for u in self.uses if u.port.via == "series" and u.port.connectors[1] == right]
-        if use.instance != mine[0]:
+        self.target.declare(placed, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
+        mine = [u.instance for u in self.placed_laws if u.port.attachment == "series" and u.port.connectors[1] == right]
+        if placed.instance != mine[0]:
             return
         edits = self._before(self.target.file.text, self.target.cls, port, mine)
         if not edits:
@@ -228,37 +233,37 @@ class LawWriter:
 
     # inputs and outputs
 
-    def _at_input(self, use: Use) -> None:
-        name = use.port.signals["u"]
+    def _at_input(self, placed: PlacedLaw) -> None:
+        name = placed.port.signals["u"]
         c = self._declared(name)
-        self.target.declare(use, {"u": name}, {})
-        given, inner = self.target.read, name
+        self.target.declare(placed, {"u": name}, {})
+        given, inner = self.target.replacements, name
         if c.name != name:
-            if c.name not in self.target.read:
-                self.target.read[c.name] = self._apart(c, ACTING)
-            given, inner = self.target.given, name.replace(c.name, self.target.read[c.name], 1)
+            if c.name not in self.target.replacements:
+                self.target.replacements[c.name] = self._apart(c, ACTING)
+            given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
         if given.get(inner, name) != name:
             # what a law gives that is there already is now given what this one gives
-            self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{use.instance}.y"
+            self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{placed.instance}.y"
         else:
-            given[inner] = f"{use.instance}.y"
+            given[inner] = f"{placed.instance}.y"
 
-    def _at_signal(self, use: Use) -> None:
-        name = use.port.signals["u"]
+    def _at_signal(self, placed: PlacedLaw) -> None:
+        name = placed.port.signals["u"]
         if "." not in name:
             self.target.computed.add(name)
-            self._at_input(use)
+            self._at_input(placed)
             return
         connects = self._connects(self.target.cls, name)
         if len(connects) != 1:
             raise InputError(f"{self.target.cls.full_name}: no one connection to {name!r} stands in the class")
         ((statement, source),) = connects
-        mine = [u.instance for u in self.uses if u.port.via == "signal" and u.port.signals["u"] == name]
+        mine = [u.instance for u in self.placed_laws if u.port.attachment == "signal" and u.port.signals["u"] == name]
         # each is given what the next one gives, the last one what was connected
         given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
-        self.target.declare(use, {"u": given[use.instance]}, {})
-        if use.instance == mine[0]:
-            self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
+        self.target.declare(placed, {"u": given[placed.instance]}, {})
+        if placed.instance == mine[0]:
+            self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
 
     @staticmethod
     def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
@@ -278,14 +283,14 @@ class LawWriter:
         sizes = self.structure.variables[c.name].sizes
         inner = f"{c.name}{suffix}"
         if c.binding:
-            self.target.freed[inner] = c.binding
+            self.target.freed_bindings[inner] = c.binding
         if suffix == ACTING and "input" not in c.prefixes:
             # a connector that takes its causality from its class
             c = replace(c, type="Acting")
             self.target.connectors["Acting"] = "output Real"
         self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
         for outer, own in zip(element_names(c.name, sizes), element_names(inner, sizes), strict=True):
-            self.target.given |= {own: outer} if suffix == ACTING else {outer: own}
+            self.target.sources |= {own: outer} if suffix == ACTING else {outer: own}
         return inner
 
     def _declared(self, name: str) -> Component:
@@ -294,29 +299,29 @@ class LawWriter:
             raise InputError(f"{self.target.cls.full_name}: {base!r} is not declared in the class itself")
         return self.target.components[base]
 
-    def _at_output(self, use: Use) -> None:
-        name = use.port.signals["u"]
+    def _at_output(self, placed: PlacedLaw) -> None:
+        name = placed.port.signals["u"]
         c = self._declared(name)
-        if c.name != name and c.name not in self.target.read:
-            self.target.read[c.name] = self._apart(c, TRUE)
+        if c.name != name and c.name not in self.target.replacements:
+            self.target.replacements[c.name] = self._apart(c, TRUE)
             self._without_start(c)
-        inner = self.target.given.get(name)
-        self.target.given[name] = f"{use.instance}.y"
+        inner = self.target.sources.get(name)
+        self.target.sources[name] = f"{placed.instance}.y"
         if inner is not None:
-            self.target.declare(use, {"u": inner}, {})
+            self.target.declare(placed, {"u": inner}, {})
             return
         giving = [s for s in self.target.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
         if c.binding or (len(giving) == 1 and name not in self.target.cls.derived()):
-            self.target.moved[name] = c.binding or giving[0].core[2:]
-            self.target.declare(use, {"u": ""}, {})
-            self.target.read[name] = f"{use.instance}.u"
+            self.target.moved_equations[name] = c.binding or giving[0].core[2:]
+            self.target.declare(placed, {"u": ""}, {})
+            self.target.replacements[name] = f"{placed.instance}.u"
         else:
             # Other equations solve for it: what it was gets a name of its own.
             true = f"{name}{TRUE}"
-            self.target.declare(use, {"u": true}, {})
+            self.target.declare(placed, {"u": true}, {})
             self._declare_like(c, true, "unread")
             self._without_start(c)
-            self.target.read[name] = true
+            self.target.replacements[name] = true
 
     def _declare_like(self, c: Component, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
@@ -336,19 +341,19 @@ class LawWriter:
     def _inherits(self, cls: ClassText) -> bool:
         """Whether something that is to be edited stands in a base class of the user's class."""
         own = {c.name for c in cls.components()}
-        for use in self.uses:
-            for port in (use.port, *([use.neighbour] if use.neighbour else ())):
-                if port.via == "signal" and "." in port.signals["u"]:
+        for placed in self.placed_laws:
+            for port in (placed.port, *([placed.neighbour] if placed.neighbour else ())):
+                if port.attachment == "signal" and "." in port.signals["u"]:
                     if not self._connects(cls, port.signals["u"]):
                         return True
-                elif port.via in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+                elif port.attachment in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
                     return True
-                if port.via == "equation":
+                if port.attachment == "equation":
                     equation = self._equation_of(port)
                     stated = self._class_at(equation)
-                    inside = without_numbers(equation.component)[0]
+                    inside = without_indices(equation.component)[0]
                     if (inside and inside not in own) or (not inside and stated is not cls):
                         return True
-                if port.via == "series" and not self._before("", cls, port, ["law"]):
+                if port.attachment == "series" and not self._before("", cls, port, ["law"]):
                     return True
         return False

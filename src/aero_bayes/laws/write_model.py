@@ -9,15 +9,15 @@ from pathlib import Path
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
+from aero_bayes.laws.law_writer import LawWriter
 from aero_bayes.laws.model_sources import read_sources
-from aero_bayes.laws.redeclare import extending_class, parted
-from aero_bayes.laws.use import Use
-from aero_bayes.laws.writer import LawWriter
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.laws.redeclare import redeclaring_class, split_by_replaceable
 from aero_bayes.scratch import ScratchFolder
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenModel:
     """A written model: its name, its file, its text, and what differs from the user's class.
 
     Export it with the sources of the original and ``path``.
@@ -30,8 +30,13 @@ class Written:
 
 
 def write_law(
-    sources: Sequence[Path], model: str, flat: FlatModel, uses: Sequence[Use], out_dir: Path | str, name: str = ""
-) -> Written:
+    sources: Sequence[Path],
+    model: str,
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    out_dir: Path | str,
+    name: str = "",
+) -> WrittenModel:
     """Write a model with laws to ``out_dir/<name>.mo``.
 
     Laws at connections alone give a model that extends the user's; others a copy of the user's class, with all that is
@@ -57,34 +62,39 @@ def write_law(
     """
     known = read_sources(sources, flat)
     file, cls = known.find(model)
-    title = name or "_".join([cls.name, *(u.instance for u in uses)])
-    writer = LawWriter(known, (file, cls), flat, uses, title)
+    title = name or "_".join([cls.name, *(u.instance for u in placed_laws)])
+    writer = LawWriter(known, (file, cls), flat, placed_laws, title)
     text = writer.text()
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     before, old = ("", "/dev/null") if writer.target.extends else (writer.target.original(), file.file)
-    return Written(title, path, text, unified_diff(before, text, old, path.name))
+    return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
 
 
 def write_laws(
-    sources: Sequence[Path], model: str, flat: FlatModel, uses: Sequence[Use], out_dir: Path | str, name: str = ""
-) -> Written:
+    sources: Sequence[Path],
+    model: str,
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    out_dir: Path | str,
+    name: str = "",
+) -> WrittenModel:
     """As :func:`write_law`, with laws in replaceable models as well: the model then extends the user's, or the one with
     the other laws, which stands before it in the file."""
-    inside, others = parted(uses)
+    inside, others = split_by_replaceable(placed_laws)
     if not inside:
         return write_law(sources, model, flat, others, out_dir, name)
-    title = name or "_".join([model.rpartition(".")[2], *(u.instance for u in uses)])
+    title = name or "_".join([model.rpartition(".")[2], *(u.instance for u in placed_laws)])
     before, base = "within ;\n", model
     if others:
         with ScratchFolder() as folder:
             first = write_law(sources, model, flat, others, folder)
         before, base = first.text, first.name
-    text = before + "\n".join([*extending_class(base, title, inside), ""])
+    text = before + "\n".join([*redeclaring_class(base, title, inside), ""])
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return Written(title, path, text, unified_diff("", text, "/dev/null", path.name))
+    return WrittenModel(title, path, text, unified_diff("", text, "/dev/null", path.name))

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted
-from aero_bayes.design.optimise import Progress, SearchSettings, best_signals
-from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, sample_times, within_travel
+from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, experiment_times, within_travel
 from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.signal_search import Progress, SearchSettings, best_signals
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -92,7 +92,7 @@ def separating_experiment(
     if outputs[0] != outputs[1]:
         raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")
     limits, settings = limits or default_limits(first), settings or SearchSettings()
-    time = sample_times(first, duration, rate_hz)
+    time = experiment_times(first, duration, rate_hz)
     rng = np.random.default_rng(settings.seed)
     with (
         WorkerPool(workers) as pool,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.families import FAMILIES, Family
 from aero_bayes.design.information import Engine
+from aero_bayes.design.signal_families import FAMILIES, SignalFamily
 
 FloatArray = NDArray[np.float64]
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
@@ -21,7 +21,7 @@ Progress = Callable[[str, float, str], None]
 class BestSignal:
     """The best signal of a family: where in the unit cube, its values (n,) within plus and minus one, its score."""
 
-    family: Family
+    family: SignalFamily
     point: FloatArray
     values: FloatArray
     score: float
@@ -39,7 +39,7 @@ class SearchSettings:
     candidates: int = 12
     families: int = 2
     spread: float = 0.25
-    among: tuple[Family, ...] = FAMILIES
+    among: tuple[SignalFamily, ...] = FAMILIES
     seed: int = 1
     engine: Engine = "native"
 
@@ -75,7 +75,7 @@ def best_signals(
     return sorted(found, key=lambda f: f.score)
 
 
-def _best(score: Score, family: Family, cube: FloatArray, time: FloatArray) -> BestSignal:
+def _best(score: Score, family: SignalFamily, cube: FloatArray, time: FloatArray) -> BestSignal:
     signals = [family.signal(u, time) for u in cube]
     scores = score(signals)
     best = int(np.argmin(scores))

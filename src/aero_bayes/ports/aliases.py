@@ -11,12 +11,12 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import evaluate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, summands, walk
-from aero_bayes.ports.common_motion import Signed, Together, distances, moving_together
-from aero_bayes.ports.scalar_equations import Origin, by_elements
+from aero_bayes.ports.common_motion import SignedRepresentatives, SignedUnionFind, distances, moving_together
+from aero_bayes.ports.scalar_equations import Origin, scalarised
 
 
 @dataclass(frozen=True)
-class EqualVariables:
+class AliasStructure:
     """Classes of equal variables; each is named by one of its members.
 
     ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
@@ -34,7 +34,7 @@ class EqualVariables:
     states: tuple[str, ...]
     plain: frozenset[int]
     origins: tuple[Origin, ...] = ()
-    moving: Together = field(default_factory=dict)
+    moving: SignedRepresentatives = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
 
@@ -61,21 +61,21 @@ def is_derivative(tree: Expression) -> str | None:
     return None
 
 
-def structure_of(flat: FlatModel) -> EqualVariables:
+def alias_structure(flat: FlatModel) -> AliasStructure:
     """Find the classes of equal variables and the states of a flat model."""
-    flat, origins = by_elements(flat)
+    flat, origins = scalarised(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
-    equal = Signed()
+    equal = SignedUnionFind()
     dynamic = {n for e in flat.equations for n in derived_in(e) if n in free}
 
     plain = set[int]()
 
     def unite(one: str, two: str, sign: int) -> None:
-        (a, sign_a), (b, sign_b) = equal.root(one), equal.root(two)
+        (a, sign_a), (b, sign_b) = equal.find(one), equal.find(two)
         if a != b:
             kept, gone = sorted((a, b), key=lambda n: _rank(variables[n], dynamic))
-            equal.put(gone, kept, sign_a * sign_b * sign)
+            equal.union(gone, kept, sign_a * sign_b * sign)
 
     for i, e in enumerate(flat.equations):
         pair = _equal(e)
@@ -90,31 +90,33 @@ def structure_of(flat: FlatModel) -> EqualVariables:
             derived = is_derivative(one)
             two = _without_one(whole, flat, variables) if derived in free else whole
             if derived in free and isinstance(two, Name) and two.name in free and not two.subscripts:
-                if variables[equal.root(two.name)[0]].causality == "input" and "." not in equal.root(two.name)[0]:
+                if variables[equal.find(two.name)[0]].causality == "input" and "." not in equal.find(two.name)[0]:
                     continue  # an integrator of an input: its balance
                 plain.add(i)
-                state, sign = equal.root(derived)
+                state, sign = equal.find(derived)
                 # all rates of what moves together are equal, whoever names them
                 if sign > 0:
                     own.setdefault(state, two.name)
                 unite(first.setdefault(moving[derived], two.name), two.name, 1)
-    same = {n: equal.root(n) for n in variables if n in free}
-    rates = {state: equal.root(rate)[0] for state, rate in own.items()}
+    same = {n: equal.find(n) for n in variables if n in free}
+    rates = {state: equal.find(rate)[0] for state, rate in own.items()}
     rest = [e for i, e in enumerate(flat.equations) if i not in plain]
-    used = {equal.root(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
-    driven = {equal.root(n)[0] for e in rest for n in derived_in(e) if n in free}
+    used = {equal.find(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
+    driven = {equal.find(n)[0] for e in rest for n in derived_in(e) if n in free}
     # a rate whose own rate is only given a name is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
-    found = {equal.root(n)[0] for n in dynamic} - idle
+    found = {equal.find(n)[0] for n in dynamic} - idle
     found -= {x for e in rest if (x := _combined(e, variables, same, found))}
     states = tuple(v.name for v in flat.variables if v.name in found)
-    return EqualVariables(
+    return AliasStructure(
         flat, variables, same, rates, states, frozenset(plain), origins, moving, distances(flat.equations, moving),
         _units_by_sums(flat, {n: same.get(n, (n, 1))[0] for n in variables}),
     )  # fmt: skip
 
 
-def _combined(e: FlatEquation, variables: Mapping[str, FlatVariable], same: Together, states: Set[str]) -> str | None:
+def _combined(
+    e: FlatEquation, variables: Mapping[str, FlatVariable], same: SignedRepresentatives, states: Set[str]
+) -> str | None:
     """A variable of the model's own that an equation gives by two states or more: its derivative says nothing new."""
     for one, whole in ((e.left, e.right), (e.right, e.left)):
         if isinstance(one, Name) and one.name in same and "." not in one.name and same[one.name][0] in states:
@@ -128,19 +130,19 @@ def _combined(e: FlatEquation, variables: Mapping[str, FlatVariable], same: Toge
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
     """The one unit that is declared for any of what is added up, for all of it."""
-    group = Signed()
+    group = SignedUnionFind()
     for e in flat.equations:
         for tree in walk(Call("-", (e.left, e.right))):
             names = (t.name for _, t in summands(tree) if isinstance(t, Name) and not t.subscripts)
             for one, two in pairwise(of[n] for n in names if n in of):
-                (kept, _), (gone, _) = group.root(one), group.root(two)
+                (kept, _), (gone, _) = group.find(one), group.find(two)
                 if gone != kept:
-                    group.put(gone, kept, 1)
+                    group.union(gone, kept, 1)
     declared: dict[str, set[str]] = {}
     for v in flat.variables:
         if v.unit:
-            declared.setdefault(group.root(of[v.name])[0], set()).add(v.unit)
-    return {cls: next(iter(u)) for cls in {*of.values()} if len(u := declared.get(group.root(cls)[0], set())) == 1}
+            declared.setdefault(group.find(of[v.name])[0], set()).add(v.unit)
+    return {cls: next(iter(u)) for cls in {*of.values()} if len(u := declared.get(group.find(cls)[0], set())) == 1}
 
 
 def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:

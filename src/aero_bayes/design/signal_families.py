@@ -17,7 +17,7 @@ UPDATE_HZ = 20.0
 
 
 @dataclass(frozen=True)
-class Family:
+class SignalFamily:
     """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,).
 
     ``jumps`` says that they are made of jumps, which a simulation takes in fewer steps.
@@ -29,7 +29,7 @@ class Family:
     jumps: bool = True
 
 
-def staircase(u: FloatArray, time: FloatArray) -> FloatArray:
+def staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Eight levels, each held for a share of the time."""
     levels, shares = 2.0 * u[:STEPS] - 1.0, 0.15 + u[STEPS:]
     ends = np.cumsum(shares) / shares.sum() * (time[-1] - time[0])
@@ -37,7 +37,7 @@ def staircase(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.asarray(levels[np.minimum(index, STEPS - 1)])
 
 
-def binary(u: FloatArray, time: FloatArray) -> FloatArray:
+def binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """A pseudo-random binary signal: height, offset, clock, and which one."""
     clock = _between(u[2], 0.05, 4.0)
     tick = ((time - time[0]) / clock + 1e-9).astype(np.int64)
@@ -45,19 +45,19 @@ def binary(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.clip(_swing(u, 2.0 * bits[tick] - 1.0), -1.0, 1.0)
 
 
-def square(u: FloatArray, time: FloatArray) -> FloatArray:
+def square_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """A square wave: height, offset, period."""
     period = _between(u[2], 0.2, 20.0)
     return np.clip(_swing(u, np.where(np.mod(time - time[0], period) < 0.5 * period, 1.0, -1.0)), -1.0, 1.0)
 
 
-def release(u: FloatArray, time: FloatArray) -> FloatArray:
+def release_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """One level, then zero: the body swings freely to rest."""
     held = (0.1 + 0.8 * u[1]) * (time[-1] - time[0])
     return np.where(time - time[0] < held, 2.0 * u[0] - 1.0, 0.0)
 
 
-def multi_sine(u: FloatArray, time: FloatArray) -> FloatArray:
+def multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Ten sines with random phases: height, offset, lowest and highest frequency, and which phases."""
     low = _between(u[2], 0.05, 0.5)
     frequency = np.geomspace(low, low * _between(u[3], 2.0, 30.0), SINES)
@@ -66,7 +66,7 @@ def multi_sine(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.clip(_swing(u, wave / max(float(np.abs(wave).max()), 1e-9)), -1.0, 1.0)
 
 
-def chirp(u: FloatArray, time: FloatArray) -> FloatArray:
+def chirp_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """A sine of rising frequency: height, offset, first and last frequency."""
     low, high = _between(u[2], 0.02, 0.5), _between(u[3], 0.3, 5.0)
     t = _updates(time)
@@ -88,10 +88,10 @@ def _updates(time: FloatArray) -> FloatArray:
 
 
 FAMILIES = (
-    Family("steps", 2 * STEPS, staircase),
-    Family("binary", 4, binary),
-    Family("square wave", 3, square),
-    Family("step and release", 2, release),
-    Family("multi-sine", 5, multi_sine, jumps=False),
-    Family("chirp", 4, chirp, jumps=False),
+    SignalFamily("steps", 2 * STEPS, staircase_signal),
+    SignalFamily("binary", 4, binary_signal),
+    SignalFamily("square wave", 3, square_signal),
+    SignalFamily("step and release", 2, release_signal),
+    SignalFamily("multi-sine", 5, multi_sine_signal, jumps=False),
+    SignalFamily("chirp", 4, chirp_signal, jumps=False),
 )

@@ -19,26 +19,26 @@ from aero_bayes.export.compose import add_output
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
-from aero_bayes.ports.equal_variables import EqualVariables, structure_of
-from aero_bayes.ports.port import KELVIN, Port, signal_of
+from aero_bayes.ports.aliases import AliasStructure, alias_structure
+from aero_bayes.ports.port import KELVIN, Port, signal_expression
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
 
 FloatArray = NDArray[np.float64]
 
 #: Share of a signal's readings that its size covers.
-COVERED_SHARE = 0.995
+NOMINAL_QUANTILE = 0.995
 #: Size below which a signal counts as zero.
-MIN_SIZE = 1e-200
+MIN_NOMINAL = 1e-200
 #: Readings whose regression line gives the initial value of a level.
 LEVEL_READINGS = 5
 #: Time that a model is simulated to settle, in lengths of the recording, and the largest change of a level in the
 #: second half of it, as a share of its range.
 SETTLING_LENGTHS, MAX_DRIFT_SHARE = 20.0, 0.01
-NEGLIGIBLE = Call("*", (Number(1e-300), Name("time")))
+NEGLIGIBLE_TERM = Call("*", (Number(1e-300), Name("time")))
 
 
-def port_sizes(
+def port_nominals(
     flat: FlatModel, ports: Sequence[Port], calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, dict[str, float]]:
     """Sizes by the port's id, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
@@ -46,29 +46,29 @@ def port_sizes(
     What a law gives at a balance is sized by the largest of that balance's own terms.
     """
     ports = [p for p in ports if p.replaceable is None]
-    structure, watched = structure_of(flat), _Watched(flat)
+    structure, outputs = alias_structure(flat), _AddedOutputs(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
-    levels = {p.id: signal_of(p.signals["h"]) for p in ports if p.kind == "storage"}
+    levels = {p.id: signal_expression(p.signals["h"]) for p in ports if p.kind == "storage"}
     for port in ports:
-        seen[port.id] = {signal: watched.of(signal_of(variable)) for signal, variable in port.signals.items()}
+        seen[port.id] = {signal: outputs.of(signal_expression(variable)) for signal, variable in port.signals.items()}
         if port.kind == "storage" and port.neighbours:
-            seen[port.id]["d"] = watched.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
-        acting[port.id] = [watched.of(term) for term in _terms(flat, port)]
+            seen[port.id]["d"] = outputs.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
+        acting[port.id] = [outputs.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
-    found, rest = watched.run(calibration, fit, open_simulator, left_alone=bool(warm))
+    found, rest = outputs.run(calibration, fit, open_simulator, undriven=bool(warm))
     found = {
         name: _recorded_over(structure, calibration, e, found[name])
-        for e, name in watched.names.items()
+        for e, name in outputs.names.items()
         if name in found
     }
-    time = typical_time(calibration, fit)
+    time = fastest_time_scale(calibration, fit)
     starts = _first_readings(structure, ports, calibration)
     for id_ in warm:
         ends = rest.get(seen[id_]["h"], [])
         if ends and all(_settled(end, found[seen[id_]["h"]]) for end in ends):
             starts[id_] = float(np.mean([end[-1] for end in ends]))
-    return {p.id: _sizes(p, found, seen[p.id], acting[p.id], time, calibration, starts.get(p.id)) for p in ports}
+    return {p.id: _nominals(p, found, seen[p.id], acting[p.id], time, calibration, starts.get(p.id)) for p in ports}
 
 
 def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
@@ -91,7 +91,7 @@ def _near(
     return kept
 
 
-def _left_alone(calibration: Calibration) -> Calibration:
+def _undriven(calibration: Calibration) -> Calibration:
     """The same recordings without what is fed in, for long: what is a temperature stays at its mean."""
     warm = {v.name for v in calibration.model.inputs if v.unit in KELVIN}
     experiments = []
@@ -104,7 +104,7 @@ def _left_alone(calibration: Calibration) -> Calibration:
 
 
 def _recorded_over(
-    structure: EqualVariables, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
+    structure: AliasStructure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
     """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
@@ -116,7 +116,7 @@ def _recorded_over(
     return found
 
 
-def _first_readings(structure: EqualVariables, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
     """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
     first = calibration.experiments[0]
     found = {}
@@ -131,7 +131,7 @@ def _first_readings(structure: EqualVariables, ports: Sequence[Port], calibratio
     return found
 
 
-class _Watched:
+class _AddedOutputs:
     """Expressions of a flat model that a simulation shall return, each once."""
 
     def __init__(self, flat: FlatModel) -> None:
@@ -144,7 +144,7 @@ class _Watched:
         return self.names[expression]
 
     def run(
-        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, left_alone: bool
+        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
         """Each expression over the recordings, by its name, and if asked for where the model is ``left_alone``.
 
@@ -155,30 +155,30 @@ class _Watched:
             try:
                 model = self._export(self.names, path)
             except InputError:
-                model = self._export([e for e in self.names if self._can_be_watched(e, path)], path)
+                model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
             names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
             own = replace(calibration, model=model)
-            found, rest = watched_signals(own, names, fit, open_simulator), {}
+            found, rest = simulated_signals(own, names, fit, open_simulator), {}
             alive = calibration.parameters.revived(fit.coordinates, fit.free)
             if not np.array_equal(alive, fit.coordinates):
                 with suppress(InputError):
-                    there = watched_signals(
+                    there = simulated_signals(
                         own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator
                     )
                     found = {name: [*found[name], *_near(own, there, there[name])] for name in names}
-            if left_alone:
+            if undriven:
                 with suppress(InputError):
-                    rest = watched_signals(_left_alone(own), names, fit, open_simulator)
+                    rest = simulated_signals(_undriven(own), names, fit, open_simulator)
             return found, rest
 
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
         flat = self.flat
         for expression in expressions:
             # Kept apart from what it equals, so that no state takes its name.
-            flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE)))
+            flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE_TERM)))
         return Model.load(export_flat(flat, path, quick=True))
 
-    def _can_be_watched(self, expression: Expression, path: Path) -> bool:
+    def _can_be_exported(self, expression: Expression, path: Path) -> bool:
         try:
             self._export([expression], path)
         except InputError:
@@ -186,7 +186,7 @@ class _Watched:
         return True
 
 
-def watched_signals(
+def simulated_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
     """Outputs of a model at a fit, by name, one array a recording.
@@ -207,30 +207,30 @@ def watched_signals(
 
 def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     """The additive terms of a port's balance, in the unit of what a law gives there."""
-    if port.entrance is None:
+    if port.balance is None:
         return []
-    if port.via == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
+    if port.attachment == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
         return [Name(port.states[0])]
-    if port.via in ("node", "series") and port.connectors:
-        return [Name(f"{c}.{port.flow if port.via == 'node' else port.potential}") for c in port.connectors]
-    if port.entrance.row is not None:
-        return list(port.entrance.beside)
-    equation = flat.equations[port.entrance.equation]
+    if port.attachment in ("node", "series") and port.connectors:
+        return [Name(f"{c}.{port.flow if port.attachment == 'node' else port.potential}") for c in port.connectors]
+    if port.balance.row is not None:
+        return list(port.balance.beside)
+    equation = flat.equations[port.balance.equation]
     terms = [t for side in (equation.left, equation.right) for _, t in summands(side)]
     inside = f"{equation.component}." if equation.component else "."
     # what flows at a component's connectors may be far more than stands in one of its equations
     flows = [Name(v.name) for v in flat.variables if v.flow and v.name.startswith(inside) and v.unit == port.unit]
-    return [*(Call("/", (t, port.entrance.scale)) for t in terms), *flows]
+    return [*(Call("/", (t, port.balance.scale)) for t in terms), *flows]
 
 
-def signal_size(parts: Sequence[FloatArray]) -> float:
+def signal_nominal(parts: Sequence[FloatArray]) -> float:
     """What nearly all magnitudes are within; 0 where there are none."""
-    return float(np.quantile(np.abs(np.concatenate(parts)), COVERED_SHARE)) if parts else 0.0
+    return float(np.quantile(np.abs(np.concatenate(parts)), NOMINAL_QUANTILE)) if parts else 0.0
 
 
-def pace(inputs: Sequence[InputSignal], time: float) -> float:
+def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
     """How far an input moves within ``time`` (s), in its own size: half of all its movement is faster."""
-    size = signal_size([s.values for s in inputs])
+    size = signal_nominal([s.values for s in inputs])
     moved = [np.abs(np.interp(s.time + time, s.time, s.values) - s.values) for s in inputs]
     steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)
     if size <= 0.0 or not steps.any():
@@ -238,12 +238,12 @@ def pace(inputs: Sequence[InputSignal], time: float) -> float:
     return float(steps[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]) / size
 
 
-def recorded(calibration: Calibration, name: str) -> list[InputSignal]:
+def recorded_inputs(calibration: Calibration, name: str) -> list[InputSignal]:
     """The recordings of an input, one a recording that has it."""
     return [s for e in calibration.experiments for s in e.inputs if s.name == name]
 
 
-def _sizes(
+def _nominals(
     port: Port,
     found: Mapping[str, list[FloatArray]],
     seen: Mapping[str, str],
@@ -252,25 +252,29 @@ def _sizes(
     calibration: Calibration,
     start: float | None,
 ) -> dict[str, float]:
-    own = {signal: signal_size(found[name]) for signal, name in seen.items() if name in found}
-    act = max((signal_size(found[name]) for name in acting if name in found), default=0.0)
+    own = {signal: signal_nominal(found[name]) for signal, name in seen.items() if name in found}
+    act = max((signal_nominal(found[name]) for name in acting if name in found), default=0.0)
     if port.kind in ("input", "output", "reading"):
-        sizes = {"u_n": own.get("u", 0.0)}
+        nominals = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
-            inputs = recorded(calibration, port.id) if port.via == "input" else _drawn(calibration, found, seen["u"])
-            sizes = {"u_n": signal_size([s.values for s in inputs]), "w_n": pace(inputs, time)}
+            inputs = (
+                recorded_inputs(calibration, port.id)
+                if port.attachment == "input"
+                else _simulated_inputs(calibration, found, seen["u"])
+            )
+            nominals = {"u_n": signal_nominal([s.values for s in inputs]), "w_n": relative_change(inputs, time)}
     elif port.kind == "motion":
         speed = own.get("v", 0.0)
         place = own.get("x", speed * time)
-        sizes = {"f_n": act, "v_n": speed, "x_n": place, "x_w": place}
+        nominals = {"f_n": act, "v_n": speed, "x_n": place, "x_w": place}
     elif port.kind == "electrical":
-        sizes = {"v_n": act, "i_n": own.get("i", 0.0)}
+        nominals = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
-        sizes = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
-    sizes = {name: value if value > MIN_SIZE else 1.0 for name, value in sizes.items()}
+        nominals = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
+    nominals = {name: value if value > MIN_NOMINAL else 1.0 for name, value in nominals.items()}
     if port.kind == "motion" and "x" in own:
-        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - COVERED_SHARE, COVERED_SHARE))
-        sizes |= {"x_w": 0.5 * float(high - low) or 1.0, "x_0": 0.5 * float(high + low)}
+        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))
+        nominals |= {"x_w": 0.5 * float(high - low) or 1.0, "x_0": 0.5 * float(high + low)}
     if port.kind == "storage" and "h" in own and ("h_s" in own or port.units.get("h") in KELVIN):
         level = found[seen["h"]]
         if "h_s" in own:
@@ -280,12 +284,12 @@ def _sizes(
             # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
             mean = start if start is not None else float(level[0][0])
             around = [np.array(mean)] * len(level)
-        above = signal_size([y - z for y, z in zip(level, around, strict=True)]) or 1.0
-        sizes |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
-    return sizes | {"t_n": time}
+        above = signal_nominal([y - z for y, z in zip(level, around, strict=True)]) or 1.0
+        nominals |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
+    return nominals | {"t_n": time}
 
 
-def _drawn(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
+def _simulated_inputs(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
     """A signal within a model as if it were fed in, of the fit's own simulations."""
     return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
 
@@ -294,7 +298,7 @@ def _drawn(calibration: Calibration, found: Mapping[str, list[FloatArray]], name
 MIN_READINGS_PER_TIME = 10.0
 
 
-def typical_time(calibration: Calibration, fit: Optimum) -> float:
+def fastest_time_scale(calibration: Calibration, fit: Optimum) -> float:
     """How long the fastest output takes to change by its own size, in s."""
     times = []
     for experiment in calibration.experiments:

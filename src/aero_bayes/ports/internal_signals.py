@@ -6,14 +6,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.export.flat import FlatEquation, FlatModel
 from aero_bayes.language.syntax import Name, names_in
-from aero_bayes.ports.equal_variables import EqualVariables, derived_in, is_derivative
+from aero_bayes.ports.aliases import AliasStructure, derived_in, is_derivative
 from aero_bayes.ports.port import Port
 
 #: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
 Told = tuple[int, set[str], set[str]]
 
 
-def inner_signals(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
+def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
     """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
 
     One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
@@ -32,10 +32,20 @@ def inner_signals(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
         if within and acts and (reached & inputs or not within & _following(first, onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
-            yield Port(name, "input", "signal", unit, {"u": unit, "y": unit}, e.place, states, {"u": name}, given=index)
+            yield Port(
+                name,
+                "input",
+                "signal",
+                unit,
+                {"u": unit, "y": unit},
+                e.place,
+                states,
+                {"u": name},
+                defining_equation=index,
+            )
 
 
-def connected(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
+def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
     """A port for every input of a component that the model's own class connects to another component's output."""
     for index, e in enumerate(flat.equations):
         match e.left, e.right:
@@ -46,11 +56,12 @@ def connected(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
                         states = tuple(s.states_in(Name(outer)))
                         signals = {"u": unit, "y": unit}
                         yield Port(
-                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner}, given=index
+                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner},
+                            defining_equation=index,
                         )  # fmt: skip
 
 
-def _told(s: EqualVariables, given: Collection[str]) -> list[Told]:
+def _told(s: AliasStructure, given: Collection[str]) -> list[Told]:
     """Of each equation where it is from, the variables in it, and what it gives; all in it where it does not say."""
     rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
     found: list[Told] = []
@@ -64,7 +75,7 @@ def _told(s: EqualVariables, given: Collection[str]) -> list[Told]:
     return found
 
 
-def _onward(s: EqualVariables, told: Sequence[Told]) -> dict[str, set[str]]:
+def _onward(s: AliasStructure, told: Sequence[Told]) -> dict[str, set[str]]:
     """What each class of variables acts on at once."""
     found: dict[str, set[str]] = {}
     for _, names, heads in told:
@@ -83,22 +94,22 @@ def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[st
     return found
 
 
-def _passed(s: EqualVariables, name: str, causality: str) -> bool:
+def _passed(s: AliasStructure, name: str, causality: str) -> bool:
     """Whether a variable is a component's own input or output."""
     v = s.variables.get(name)
     return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
 
 
-def giving(flat: FlatModel, port: Port) -> list[int]:
+def defining_equations(flat: FlatModel, port: Port) -> list[int]:
     """The equations that give a signal, before any law: one, or where it is connected all that connections say."""
-    if port.given is None:
+    if port.defining_equation is None:
         return []
-    if flat.equations[port.given].origin != "connection":
-        return [port.given]
+    if flat.equations[port.defining_equation].origin != "connection":
+        return [port.defining_equation]
     return [i for i, e in enumerate(flat.equations) if e.origin == "connection"]
 
 
-def _acts(s: EqualVariables, e: FlatEquation, name: str) -> bool:
+def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
     """Whether an equation makes something of a signal: it is no mere name for a rate, and nothing that is only read."""
     for one, other in ((e.left, e.right), (e.right, e.left)):
         if other == Name(name) and is_derivative(one):
@@ -112,7 +123,7 @@ def _gives(e: FlatEquation, name: str) -> bool:
     return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
 
 
-def _given(s: EqualVariables, flat: FlatModel) -> dict[str, int]:
+def _given(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
     """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
     derived = {n for e in s.flat.equations for n in derived_in(e)}
     local = {
@@ -127,7 +138,7 @@ def _given(s: EqualVariables, flat: FlatModel) -> dict[str, int]:
     return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
 
 
-def _read(s: EqualVariables) -> dict[int, set[str]]:
+def _read(s: AliasStructure) -> dict[int, set[str]]:
     """The variables on the right of each equation before it was taken apart; of an array its elements."""
     found: dict[int, set[str]] = {}
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
@@ -135,7 +146,7 @@ def _read(s: EqualVariables) -> dict[int, set[str]]:
     return found
 
 
-def _reached(s: EqualVariables, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+def _reached(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
     """What a signal is computed from, by way of others that are."""
     found: set[str] = set()
     waiting = [name]

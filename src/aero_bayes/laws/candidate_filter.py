@@ -15,7 +15,7 @@ KEY_MEANINGS = {
 
 
 @dataclass(frozen=True)
-class Narrowed:
+class CandidateFilter:
     """Effects by id, law and port.
 
     Parameters
@@ -36,7 +36,7 @@ class Narrowed:
     laws: tuple[str, ...] | None = None
     require: tuple[str, ...] = ()
 
-    def keeps(self, id_: str, law: str, port: str) -> bool:
+    def accepts(self, id_: str, law: str, port: str) -> bool:
         """Whether an effect counts."""
         return id_ in self.require or (
             not {id_, law, port} & set(self.exclude)

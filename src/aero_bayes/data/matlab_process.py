@@ -1,7 +1,8 @@
 """Run by :mod:`aero_bayes.data.matlab` in a process of its own: reads a MATLAB file and writes its vectors to stdout.
 
 SciPy's and HDF5's readers are compiled code, which a damaged file can crash or make ask for any amount of memory.
-Started as ``python matlab_child.py FILE MEMORY`` (bytes); it answers with a line of JSON, then all vectors as doubles.
+Started as ``python matlab_process.py FILE MEMORY`` (bytes). It answers with a line of JSON, then all vectors as
+doubles.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine, Forecaster
-from aero_bayes.design.optimise import Progress
 from aero_bayes.design.propose import Design
+from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
@@ -118,7 +118,7 @@ def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator
     if result.outcomes[0, 0] != Outcome.OK:
         return None
     noise = [forecaster.fit.noise[name] for name in outputs]
-    readings = result.outputs[0][0] + np.stack([draw_noise(design.time, n, rng) for n in noise], axis=1)
+    readings = result.outputs[0][0] + np.stack([simulate_noise(design.time, n, rng) for n in noise], axis=1)
     found = refit_experiment(forecaster, replace(experiment, measured=readings), noise)
     return None if found is None else found[0] - forecaster.shared.to_search(truth)
 
@@ -180,7 +180,7 @@ def _posterior(
     return QuadraticModel(cost, data.gradient[0] * slope + away @ precision, hessian)
 
 
-def draw_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
+def simulate_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
     """White and Ornstein-Uhlenbeck noise at increasing times (n,)."""
     out = noise.sd_white * rng.standard_normal(time.size)
     if noise.sd_ou > 0.0:

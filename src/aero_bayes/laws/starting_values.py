@@ -6,10 +6,10 @@ import itertools
 import math
 from collections.abc import Collection
 
-from aero_bayes.declared import Effect
+from aero_bayes.declared import DeclaredEffect
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.laws.family import magnitude
-from aero_bayes.laws.use import Use
+from aero_bayes.laws.model_family import effect_parameter
+from aero_bayes.laws.placed_law import PlacedLaw
 
 #: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
 #: not, which may act only beyond a threshold that a coarse grid steps over.
@@ -21,37 +21,40 @@ START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
 START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
 
 
-def parameters_of(use: Use) -> list[Parameter]:
+def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
     """Columns of a law, the switch first."""
     found = []
-    for p in use.parameters():
-        limits = use.limits(p)
+    for p in placed.parameters():
+        limits = placed.limits(p)
         bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
-        default = p.value("default", use.all_sizes)
-        about = p.description if use.port.replaceable is not None else f"{p.description} at {use.port.id}"
-        found.append(magnitude(use.names[p.name], use.unit(p), about, bounds, limits["nominal"], default))
+        default = p.value("default", placed.all_nominals)
+        about = p.description if placed.port.replaceable is not None else f"{p.description} at {placed.port.id}"
+        found.append(effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default))
     return found
 
 
-def starts_of(use: Use, effect: Effect | None = None, highest: float = 1.0) -> tuple[tuple[float, ...], ...]:
+def starting_values(
+    placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
+) -> tuple[tuple[float, ...], ...]:
     """Values worth starting from: magnitudes, of both signs where they mean something, and shapes.
 
     Those that are declared for an ``effect`` come first; ``highest`` is the largest input.
     """
-    if use.law.learned:
+    if placed.law.curve_input:
         return ()
     if effect is not None and (effect.starts or effect.inverse_shares):
-        return _declared(use, effect, highest)
+        return _declared(placed, effect, highest)
     choices: list[Collection[float]] = []
-    parameters = list(use.parameters())
+    parameters = list(placed.parameters())
     for k, p in enumerate(parameters):
-        limits = use.limits(p)
+        limits = placed.limits(p)
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
         scale = limits["nominal"]
         if k == 0:
-            static = len(parameters) == 1 and low >= 0.0 and not use.law.moves
+            static = len(parameters) == 1 and low >= 0.0 and not placed.law.has_states
             sizes = [
-                m * scale for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or use.law.threshold else START_MAGNITUDES)
+                m * scale
+                for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or placed.law.threshold else START_MAGNITUDES)
             ]
             values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
         elif low > 0.0 and high < NARROW_BOUND_RATIO * low:
@@ -64,11 +67,11 @@ def starts_of(use: Use, effect: Effect | None = None, highest: float = 1.0) -> t
     return tuple(itertools.product(*choices))
 
 
-def _declared(use: Use, effect: Effect, highest: float) -> tuple[tuple[float, ...], ...]:
+def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> tuple[tuple[float, ...], ...]:
     choices: list[tuple[float, ...]] = []
-    parameters = list(use.parameters())
+    parameters = list(placed.parameters())
     for p in parameters:
-        limits = use.limits(p)
+        limits = placed.limits(p)
         values = effect.starts.get(p.name, (limits["nominal"],))
         if len(parameters) == 1 and limits.get("min", -math.inf) >= 0.0:
             values = (*values, 0.2 * min(values))

@@ -38,7 +38,7 @@ class CandidateTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class Offer:
+class ModelWithCandidates:
     """A model with candidates switched off; ``parameters`` are theirs, so many of each as ``candidates`` say."""
 
     model: Model
@@ -47,7 +47,7 @@ class Offer:
 
 
 @dataclass(frozen=True, eq=False)
-class Extension:
+class ExtendedModel:
     """A model with effects, written and exported.
 
     ``parameters`` are the new ones; ``names`` gives, by the id of an effect, its parameters' names in the offer and
@@ -65,7 +65,7 @@ class Extension:
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
+class CurveBasis:
     """What a learned curve is made of.
 
     ``x`` (n,) is the signal in ``x_unit``; ``plain`` (n,) what the port gives where all heights are zero and ``rows``
@@ -79,7 +79,7 @@ class Basis:
     unit: str
 
 
-class Family(Protocol):
+class ModelFamily(Protocol):
     """A model and its relatives."""
 
     @property
@@ -109,23 +109,23 @@ class Family(Protocol):
         """The candidates in groups that are best tried on one model."""
         ...
 
-    def finer(self) -> Mapping[str, str]:
+    def refinements(self) -> Mapping[str, str]:
         """For each candidate that refines another, that one."""
         ...
 
-    def learned(self) -> Mapping[str, str]:
+    def curves(self) -> Mapping[str, str]:
         """Candidates that learn a curve where no effect is known, and over which variable each."""
         ...
 
-    def basis(self, id_: str) -> Basis:
+    def basis(self, id_: str) -> CurveBasis:
         """Of a candidate that learns a curve."""
         ...
 
-    def offer(self, ids: Collection[str]) -> Offer:
+    def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """The model with some candidates."""
         ...
 
-    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> Extension:
+    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
         """The model with chosen candidates, at values by the names of the offers, written to ``folder``."""
         ...
 
@@ -138,7 +138,7 @@ class Family(Protocol):
         ...
 
 
-def moved(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
+def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
     """A calibration held against a relative of its model, in which some states have other ``names``."""
     experiments = tuple(
         replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
@@ -152,7 +152,7 @@ def moved(calibration: Calibration, model: Model, names: Mapping[str, str]) -> C
     return replace(calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters))
 
 
-def magnitude(
+def effect_parameter(
     name: str, unit: str, description: str, bounds: tuple[float, float], scale: float, default: float
 ) -> Parameter:
     """A parameter of an effect, off at its start where zero switches the effect off."""
@@ -164,6 +164,6 @@ def magnitude(
     return Parameter(name, unit, default, low, high, prior, "linear", description, target)
 
 
-def rounded(value: float, digits: int = 4) -> float:
+def to_significant_digits(value: float, digits: int = 4) -> float:
     """As it is written into a model: no more digits than a fit knows."""
     return float(f"{value:.{digits}g}")

@@ -8,15 +8,15 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.laws.candidates import Candidate, reacts
-from aero_bayes.laws.law import STANDING, Attribute, Law, LawParameter
+from aero_bayes.laws.candidates import Candidate, has_reaction
+from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law, LawParameter, ParameterAttribute
 from aero_bayes.ports.port import Port
 
-_LIMITS: tuple[tuple[str, Attribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
+_LIMITS: tuple[tuple[str, ParameterAttribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 
 
 @dataclass(frozen=True)
-class Use:
+class PlacedLaw:
     """A law at a port.
 
     Attributes
@@ -39,7 +39,7 @@ class Use:
     port: Port
     instance: str
     names: Mapping[str, str]
-    sizes: Mapping[str, float] = field(default_factory=dict)
+    nominals: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     neighbour: Port | None = None
     alias: str = ""
@@ -50,26 +50,28 @@ class Use:
         return self.alias or f"{self.law.id}@{self.port.id}"
 
     @property
-    def all_sizes(self) -> dict[str, float]:
+    def all_nominals(self) -> dict[str, float]:
         """The sizes with the defaults of those that are not given."""
-        return {**self.law.sizes, **{k: float(v) for k, v in self.sizes.items() if k in self.law.sizes}}
+        return {**self.law.nominals, **{k: float(v) for k, v in self.nominals.items() if k in self.law.nominals}}
 
     @property
-    def standing(self) -> dict[str, float]:
+    def signal_defaults(self) -> dict[str, float]:
         """What the law is given for signals that the port does not have."""
-        own = {s: n for s, n in STANDING.items() if s in self.law.shape.given and s not in self.port.signals}
-        return {signal: self.all_sizes[size] for signal, size in own.items()}
+        own = {
+            s: n for s, n in SIGNAL_DEFAULTS.items() if s in self.law.interface.inputs and s not in self.port.signals
+        }
+        return {signal: self.all_nominals[size] for signal, size in own.items()}
 
     def parameters(self) -> Iterator[LawParameter]:
         """The fitted parameters; a share for the neighbour only where there is one."""
         return (p for p in self.law.parameters if p.name in self.names)
 
     def value(self, p: LawParameter) -> float:
-        return float(self.values.get(p.name, p.value("default", self.all_sizes)))
+        return float(self.values.get(p.name, p.value("default", self.all_nominals)))
 
     def limits(self, p: LawParameter) -> dict[str, float]:
         """``min``, ``max`` and ``nominal``, those that are given."""
-        found = {attribute: p.value(of, self.all_sizes) for attribute, of in _LIMITS}
+        found = {attribute: p.value(of, self.all_nominals) for attribute, of in _LIMITS}
         return {k: v for k, v in found.items() if math.isfinite(v)}
 
     def declarations(self) -> Iterator[str]:
@@ -85,20 +87,20 @@ class Use:
         signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
         if signals.get("v") and not signals.get("x"):
             signals["x"] = f"s.{signals['v']}"
-        of_size = {size: signals.get(signal, "") for size, signal in self.law.shape.sizes.items()}
+        of_size = {size: signals.get(signal, "") for size, signal in self.law.interface.nominals.items()}
         return p.unit({**of_size, "t_n": "s", "w_n": "1"})
 
 
-def use_of(
+def place_law(
     law: Law,
     port: Port,
     taken: Collection[str],
     *,
-    sizes: Mapping[str, float] | None = None,
+    nominals: Mapping[str, float] | None = None,
     values: Mapping[str, float] | None = None,
     neighbour: Port | None = None,
     alias: str = "",
-) -> Use:
+) -> PlacedLaw:
     """A law at a port under names that are free: ``F_c``, or ``F_c_v`` where that is taken.
 
     Parameters
@@ -115,9 +117,9 @@ def use_of(
     """
     if law.kind == "exchange" and neighbour is None:
         raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
-    neighbour = neighbour if reacts(law, port) else None
+    neighbour = neighbour if has_reaction(law, port) else None
     used = {n.partition(".")[0] for n in taken}
-    suffix = plain_name(port.id)
+    suffix = identifier(port.id)
 
     def free(name: str) -> str:
         candidates = [name, f"{name}_{suffix}", *(f"{name}_{suffix}_{k}" for k in range(2, 100))]
@@ -128,29 +130,29 @@ def use_of(
     fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
     names = {p: free(p) for p in fitted}
     # a size is a typical magnitude: three digits of it read well in a written model
-    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (sizes or {}).items()}
-    return Use(law, port, free(alias or law.id), names, rounded, dict(values or {}), neighbour, alias)
+    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}
+    return PlacedLaw(law, port, free(alias or law.id), names, rounded, dict(values or {}), neighbour, alias)
 
 
-def uses_of(
-    found: Iterable[Candidate], taken: Collection[str], sizes: Mapping[str, Mapping[str, float]]
-) -> tuple[Use, ...]:
-    """Candidates in one model, in the order given, no name twice; ``sizes`` by the port's id."""
-    uses: list[Use] = []
+def place_laws(
+    found: Iterable[Candidate], taken: Collection[str], nominals: Mapping[str, Mapping[str, float]]
+) -> tuple[PlacedLaw, ...]:
+    """Candidates in one model, in the order given, no name twice; ``nominals`` by the port's id."""
+    placed_laws: list[PlacedLaw] = []
     used = set(taken)
     for c in found:
-        own = sizes.get(c.port.id, {})
-        uses.append(use_of(c.law, c.port, used, sizes=own, neighbour=c.neighbour, alias=c.alias))
-        used |= {uses[-1].instance, *uses[-1].names.values()}
-    return tuple(uses)
+        own = nominals.get(c.port.id, {})
+        placed_laws.append(place_law(c.law, c.port, used, nominals=own, neighbour=c.neighbour, alias=c.alias))
+        used |= {placed_laws[-1].instance, *placed_laws[-1].names.values()}
+    return tuple(placed_laws)
 
 
-def plain_name(path: str) -> str:
+def identifier(path: str) -> str:
     """A path as part of a name: ``rotor.a`` -> ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")
 
 
-def in_words(law: Law, port: Port) -> str:
+def describe_law(law: Law, port: Port) -> str:
     """A law and where it acts."""
     about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
     if place is None or not place.description:
