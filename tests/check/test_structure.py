@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.check.structure import autocorrelation, check_residuals, portmanteau, slow_structure, smooth_structure
+from aero_bayes.check.residual_tests import (
+    autocorrelation,
+    check_residuals,
+    portmanteau_test,
+    slow_variation_test,
+    smooth_dependence_test,
+)
 from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
@@ -30,14 +36,14 @@ def series():
 def test_portmanteau_keeps_its_size_under_changing_variance():
     rng = np.random.default_rng(1)
     scale = np.where(np.arange(N) % 1000 < 300, 4.0, 0.5)
-    p = [portmanteau(scale * rng.normal(size=N)).p_value for _ in range(300)]
+    p = [portmanteau_test(scale * rng.normal(size=N)).p_value for _ in range(300)]
     assert kstest(p, "uniform").pvalue > 1e-4
 
 
 def test_portmanteau_sees_correlation():
     rng = np.random.default_rng(2)
     e = rng.normal(size=N)
-    assert portmanteau(e[1:] + 0.15 * e[:-1]).p_value < 1e-6
+    assert portmanteau_test(e[1:] + 0.15 * e[:-1]).p_value < 1e-6
 
 
 def test_structure_tests_keep_their_size_with_fitted_directions_out(series):
@@ -49,8 +55,8 @@ def test_structure_tests_keep_their_size_with_fitted_directions_out(series):
     for _ in range(300):
         e = rng.normal(size=N)
         e -= slopes.T @ np.linalg.solve(gram, slopes @ e)
-        slow.append(slow_structure(e, series, NOISE, slopes).p_value)
-        smooth.append(smooth_structure("state", state, e, series, NOISE, slopes).p_value)
+        slow.append(slow_variation_test(e, series, NOISE, slopes).p_value)
+        smooth.append(smooth_dependence_test("state", state, e, series, NOISE, slopes).p_value)
     assert kstest(slow, "uniform").pvalue > 1e-4
     assert kstest(smooth, "uniform").pvalue > 1e-4
 
@@ -60,7 +66,7 @@ def test_structure_over_a_state_is_seen(series):
     state = np.sin(0.9 * TIME)
     shape, _ = whiten(1.0 * np.abs(state)[None], series.sampling, NOISE)
     e = rng.normal(size=N) + shape[0]
-    assert smooth_structure("state", state, e, series, NOISE, np.empty((0, N))).p_value < 1e-6
+    assert smooth_dependence_test("state", state, e, series, NOISE, np.empty((0, N))).p_value < 1e-6
 
 
 def test_autocorrelation_of_a_known_process():

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from aero_bayes import bench
 from aero_bayes.check.blocks import block_edges, block_log_likelihood
 from aero_bayes.check.comparison import compare_elpd, leave_future_out, leave_one_out, pooled_blocks, waic
-from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
+from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
 from aero_bayes.export import export_fmu
@@ -130,7 +130,7 @@ def test_a_left_out_recording_is_predicted_to_the_noise(two_recordings):
 
 
 def test_criteria_in_time_order_agree_on_a_right_model(two_recordings):
-    found = time_ordered(two_recordings, opened, np.random.default_rng(4), blocks=6, first=3, draws=200)
+    found = time_ordered_scores(two_recordings, opened, np.random.default_rng(4), blocks=6, first=3, draws=200)
     assert found.leave_one_out.elpd == pytest.approx(found.waic.elpd, abs=6.0)
     assert found.leave_one_out.pointwise.size == 12
     assert found.leave_future_out.pointwise.size == 3

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.residual_tests import ResidualReport
 from aero_bayes.data import Recording
 from aero_bayes.judge.prediction import Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings

@@ -14,8 +14,7 @@ from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import candidates as all_candidates
-from aero_bayes.laws.candidates import ports_with_laws
+from aero_bayes.laws.candidates import find_candidates, ports_with_laws
 from aero_bayes.laws.compose import compose_laws
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
@@ -107,7 +106,7 @@ def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
     assert between.signals == {"v": "v_b - v_w", "x": "body - wheel"}
     assert (between.unit, between.neighbours) == ("N", ("v_w",))
     assert set(between.laws) == set(ports["v_b"].laws)
-    (damper,) = (c for c in all_candidates(tuple(ports.values()), shipped_laws()) if c.id == "quadratic_drag@v_b-v_w")
+    (damper,) = (c for c in find_candidates(tuple(ports.values()), shipped_laws()) if c.id == "quadratic_drag@v_b-v_w")
     assert damper.neighbour is not None
     assert damper.neighbour.id == "v_w"
 

@@ -82,15 +82,15 @@ def test_what_lasts_too_long_for_noise_is_held_at_its_own_size_and_the_rest_is_s
     time = np.arange(3000) * 0.01
     rng = np.random.default_rng(8)
     brief = estimate_noise([time], [draw(rng, time, OutputNoise(0.01, 0.02, 0.15))])
-    assert not brief.held
-    assert brief.searched == (True, True, True)
+    assert not brief.model_error
+    assert brief.estimated == (True, True, True)
     small = estimate_noise([time], [draw(rng, time, OutputNoise(0.05, 0.02, 1.2))])
-    assert not small.held
+    assert not small.model_error
     slow = draw(rng, time, OutputNoise(0.01, 0.02, 1.2))
     smooth = 0.03 * np.sin(2.0 * time) + 0.01 * rng.standard_normal(time.size)
     for residual in (slow, smooth):
         found = estimate_noise([time], [residual])
-        assert found.held
+        assert found.model_error
         assert found.kind == "white"
         assert found.sd == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
-        assert found.searched == (False, False, False)
+        assert found.estimated == (False, False, False)

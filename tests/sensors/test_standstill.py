@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.sensors.quantisation import quantum, thin_standstill
+from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.sensors.ripple import find_ripple
 
 
@@ -22,7 +22,7 @@ def test_standstill_keeps_three_of_a_long_stretch():
     time = np.arange(1000) * 0.01
     values = np.concatenate([np.arange(300.0), np.full(400, 7.0), np.arange(300.0)])
     values[500] = np.nan
-    use = thin_standstill(time, values)
+    use = thin_constant_readings(time, values)
     assert use[:300].all()
     assert use[700:].all()
     assert use[300:700].sum() == 3

@@ -49,7 +49,7 @@ def to_experiment(
         For an output that was not recorded.
     """
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
-    known = input_before(recording, zero_at_rest) | dict(before or {})
+    known = input_before_start(recording, zero_at_rest) | dict(before or {})
     linear = set(recording.inputs) if interpolation == "linear" else set()
     if not isinstance(interpolation, str):
         linear = {name for name, how in interpolation.items() if how == "linear"}
@@ -77,7 +77,7 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 
-def input_before(
+def input_before_start(
     recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
 ) -> dict[str, float]:
     """What each input was before the first sample.

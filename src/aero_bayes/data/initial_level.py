@@ -19,14 +19,14 @@ MAX_DEGREE = 2
 MAX_RESIDUAL_RATIO = 2.0
 
 
-class Beginning(NamedTuple):
+class InitialLevel(NamedTuple):
     """Where readings begin, and the standard deviation of its error."""
 
     level: float
     sd: float
 
 
-def first_level(values: FloatArray, time: FloatArray, floor: float) -> Beginning | None:
+def initial_level(values: FloatArray, time: FloatArray, floor: float) -> InitialLevel | None:
     """Value at ``time[0]`` of the constant, line or parabola through first readings that seems nearest to it.
 
     Parameters
@@ -58,7 +58,7 @@ def first_level(values: FloatArray, time: FloatArray, floor: float) -> Beginning
             bias = max((further - level) ** 2 - (doubt - variance), 0.0)
             if fits and variance + bias < error:
                 best, error = level, variance + bias
-    return Beginning(best, math.sqrt(error))
+    return InitialLevel(best, math.sqrt(error))
 
 
 def _extrapolated(y: FloatArray, t: FloatArray, degree: int, floor: float) -> tuple[float, float, bool]:

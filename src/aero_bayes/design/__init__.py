@@ -1,6 +1,6 @@
 """The next experiment: the input that would tell most about what is still uncertain."""
 
-from aero_bayes.design.forecast import Forecast, forecast
+from aero_bayes.design.expected_outputs import ExpectedOutputs, expected_outputs
 from aero_bayes.design.gain_check import GainCheck, check_gain
 from aero_bayes.design.information import Limits
 from aero_bayes.design.propose import Design, propose_experiment
@@ -12,7 +12,7 @@ from aero_bayes.design.signal_search import SearchSettings
 __all__ = [
     "FAMILIES",
     "Design",
-    "Forecast",
+    "ExpectedOutputs",
     "GainCheck",
     "Limits",
     "SearchSettings",
@@ -21,7 +21,7 @@ __all__ = [
     "SignalFamily",
     "check_gain",
     "check_separation",
-    "forecast",
+    "expected_outputs",
     "propose_experiment",
     "separating_experiment",
 ]

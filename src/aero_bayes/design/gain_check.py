@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
 from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
@@ -82,22 +82,22 @@ def check_gain(
     rng = np.random.default_rng(seed)
     with (
         WorkerPool(workers) as pool,
-        Forecaster(fit, design.time, design.limits, engine, workers, pool) as forecaster,
+        ExperimentPredictor(fit, design.time, design.limits, engine, workers, pool) as predictor,
     ):
         errors = []
         for k, child in enumerate(rng.spawn(repeats)):
             if progress is not None:
                 progress("simulated check", k / repeats, "")
-            error = _repetition(forecaster, design, child)
+            error = _repetition(predictor, design, child)
             if error is not None:
                 errors.append(error)
         if not errors:
             raise CannotFinishError("no repetition of the proposed experiment could be simulated and fitted")
-        slope = forecaster.shared.jacobian(forecaster.values)
+        slope = predictor.shared.jacobian(predictor.values)
         realised = np.sqrt(np.mean(np.square(errors), axis=0)) * slope
         before = np.array([e.sd_before for e in design.expected])
         after = np.array([e.sd_after for e in design.expected])
-        names = forecaster.shared.names
+        names = predictor.shared.names
         return GainCheck(
             dict(zip(names, (after / before).tolist(), strict=True)),
             dict(zip(names, (realised / before).tolist(), strict=True)),
@@ -106,44 +106,44 @@ def check_gain(
         )
 
 
-def _repetition(forecaster: Forecaster, design: Design, rng: np.random.Generator) -> FloatArray | None:
+def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.Generator) -> FloatArray | None:
     """Errors of the shared parameters in search coordinates, or None."""
-    truth = forecaster.draws(1, rng)[0]
-    delay = forecaster.delay
-    late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else forecaster.delay_value
-    outputs = forecaster.fit.calibration.outputs
-    experiment = replace(forecaster.experiment(design.values, design.time), outputs=outputs)
-    with forecaster.open(forecaster.problem([experiment])) as simulator:
+    truth = predictor.draws(1, rng)[0]
+    delay = predictor.delay
+    late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else predictor.delay_value
+    outputs = predictor.fit.calibration.outputs
+    experiment = replace(predictor.experiment(design.values, design.time), outputs=outputs)
+    with predictor.open(predictor.problem([experiment])) as simulator:
         result = simulator.simulate(np.append(truth, late)[None])
     if result.outcomes[0, 0] != Outcome.OK:
         return None
-    noise = [forecaster.fit.noise[name] for name in outputs]
+    noise = [predictor.fit.noise[name] for name in outputs]
     readings = result.outputs[0][0] + np.stack([simulate_noise(design.time, n, rng) for n in noise], axis=1)
-    found = refit_experiment(forecaster, replace(experiment, measured=readings), noise)
-    return None if found is None else found[0] - forecaster.shared.to_search(truth)
+    found = refit_experiment(predictor, replace(experiment, measured=readings), noise)
+    return None if found is None else found[0] - predictor.shared.to_search(truth)
 
 
 def refit_experiment(
-    forecaster: Forecaster, experiment: Experiment, noise: list[OutputNoise]
+    predictor: ExperimentPredictor, experiment: Experiment, noise: list[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
     """Most probable search coordinates of the shared parameters, from what was known and a new recording.
 
     With the negative logarithm of likelihood and prior there, the prior's own scale left out; None if no fit converged.
     """
-    shared, count = forecaster.shared, len(forecaster.shared)
-    free = ParameterSet((*shared, *((forecaster.delay,) if forecaster.delay is not None else ())))
+    shared, count = predictor.shared, len(predictor.shared)
+    free = ParameterSet((*shared, *((predictor.delay,) if predictor.delay is not None else ())))
     precision = np.zeros((len(free), len(free)))
-    precision[:count, :count] = forecaster.precision()
-    centre = np.append(shared.to_search(forecaster.values), np.zeros(len(free) - count))
+    precision[:count, :count] = predictor.precision()
+    centre = np.append(shared.to_search(predictor.values), np.zeros(len(free) - count))
     rows = np.array([[[n.as_row() for n in noise]]])
     known = (centre, precision)
-    with forecaster.open(forecaster.problem([experiment])) as simulator:
+    with predictor.open(predictor.problem([experiment])) as simulator:
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
-            return _posterior(simulator, free, point, known, rows, forecaster.delay_value)
+            return _posterior(simulator, free, point, known, rows, predictor.delay_value)
 
         start = centre.copy()
-        if forecaster.delay is not None:
+        if predictor.delay is not None:
             start = _best_delay(simulator, free, centre, rows)
         result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=1e-4))
     return (result.point[:count], result.cost) if result.reason.converged else None

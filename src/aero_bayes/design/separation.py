@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted
+from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, experiment_times, within_travel
-from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.proposed_input import ProposedInput
 from aero_bayes.design.signal_search import Progress, SearchSettings, best_signals
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.workers import WorkerPool
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Separation(HeldSignal):
+class Separation(ProposedInput):
     """A proposed experiment and how far it would set two models apart.
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
@@ -62,8 +62,8 @@ class Separation(HeldSignal):
 
 
 def separating_experiment(
-    first: Fitted,
-    second: Fitted,
+    first: GaussianFit,
+    second: GaussianFit,
     *,
     duration: float = 30.0,
     rate_hz: float | None = None,
@@ -96,8 +96,8 @@ def separating_experiment(
     rng = np.random.default_rng(settings.seed)
     with (
         WorkerPool(workers) as pool,
-        Forecaster(first, time, limits, settings.engine, workers, pool) as a,
-        Forecaster(second, time, limits, settings.engine, workers, pool) as b,
+        ExperimentPredictor(first, time, limits, settings.engine, workers, pool) as a,
+        ExperimentPredictor(second, time, limits, settings.engine, workers, pool) as b,
     ):
         known = (a.precision(), b.precision())
 
@@ -121,7 +121,11 @@ def separating_experiment(
 
 
 def _differences(
-    a: Forecaster, b: Forecaster, known: tuple[FloatArray, FloatArray], p: Predicted | None, q: Predicted | None
+    a: ExperimentPredictor,
+    b: ExperimentPredictor,
+    known: tuple[FloatArray, FloatArray],
+    p: PredictedExperiment | None,
+    q: PredictedExperiment | None,
 ) -> tuple[float, float]:
     """Expected log-evidence for the first if it is true, and for the second if it is; minus infinity out of travel."""
     if p is None or q is None:
@@ -131,7 +135,9 @@ def _differences(
     return _unexplained(b, known[1], p.outputs - q.outputs, q), _unexplained(a, known[0], q.outputs - p.outputs, p)
 
 
-def _unexplained(rival: Forecaster, known: FloatArray, difference: FloatArray, own: Predicted) -> float:
+def _unexplained(
+    rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
+) -> float:
     """Half the whitened square of a difference (n, m) that a rival cannot follow."""
     columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
     p = known.shape[0]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design.gain_check import refit_experiment, simulate_noise
-from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.separation import Separation
 from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
@@ -88,8 +88,8 @@ def check_separation(
     streams = np.random.default_rng(seed).spawn(2 * half)
     with (
         WorkerPool(workers) as pool,
-        Forecaster(first, separation.time, separation.limits, engine, workers, pool) as a,
-        Forecaster(second, separation.time, separation.limits, engine, workers, pool) as b,
+        ExperimentPredictor(first, separation.time, separation.limits, engine, workers, pool) as a,
+        ExperimentPredictor(second, separation.time, separation.limits, engine, workers, pool) as b,
     ):
         found: tuple[list[float], list[float]] = ([], [])
         for k, rng in enumerate(streams):
@@ -104,7 +104,9 @@ def check_separation(
     return SeparationCheck(tuple(found[0]), tuple(found[1]), 2 * half - len(found[0]) - len(found[1]))
 
 
-def _repetition(separation: Separation, truth: Forecaster, rival: Forecaster, rng: np.random.Generator) -> float | None:
+def _repetition(
+    separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
+) -> float | None:
     """Log-evidence of the true model over its rival's, noise being what the rival holds it to be."""
     outputs = truth.fit.calibration.outputs
     experiment = replace(truth.experiment(separation.values, separation.time), outputs=outputs)

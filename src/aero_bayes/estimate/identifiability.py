@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.show import join_names
+from aero_bayes.display import join_names
 
 FloatArray = NDArray[np.float64]
 

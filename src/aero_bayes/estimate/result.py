@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.display import table_html, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
@@ -26,10 +27,10 @@ from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.sensors.noise import OutputNoise, innovations
-from aero_bayes.sensors.whiteness import slow_excess
-from aero_bayes.show import nearest, table_html, with_unit
+from aero_bayes.sensors.whiteness import block_variance_ratio
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
 from aero_bayes.simulation.model import Model
+from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
@@ -463,7 +464,7 @@ class Fit:
 def named_estimate(table: Mapping[str, Estimate], name: str) -> Estimate:
     """An entry of a table of parameters; InputError with the nearest name for one that is not there."""
     if name not in table:
-        raise InputError(f"no parameter {name!r}{nearest(str(name), table)}")
+        raise InputError(f"no parameter {name!r}{known_names_hint(str(name), table)}")
     return table[name]
 
 
@@ -514,7 +515,7 @@ def structure_warnings(
     lines = []
     for k, name in enumerate(calibration.outputs):
         n, unit = noise[name], units.get(name, "")
-        if n.held:
+        if n.model_error:
             lines.append(
                 f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
                 "weights it as least squares does. Its intervals are enlarged because the residual is not white; a "
@@ -522,7 +523,7 @@ def structure_warnings(
             )
             continue
         white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
-        excess = slow_excess(np.concatenate(white))
+        excess = block_variance_ratio(np.concatenate(white))
         if excess > 2.0:
             lines.append(
                 f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "

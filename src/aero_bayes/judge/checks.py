@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.judge.holdout import held_out_gain
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
-from aero_bayes.show import join_names
 
 #: Smallest number of readings for each free parameter.
 MIN_READINGS_PER_PARAMETER = 5

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import autocorrelation
+from aero_bayes.check.residual_tests import autocorrelation
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.show import with_unit
 
 FloatArray = NDArray[np.float64]
 

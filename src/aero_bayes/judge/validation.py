@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from aero_bayes.check.structure import ResidualReport, structured_residuals
+from aero_bayes.check.residual_tests import ResidualReport, structured_residuals
 from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_worse
 from aero_bayes.judge.recordings import Recordings
 

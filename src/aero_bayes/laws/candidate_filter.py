@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
+from aero_bayes.unknown_names import closest_name
 
 #: What each key names.
 KEY_MEANINGS = {
@@ -56,8 +56,8 @@ class CandidateFilter:
         ):
             for name in names:
                 if name not in known:
-                    near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-                    hint = f"did you mean {near[0]!r}?" if near else "there is none"
+                    close = closest_name(name, known, cutoff=0.0)
+                    hint = f"did you mean {close!r}?" if close is not None else "there is none"
                     raise InputError(f"[loop] {key}: unknown {KEY_MEANINGS[key]} {name!r}; {hint}")
         for name in self.require:
             if name in self.exclude:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +11,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
 from aero_bayes.ports.find import find_ports
 from aero_bayes.ports.port import DIFFERENCE, KELVIN, Port
+from aero_bayes.unknown_names import closest_name
 
 
 def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
@@ -117,8 +117,8 @@ def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration
     known = {c.id: c for c in found}
     for name, effect in declared.effects.items():
         if effect.law not in known:
-            near = difflib.get_close_matches(effect.law, known, n=1, cutoff=0.0)
-            nearest = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{nearest}")
+            close = closest_name(effect.law, known, cutoff=0.0)
+            hint = f"; did you mean {close!r}?" if close is not None else ""
+            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{hint}")
     named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
     return (*named, *(c for c in found if c.port.replaceable is not None and c.law.curve_input))

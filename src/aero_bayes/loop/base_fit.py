@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, check_residuals
-from aero_bayes.data import floors_of
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
+from aero_bayes.data import noise_floors
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import without_ripple
@@ -86,7 +86,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
-    floors = floors_of([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
+    floors = noise_floors([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
     bench.tally.lap("base fit")
     return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
 

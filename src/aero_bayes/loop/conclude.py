@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
@@ -22,7 +23,6 @@ from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
-from aero_bayes.show import join_names
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2

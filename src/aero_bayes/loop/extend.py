@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aero_bayes.check.structure import ResidualReport, check_residuals
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch

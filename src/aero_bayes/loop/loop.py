@@ -9,7 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one, paths_of, several
+from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
@@ -86,10 +86,10 @@ def close_loop(
     >>> aero_bayes.close_loop(recording, test, model=model, settings=settings, workers=0)
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
-    train, test = several(train, Recording, "train"), several(test, Recording, "test")
+    train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
-    name, settings = _sources(model, one(settings or LoopSettings(), LoopSettings, "settings"))
+    name, settings = _sources(model, require_type(settings or LoopSettings(), LoopSettings, "settings"))
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     progress = progress or (lambda what, share: None)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
@@ -27,7 +28,6 @@ from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import join_names, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, check_residuals
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FittedModel, Noise
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise

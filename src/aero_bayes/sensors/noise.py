@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from aero_bayes.sensors.whitening import LOG_2PI, whiten_rows
-from aero_bayes.sensors.whittle import BinnedPower, maximise_whittle
+from aero_bayes.sensors.whittle import BinnedPeriodogram, maximise_whittle
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
@@ -38,8 +38,8 @@ class OutputNoise:
     sd_white: float
     sd_ou: float = 0.0
     tau: float = 0.0
-    white_seen: bool = True
-    held: bool = False
+    white_identified: bool = True
+    model_error: bool = False
 
     @property
     def kind(self) -> Literal["white", "ou"]:
@@ -57,10 +57,10 @@ class OutputNoise:
         return (self.sd_ou / self.sd) ** 2 * math.exp(-interval / self.tau)
 
     @property
-    def searched(self) -> tuple[bool, bool, bool]:
+    def estimated(self) -> tuple[bool, bool, bool]:
         """Which of the three numbers the data determines."""
-        correlated = self.kind == "ou" and not self.held
-        return (self.white_seen and not self.held, correlated, correlated)
+        correlated = self.kind == "ou" and not self.model_error
+        return (self.white_identified and not self.model_error, correlated, correlated)
 
     def as_row(self) -> tuple[float, float, float]:
         """The triple that a simulator takes."""
@@ -182,7 +182,7 @@ def update_output_noise(
     start : OutputNoise, optional
         Where to begin; tried beside a few standard places.
     """
-    powers = [BinnedPower.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
+    powers = [BinnedPeriodogram.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
     limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
     return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))
@@ -240,7 +240,7 @@ def estimate_noise(
     if kind == "auto" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
         return white
     if kind == "auto" and correlated.tau > MAX_CORRELATION_SHARE * longest and correlated.sd_ou > correlated.sd_white:
-        return OutputNoise(white.sd_white, held=True)
+        return OutputNoise(white.sd_white, model_error=True)
     new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
-    unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_seen=False)
+    unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_identified=False)
     return unseen if total(unseen) > likelihood - 1.0 else correlated

@@ -31,7 +31,7 @@ def quantum(values: FloatArray) -> float:
     return quantisation_step(values) or 0.0
 
 
-def thin_standstill(
+def thin_constant_readings(
     time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3, spacing: float = 2.5
 ) -> NDArray[np.bool_]:
     """Which readings to keep so that a reading which stands still does not count over and over.
@@ -109,7 +109,7 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
     return np.asarray(np.where(np.isfinite(centre), inside - math.log(step), 0.0))
 
 
-def counts_of(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
+def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
     """What an encoder does to readings (n,) of a signal (n,); None where they are continuous."""
     step = quantisation_step(readings)
     if step is None:
@@ -119,11 +119,11 @@ def counts_of(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Qua
     error = rounding_error(time, fitted, step, _zero(readings, step))
     variance = max(float(np.mean(residual**2)), 1e-300)
     sd, exact = _noise_before_rounding(readings[seen], fitted[seen], step)
-    gaussian = _on_the_grid(residual, math.sqrt(variance), step)
+    gaussian = _gaussian_on_grid(residual, math.sqrt(variance), step)
     return Quantisation(step, error, min(1.0, error.sd**2 / variance), sd, exact - gaussian)
 
 
-def _on_the_grid(residual: FloatArray, sd: float, step: float) -> float:
+def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
     """Gaussian log-likelihood of residuals that can only lie ``step`` apart, normalised over where they can lie.
 
     A density taken at the counts alone would not sum to one, and a signal at rest on a count would seem too likely.

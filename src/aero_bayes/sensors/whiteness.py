@@ -17,7 +17,7 @@ def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
     return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=-1)[..., :n] / n)
 
 
-def slow_excess(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
+def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
     """Variance of block averages over what white noise of the same variance would have; the largest over block sizes.
 
     Above one, slow errors are larger than the noise model says, and averages (hence parameters) are less certain than

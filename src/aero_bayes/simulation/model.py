@@ -9,9 +9,9 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
 from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
-from aero_bayes.show import table_html
 from aero_bayes.simulation import archive
 
 if TYPE_CHECKING:

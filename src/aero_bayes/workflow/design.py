@@ -23,12 +23,12 @@ from aero_bayes.design import (
     SeparationCheck,
     check_gain,
     check_separation,
-    forecast,
+    expected_outputs,
     propose_experiment,
     separating_experiment,
 )
 from aero_bayes.design.propose import default_limits
-from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.proposed_input import ProposedInput
 from aero_bayes.design.signal_search import SearchSettings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
@@ -112,7 +112,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
 
 def _narrow(
     job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, HeldSignal]:
+) -> tuple[Json, Series, ProposedInput]:
     """The experiment for parameters."""
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     design = propose_experiment(
@@ -134,7 +134,7 @@ def _effort(job: Job) -> SearchSettings:
 
 def _separate(
     job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, HeldSignal]:
+) -> tuple[Json, Series, ProposedInput]:
     """The experiment for two effects."""
     section, ids = job.config.model, (*rivals.common, rivals.first, rivals.second)
     folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
@@ -206,7 +206,7 @@ def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) ->
     """``plan/...``: the signal and what each model expects of it."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
-        seen = forecast(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
+        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
         for k, output in enumerate(seen.outputs):
             series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
             series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]

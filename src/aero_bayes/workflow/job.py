@@ -13,7 +13,7 @@ import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recording
-from aero_bayes.data.checks import longest_gap
+from aero_bayes.data.checks import long_gap_warning
 from aero_bayes.data.read import column_names
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.default_model import DEFAULT_MODEL
@@ -25,9 +25,9 @@ from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uni
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.library import load_model
-from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.timescale import check_duration, check_sampling
 
 Engine = Literal["native", "fmpy"]
@@ -132,7 +132,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     elif columns.get("time", TIME).unit is None:
         check_sampling(recordings, model, fixed)
     for recording in recordings:
-        if gap := longest_gap(recording):
+        if gap := long_gap_warning(recording):
             click.echo(f"note: {recording.path}: {gap}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
@@ -213,7 +213,7 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
     for name, section in config.parameters.items():
         if name not in known:
             raise InputError(
-                f"{config.place(name)}model {model.name} has no parameter {name}{nearest(name, sorted(known))}"
+                f"{config.place(name)}model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}"
             )
         held = section.free in (False, "later")
         if held or (section.free is None and name not in overrides and section.value is not None):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.structure import reports_table, structured_residuals
+from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import Override
@@ -144,7 +144,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             "rms": {role: loop.after.pooled(role) for role in ("train", "test")},
             "interpolation": dict(loop.interpolation),
         },
-        "residual": reports_table(loop.residual_after),
+        "residual": reports_by_recording(loop.residual_after),
         "noise": {
             output: {
                 "sd": noise.sd,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
 from typing import Any
@@ -29,15 +28,7 @@ def join_names(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def nearest(name: str, names: Iterable[str]) -> str:
-    """What ends a sentence about a name that does not exist: the nearest one that does, and those there are."""
-    known = list(names)
-    near = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.casefold() == name.casefold()]
-    hint = f"; did you mean {near[0]}?" if near else ""
-    return f", found {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}{hint}"
-
-
-class Settings:
+class SettingsDisplay:
     """Settings show what was changed from the defaults."""
 
     def _changed(self) -> list[tuple[str, object]]:

@@ -21,7 +21,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import OutputNoise, whiten
-from aero_bayes.sensors.ripple import is_rotor
+from aero_bayes.sensors.ripple import is_rotor_speed
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
@@ -100,7 +100,7 @@ def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualRepo
     return [report for report in reports if report.verdict == "structured"]
 
 
-def reports_table(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
+def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
     """Reports by recording and output, as result.json holds them."""
     table: dict[str, dict[str, dict[str, object]]] = {}
     for report in reports:
@@ -108,7 +108,7 @@ def reports_table(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict
     return table
 
 
-def portmanteau(innovations: FloatArray, lags: int = 20) -> StructureTest:
+def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
     """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time.
 
     Each lag's sum of products is standardised by its own sum of squared products.
@@ -124,7 +124,7 @@ def portmanteau(innovations: FloatArray, lags: int = 20) -> StructureTest:
     return StructureTest("autocorrelation", total, used, float(chi2.sf(total, used)))
 
 
-def smooth_structure(
+def smooth_dependence_test(
     name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
 ) -> StructureTest:
     """Test of a smooth dependence of a residual on ``over`` (n,), such as a state or the time.
@@ -145,7 +145,7 @@ def smooth_structure(
     return _chi_square(name, rows, innovations, slopes)
 
 
-def slow_structure(
+def slow_variation_test(
     innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
 ) -> StructureTest:
     """Test of the ``waves`` slowest cosines over the recording."""
@@ -197,12 +197,14 @@ def check_residuals(
         rows, _ = whiten(np.vstack([residual[None], slopes[k]]), own.sampling, noise)
         innovations, white = rows[0], rows[1:]
         states = _states(calibration, series, fit, own, units)
-        turning = any(s.experiment == own.experiment and is_rotor(s.measured, units.get(s.output, "")) for s in series)
+        turning = any(
+            s.experiment == own.experiment and is_rotor_speed(s.measured, units.get(s.output, "")) for s in series
+        )
         tests = [
-            portmanteau(_blocks(innovations, own.sampling.interval) if turning else innovations),
-            slow_structure(innovations, own, noise, white),
+            portmanteau_test(_blocks(innovations, own.sampling.interval) if turning else innovations),
+            slow_variation_test(innovations, own, noise, white),
         ]
-        tests += [smooth_structure(name, over, innovations, own, noise, white) for name, over in states.items()]
+        tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
         floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))

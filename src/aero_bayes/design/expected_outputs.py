@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Engine, Forecaster
+from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
 from aero_bayes.design.separation import Separation
 from aero_bayes.errors import CannotFinishError
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class ExpectedOutputs:
     """Expected outputs at the times of a proposal, without sensor noise.
 
     ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over what is known of the parameters.
@@ -29,7 +29,7 @@ class Forecast:
     upper: FloatArray
 
 
-def forecast(
+def expected_outputs(
     proposal: Design | Separation,
     fit: Fit,
     *,
@@ -37,7 +37,7 @@ def forecast(
     seed: int = 1,
     engine: Engine = "native",
     workers: int | None = None,
-) -> Forecast:
+) -> ExpectedOutputs:
     """The outputs that a fitted model expects of a proposed experiment.
 
     Raises
@@ -45,14 +45,14 @@ def forecast(
     CannotFinishError
         If the experiment cannot be simulated.
     """
-    with Forecaster(fit, proposal.time, proposal.limits, engine, workers) as forecaster:
-        values = forecaster.draws(draws, np.random.default_rng(seed))
-        rows = np.column_stack([values, np.full(draws, forecaster.delay_value)])
-        experiment = forecaster.experiment(proposal.values, proposal.time)
-        with forecaster.open(forecaster.problem([experiment])) as simulator:
+    with ExperimentPredictor(fit, proposal.time, proposal.limits, engine, workers) as predictor:
+        values = predictor.draws(draws, np.random.default_rng(seed))
+        rows = np.column_stack([values, np.full(draws, predictor.delay_value)])
+        experiment = predictor.experiment(proposal.values, proposal.time)
+        with predictor.open(predictor.problem([experiment])) as simulator:
             result = simulator.simulate(rows)
         usable = result.outputs[0][result.outcomes[:, 0] == 0]
         if not len(usable):
             raise CannotFinishError("the proposed experiment could not be simulated")
         low, middle, high = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
-        return Forecast(forecaster.outputs, middle, low, high)
+        return ExpectedOutputs(predictor.outputs, middle, low, high)

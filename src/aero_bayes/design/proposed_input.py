@@ -12,14 +12,14 @@ from aero_bayes.files import whole_file
 
 FloatArray = NDArray[np.float64]
 #: Families whose name is not what one calls their signals.
-KINDS = {
+SIGNAL_PHRASES = {
     "binary": "a binary sequence", "square wave": "a square wave", "step and release": "a step and its release",
     "multi-sine": "a sum of sines", "chirp": "a chirp",
 }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class HeldSignal:
+class ProposedInput:
     """An input by name; ``time`` (n,) in s and ``values`` (n,) in its unit, each held; the ``family`` it is of."""
 
     input: str
@@ -40,7 +40,7 @@ class HeldSignal:
     @property
     def in_words(self) -> str:
         """Length and kind of the signal."""
-        return f"{self.duration:g} s of {KINDS.get(self.family, self.family)}"
+        return f"{self.duration:g} s of {SIGNAL_PHRASES.get(self.family, self.family)}"
 
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""

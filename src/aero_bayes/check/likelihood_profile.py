@@ -16,7 +16,7 @@ from aero_bayes.simulation.interface import Simulator
 FloatArray = NDArray[np.float64]
 
 #: Drop of the log-posterior at the ends of a 90 % interval (half the 90 % quantile of chi-squared with 1 degree).
-DROP_90 = 1.3527
+LOG_POSTERIOR_DROP_90 = 1.3527
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class LikelihoodProfile:
 
     def _crossing(self, part: slice) -> float | None:
         values, drop = self.values[part], self.drop[part]
-        above = np.flatnonzero(drop > DROP_90)
+        above = np.flatnonzero(drop > LOG_POSTERIOR_DROP_90)
         if above.size == 0:
             return None
         k = int(above[0])
         if not np.isfinite(drop[k]):
             return float(values[k])
-        share = (DROP_90 - drop[k - 1]) / (drop[k] - drop[k - 1])
+        share = (LOG_POSTERIOR_DROP_90 - drop[k - 1]) / (drop[k] - drop[k - 1])
         return float(values[k - 1] + share * (values[k] - values[k - 1]))
 
 
