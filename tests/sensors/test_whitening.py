@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
-from aero_bayes.sensors.noise import OutputNoise, SampleTimes, innovations, log_density, update_output_noise, whiten
-from aero_bayes.sensors.whitening import reading_log_density
+from aero_bayes.sensors.noise import OutputNoise, SampleTimes
+from aero_bayes.sensors.noise_estimation import update_output_noise
+from aero_bayes.sensors.whitening import innovations, log_density, reading_log_density, whiten
 
 NOISES = [
     OutputNoise(0.7),

@@ -20,8 +20,10 @@ from scipy.stats import chi2
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.sensors.noise import OutputNoise, whiten
+from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.ripple import is_rotor_speed
+from aero_bayes.sensors.whiteness import autocorrelation
+from aero_bayes.sensors.whitening import whiten
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
@@ -31,6 +33,8 @@ FALSE_ALARM_RATE = 1e-3
 #: Where a rotor turns, innovations are averaged over blocks of this many s before the test for autocorrelation: ripple
 #: is faster, and missing physics is slower.
 ROTOR_BLOCK_LENGTH = 0.2
+#: Largest lag of the autocorrelation of a report, in samples.
+CORRELATION_LAGS = 200
 #: Ratio of residual to noise floor above which a residual is structured whatever the tests say.
 MAX_FLOOR_RATIO = 2.0
 
@@ -209,7 +213,8 @@ def check_residuals(
         floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
         structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
-        lags, acf = autocorrelation(residual, own.sampling.interval)
+        acf = autocorrelation(residual, CORRELATION_LAGS)
+        lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
@@ -219,16 +224,6 @@ def check_residuals(
             )
         )  # fmt: skip
     return tuple(reports)
-
-
-def autocorrelation(values: FloatArray, interval: float, lags: int = 200) -> tuple[FloatArray, FloatArray]:
-    """Autocorrelation at up to ``lags`` sample intervals, by FFT: lags (s) and values, both (lags + 1,)."""
-    x = values - values.mean()
-    size = 1 << (2 * x.size - 1).bit_length()
-    power = np.abs(np.fft.rfft(x, size)) ** 2
-    acf: FloatArray = np.fft.irfft(power, size)[: min(lags + 1, x.size)]
-    grid: FloatArray = interval * np.arange(acf.size, dtype=np.float64)
-    return grid, acf / acf[0] if acf[0] > 0.0 else acf
 
 
 def _states(

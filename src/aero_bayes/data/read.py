@@ -89,7 +89,9 @@ def read_recording(
         raise InputError(f"{file}: may not be read (permission denied)") from None
     if not any(quantity.name in found for quantity in layout.outputs):
         missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
-        there = known_names_hint(next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file))
+        there = known_names_hint(
+            next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file)
+        )
         raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
     values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
     recording = Recording(

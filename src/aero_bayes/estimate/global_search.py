@@ -24,7 +24,8 @@ from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressi
 from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.target import Target
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]

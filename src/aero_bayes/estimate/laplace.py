@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
-from aero_bayes.sensors.noise import OutputNoise, log_density
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors.whitening import log_density
 
 FloatArray = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.sensors.noise import OutputNoise, SampleTimes, whiten
-from aero_bayes.sensors.whitening import LOG_2PI
+from aero_bayes.sensors.noise import OutputNoise, SampleTimes
+from aero_bayes.sensors.whitening import LOG_2PI, whiten
 from aero_bayes.simulation.interface import GaussNewton, Outcome, Simulator, Trajectories
 
 FloatArray = NDArray[np.float64]

@@ -26,8 +26,9 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.sensors.noise import OutputNoise, innovations
+from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.whiteness import block_variance_ratio
+from aero_bayes.sensors.whitening import innovations
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Simulator
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint

@@ -77,7 +77,6 @@ class Unseen:
         errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._everything):
-            interval = recording.interval
             unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:
@@ -88,11 +87,11 @@ class Unseen:
                 residual = recording.outputs[output] - predicted
                 seen = np.isfinite(residual)
                 if e >= self._fitted:
-                    errors[1][key] = rms_error(residual[seen], interval)
+                    errors[1][key] = rms_error(residual[seen])
                     continue
-                errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+                errors[0][key] = rms_error(residual[seen & ~unseen])
                 if unseen.any():
-                    errors[1][key] = rms_error(residual[seen & unseen], interval)
+                    errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
     def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:

@@ -18,7 +18,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, logsumexp
 
 from aero_bayes.data.noise import quantisation_step
-from aero_bayes.sensors.noise import OutputNoise, estimate_noise
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes, estimate_noise, whiten
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
+from aero_bayes.sensors.noise_estimation import estimate_noise
+from aero_bayes.sensors.whitening import whiten
 
 FloatArray = NDArray[np.float64]
 

@@ -1,14 +1,21 @@
-"""Readings in units of their noise: a scalar Kalman filter, compiled."""
+"""Whitening of residuals: innovations of a scalar Kalman filter, in units of their standard deviations.
+
+Under white plus Ornstein-Uhlenbeck noise, the Kalman filter factorises the covariance ``C`` of a residual: the whitened
+residual is ``L^-1 r`` with ``C = L L'``. The cost is O(n). The filter itself is compiled (``ab_whiten`` in
+``simulation/native/noise.c``).
+"""
 
 from __future__ import annotations
 
 import ctypes
+import math
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.sensors.noise import OutputNoise, SampleTimes
 from aero_bayes.simulation.workers import engine_path
 
 FloatArray = NDArray[np.float64]
@@ -16,7 +23,7 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @cache
-def _compiled() -> Any:
+def _compiled_filter() -> Any:
     whiten = ctypes.CDLL(str(engine_path())).ab_whiten
     array, count = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS"), ctypes.c_int64
     whiten.argtypes = [array, ctypes.c_double, count, array, count, array, count, array, array]
@@ -27,7 +34,7 @@ def _compiled() -> Any:
 def whiten_rows(
     rows: FloatArray, time: FloatArray, noise: FloatArray, interval: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Innovations of rows over their standard deviation, under white plus Ornstein-Uhlenbeck noise.
+    """Innovations of rows over their standard deviations.
 
     Parameters
     ----------
@@ -36,10 +43,9 @@ def whiten_rows(
     time : ndarray, shape (n,)
         Increasing times in s.
     noise : ndarray, shape (3,) or (k, 3)
-        Standard deviation of the white part, that of the process, and its correlation time in s; of all rows, or of
-        each.
+        ``sd_white``, ``sd_ou`` and ``tau`` of all rows, or of each.
     interval : float
-        Step in s where times are even, which is faster; zero where they are not.
+        Time step in s where all steps are equal, which is faster; 0 where they are not.
 
     Returns
     -------
@@ -50,14 +56,72 @@ def whiten_rows(
     Raises
     ------
     CannotFinishError
-        Where the engine is not compiled.
+        If the engine is not compiled.
     """
     out = np.array(rows, dtype=np.float64, order="C")
     kinds = np.ascontiguousarray(np.atleast_2d(noise), dtype=np.float64)
     weight = np.empty((len(kinds), out.shape[1]))
     stamps = np.ascontiguousarray(time, dtype=np.float64)
-    _compiled()(stamps, interval, out.shape[1], kinds, len(kinds), out, len(out), np.zeros(len(out)), weight)
+    _compiled_filter()(stamps, interval, out.shape[1], kinds, len(kinds), out, len(out), np.zeros(len(out)), weight)
     return out, weight
+
+
+def whiten(rows: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> tuple[FloatArray, float]:
+    """Whiten rows, and give the log-determinant of the noise covariance.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, n)
+        Residuals, or sensitivities, at the readings of ``sampling``.
+    sampling : SampleTimes
+    noise : OutputNoise
+
+    Returns
+    -------
+    ndarray, shape (k, n)
+        ``rows @ inv(L).T`` with ``C = L L'``. Inner products of these rows are those of the given rows under
+        the inverse covariance.
+    float
+        log det C.
+    """
+    if noise.kind == "white":
+        return rows / noise.sd_white, 2.0 * rows.shape[1] * math.log(noise.sd_white)
+    white, weight = whiten_rows(
+        rows, sampling.time, np.array(noise.as_row()), sampling.interval if sampling.even else 0.0
+    )
+    return white, -2.0 * float(np.sum(np.log(weight)))
+
+
+def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> FloatArray:
+    """One-step prediction errors over their standard deviations: white if the noise model is right.
+
+    Parameters
+    ----------
+    time, residual : ndarray, shape (n,)
+        Times in s; NaN where there is no reading.
+    noise : OutputNoise
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where the residual is NaN.
+    """
+    sampling = SampleTimes.of(time, residual)
+    out = np.full(residual.shape, np.nan)
+    out[sampling.index] = whiten(residual[np.newaxis, sampling.index], sampling, noise)[0][0]
+    return out
+
+
+def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> float:
+    """Gaussian log-density of a residual (n,) with gaps (NaN) at times (n,) in s."""
+    sampling = SampleTimes.of(time, residual)
+    return log_density_at(residual[sampling.index], sampling, noise)
+
+
+def log_density_at(residual: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> float:
+    """Gaussian log-density of a residual (n,) at the readings of ``sampling``."""
+    white, log_det = whiten(residual[np.newaxis], sampling, noise)
+    return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * LOG_2PI)
 
 
 def reading_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
