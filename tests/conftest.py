@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from aero_bayes.laws.compose import LawModels, law_models
-from aero_bayes.laws.law import Law, shipped_laws
+from aero_bayes.laws import Law, LawModels, law_models, shipped_laws
 
 #: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
 SLOW = {

@@ -20,7 +20,7 @@ from aero_bayes.declared import DECLARATION_MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import ModelicaFamily
 from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"

@@ -16,11 +16,18 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.compose import add_input
 from aero_bayes.export.expression import evaluate
 from aero_bayes.export.flat import FlatEquation
+from aero_bayes.language.classes import snake_case
 from aero_bayes.language.syntax import Call, Name
-from aero_bayes.laws.candidates import ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law, law_models
-from aero_bayes.laws.law import LAW_INTERFACES, Law, read_laws, snake_case
-from aero_bayes.laws.placed_law import place_law
+from aero_bayes.laws import (
+    LAW_INTERFACES,
+    Law,
+    LawModels,
+    compose_law,
+    law_models,
+    place_law,
+    ports_with_laws,
+    read_laws,
+)
 
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "

@@ -15,11 +15,8 @@ from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
 from aero_bayes.export.expression import evaluate
-from aero_bayes.laws.model_sources import reserved_names
-from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.laws.placed_law import place_laws
-from aero_bayes.laws.write_model import WrittenModel, write_laws
-from aero_bayes.ports.port import port_table
+from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.ports import port_table
 from aero_bayes.simulation import Model, open_simulator
 
 CIRCUIT = """package Circuit

@@ -17,12 +17,16 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_laws
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.laws.placed_law import place_law
-from aero_bayes.laws.write_model import write_law
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    ModelicaFamily,
+    compose_laws,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    write_law,
+)
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

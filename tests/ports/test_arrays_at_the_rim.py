@@ -15,11 +15,16 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Name, Number
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_laws
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.placed_law import PlacedLaw, place_law
-from aero_bayes.laws.write_model import write_law
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    PlacedLaw,
+    compose_laws,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    write_law,
+)
 
 FORMS = {
     "matrices": """model Rig

@@ -11,8 +11,7 @@ from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_with_laws
-from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws import ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 AXIS = """model Axis "A position loop"

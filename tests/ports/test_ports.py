@@ -10,12 +10,18 @@ from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.dimensions import dimension_of_unit, unit_text
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law, with_candidates, with_probes
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.placed_law import place_law
-from aero_bayes.laws.write_model import write_law
-from aero_bayes.ports.port import DIFFERENCE, port_table
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    compose_law,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    with_candidates,
+    with_probes,
+    write_law,
+)
+from aero_bayes.ports import DIFFERENCE, port_table
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},

@@ -10,11 +10,7 @@ from small_rigs import RIGS
 
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.placed_law import place_law
-from aero_bayes.laws.write_model import write_law
+from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_law
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"

@@ -12,13 +12,8 @@ from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.model_sources import reserved_names
-from aero_bayes.laws.placed_law import place_law
-from aero_bayes.laws.write_model import write_law
-from aero_bayes.ports.port import Port
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_law
+from aero_bayes.ports import Port
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};

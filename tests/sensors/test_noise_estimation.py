@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
-from aero_bayes.sensors.noise import SampleTimes
-from aero_bayes.sensors.whitening import log_density, whiten
+from aero_bayes.sensors import SampleTimes, log_density, whiten
 
 
 def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:

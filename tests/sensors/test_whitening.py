@@ -7,9 +7,15 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
-from aero_bayes.sensors.noise import OutputNoise, SampleTimes
-from aero_bayes.sensors.noise_estimation import update_output_noise
-from aero_bayes.sensors.whitening import innovations, log_density, reading_log_density, whiten
+from aero_bayes.sensors import (
+    OutputNoise,
+    SampleTimes,
+    innovations,
+    log_density,
+    reading_log_density,
+    update_output_noise,
+    whiten,
+)
 
 NOISES = [
     OutputNoise(0.7),

@@ -20,10 +20,7 @@ from scipy.stats import chi2
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.sensors.ripple import is_rotor_speed
-from aero_bayes.sensors.whiteness import autocorrelation
-from aero_bayes.sensors.whitening import whiten
+from aero_bayes.sensors import OutputNoise, autocorrelation, is_rotor_speed, whiten
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]

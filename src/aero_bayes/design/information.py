@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
-from aero_bayes.sensors.noise import SampleTimes
-from aero_bayes.sensors.whitening import whiten
+from aero_bayes.sensors import SampleTimes, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,

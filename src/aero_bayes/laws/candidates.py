@@ -9,8 +9,7 @@ from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
-from aero_bayes.ports.find import find_ports
-from aero_bayes.ports.port import DIFFERENCE, KELVIN, Port
+from aero_bayes.ports import DIFFERENCE, KELVIN, Port, find_ports
 from aero_bayes.unknown_names import closest_name
 
 

@@ -25,8 +25,7 @@ from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
 from aero_bayes.laws.placed_law import PlacedLaw, identifier, place_laws
-from aero_bayes.ports.internal_signals import defining_equations
-from aero_bayes.ports.port import Attachment, Port, signal_expression
+from aero_bayes.ports import Attachment, Port, defining_equations, signal_expression
 from aero_bayes.scratch import ScratchFolder
 
 LawModels = Mapping[tuple[str, str], FlatModel]

@@ -23,14 +23,14 @@ from aero_bayes.laws.model_family import OpenSimulator, calibration_on
 from aero_bayes.laws.modelica_family import ModelicaFamily, PortNominals
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.write_model import WrittenModel
-from aero_bayes.ports.nominal_values import (
+from aero_bayes.ports import (
+    Port,
     fastest_time_scale,
     recorded_inputs,
     relative_change,
     signal_nominal,
     simulated_signals,
 )
-from aero_bayes.ports.port import Port
 from aero_bayes.simulation import Model
 
 

@@ -13,8 +13,7 @@ from aero_bayes.laws.candidates import with_applicable_laws
 from aero_bayes.laws.compose import LawModels, compose_laws
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
-from aero_bayes.ports.balance import Balance
-from aero_bayes.ports.port import Port
+from aero_bayes.ports import Balance, Port
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.model import Variable
 

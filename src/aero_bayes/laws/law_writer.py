@@ -18,11 +18,18 @@ from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_indices
 from aero_bayes.laws.law_text import formula
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
-from aero_bayes.ports.aliases import alias_structure
-from aero_bayes.ports.balance import parameter_values
-from aero_bayes.ports.find import driver_names, is_driver
-from aero_bayes.ports.insertion_point import InsertionPoint, find_insertion_point, in_vector
-from aero_bayes.ports.port import DIFFERENCE, Attachment, Port
+from aero_bayes.ports import (
+    DIFFERENCE,
+    Attachment,
+    InsertionPoint,
+    Port,
+    alias_structure,
+    driver_names,
+    find_insertion_point,
+    in_vector,
+    is_driver,
+    parameter_values,
+)
 
 #: A law whose formula is longer than this is written as a component.
 MAX_FORMULA_LENGTH = 70

@@ -17,7 +17,7 @@ from aero_bayes.laws.compose import LawModels
 from aero_bayes.laws.model_family import CurveBasis
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.redeclare import component_path
-from aero_bayes.ports.nominal_values import NEGLIGIBLE_TERM
+from aero_bayes.ports import NEGLIGIBLE_TERM
 
 #: Points of a curve.
 CURVE_POINTS = 61

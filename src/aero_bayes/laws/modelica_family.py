@@ -52,11 +52,15 @@ from aero_bayes.laws.redeclare import can_be_combined, load_with_redeclarations,
 from aero_bayes.laws.replaceable_laws import laws_for_constraint
 from aero_bayes.laws.starting_values import fitted_parameters, starting_values
 from aero_bayes.laws.write_model import WrittenModel, write_law, write_laws
-from aero_bayes.ports.aliases import alias_structure
-from aero_bayes.ports.find import replaceable_ports
-from aero_bayes.ports.nominal_values import port_nominals, signal_nominal, simulated_signals
-from aero_bayes.ports.port import Port
-from aero_bayes.ports.replaceable import find_replaceable_models
+from aero_bayes.ports import (
+    Port,
+    alias_structure,
+    find_replaceable_models,
+    port_nominals,
+    replaceable_ports,
+    signal_nominal,
+    simulated_signals,
+)
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Sizes of ports by their ids.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from aero_bayes.errors import InputError
 from aero_bayes.laws.candidates import Candidate, has_reaction
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law, LawParameter, ParameterAttribute
-from aero_bayes.ports.port import Port
+from aero_bayes.ports import Port
 
 _LIMITS: tuple[tuple[str, ParameterAttribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
 

@@ -9,7 +9,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.placed_law import PlacedLaw
-from aero_bayes.ports.replaceable import CombinationRule, ReplaceableModel
+from aero_bayes.ports import CombinationRule, ReplaceableModel
 from aero_bayes.scratch import ScratchFolder
 
 

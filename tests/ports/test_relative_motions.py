@@ -14,11 +14,9 @@ from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import compose_laws
-from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws import compose_laws, find_candidates, ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
-from aero_bayes.ports.port import Port
+from aero_bayes.ports import Port
 
 CAR = """model Car "A quarter of a car"
   parameter Real m_b(unit = "kg", min = 0) = 250;

@@ -20,13 +20,18 @@ from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.export.embedded import export_embedded, export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.laws.candidates import find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_laws
-from aero_bayes.laws.fmu_coupling import couple
-from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.placed_law import PlacedLaw, place_law
-from aero_bayes.ports.port import Port
+from aero_bayes.laws import (
+    FmuBoundary,
+    Law,
+    LawModels,
+    PlacedLaw,
+    compose_laws,
+    couple,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+)
+from aero_bayes.ports import Port
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import (
     Experiment,
@@ -190,8 +195,7 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
-    from aero_bayes.laws.candidate_filter import CandidateFilter
-    from aero_bayes.laws.fmu_family import FmuFamily
+    from aero_bayes.laws import CandidateFilter, FmuFamily
 
     family = FmuFamily("Plant", (), tmp_path, (), CandidateFilter(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match="did you mean 'dead_zone'"):

@@ -9,11 +9,7 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.placed_law import place_law
-from aero_bayes.laws.write_model import write_law
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_law
 
 LIBRARY = """package Lib
   package Units

@@ -9,19 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.check.residual_tests import (
-    check_residuals,
-    portmanteau_test,
-    slow_variation_test,
-    smooth_dependence_test,
-)
+from aero_bayes.check import check_residuals, portmanteau_test, slow_variation_test, smooth_dependence_test
 from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.prediction import rms_error
-from aero_bayes.sensors.noise import OutputNoise, SampleTimes
-from aero_bayes.sensors.whiteness import autocorrelation
-from aero_bayes.sensors.whitening import whiten
+from aero_bayes.sensors import OutputNoise, SampleTimes, autocorrelation, whiten
 from aero_bayes.simulation.interface import InputSignal
 
 N = 4000

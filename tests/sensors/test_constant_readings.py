@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
-from aero_bayes.sensors.ripple import find_ripple
+from aero_bayes.sensors import find_ripple, quantum, thin_constant_readings
 
 
 def test_quantum_is_found_on_counts_and_nowhere_else():
