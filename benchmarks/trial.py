@@ -131,7 +131,7 @@ def main() -> None:
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
     cache = (work / "fmu").resolve()
-    ModelicaFamily(BASE, (), cache).plain()
+    ModelicaFamily(BASE, (), cache).base_model()
     tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
     with open_executor(arguments.dask, arguments.processes) as executor:
         rows = run_trials(tasks, attempt, work / "trials.sqlite", executor)

@@ -53,7 +53,7 @@ def distances(spec: TrialSpec, silent: Recording, family: ModelicaFamily, ids: S
 def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSpec:
     """The trial with its one effect's magnitude changed so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = next(c.law.magnitude.name for c in family.every if c.id == effect.id)
+    name = next(c.law.magnitude.name for c in family.candidates if c.id == effect.id)
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
@@ -71,7 +71,7 @@ def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSp
 
 
 def _distance(spec: TrialSpec, silent: Recording, family: ModelicaFamily, known: Sequence[str]) -> float:
-    model = family.plain()
+    model = family.base_model()
     shared = parameters_from_model(
         model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
     )
@@ -93,7 +93,7 @@ def _distance(spec: TrialSpec, silent: Recording, family: ModelicaFamily, known:
     if listed:
         offer = family.with_candidates(listed)
         names = {p.name for id_ in listed for p in family.parameters(id_)}
-        calibration, extra = family.on(plain, offer.model), [p for p in offer.parameters if p.name in names]
+        calibration, extra = family.transfer(plain, offer.model), [p for p in offer.parameters if p.name in names]
     parameters = calibration.parameters.extended(extra)
     calibration = replace(calibration, parameters=parameters)
     truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}

@@ -297,11 +297,11 @@ def effects() -> str:
     rows = [
         (
             f"`{c.id}`",
-            family.named(c.port),
+            family.port_name(c.port),
             describe_law(c.law, c.port),
             ", ".join(f"`{p.name}`" for p in c.law.parameters),
         )
-        for c in family.every
+        for c in family.candidates
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
 

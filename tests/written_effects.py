@@ -15,7 +15,7 @@ from aero_bayes.laws.write_model import WrittenModel, write_laws
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:
     """A base system with effects by id, at values of their parameters; defaults where not given."""
     family = ModelicaFamily(base, (), folder)
-    chosen = [c for c in family.every if c.id in effects]
+    chosen = [c for c in family.candidates if c.id in effects]
     uses = place_laws(chosen, reserved_names(family.flat, ()), {})
     uses = tuple(replace(use, values=effects[use.id]) for use in uses)
     return write_laws((), base, family.flat, uses, folder, name)

@@ -48,7 +48,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
         bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
         base = fit_as_it_stands(bench)
         family.prepare(base.plain, base.fit, bench.open)
-        library = Library(family.groups(), family.refinements(), tuple(family.curves()))
+        library = Library(family.candidate_groups(), family.refinements(), tuple(family.curves()))
         source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])

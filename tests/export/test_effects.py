@@ -24,7 +24,7 @@ ON = {
 }  # fmt: skip
 
 #: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
-EFFECTS = [c for c in ModelicaFamily("Aero.Systems.OneDof", (), Path()).every if c.alias]
+EFFECTS = [c for c in ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates if c.alias]
 STARTS = {id_: effect.starts for id_, effect in declaration_of("Aero.Systems.OneDof").effects.items()}
 DEFAULTS = {p.name: p.value("default", {}) for effect in EFFECTS for p in effect.law.parameters}
 

@@ -17,7 +17,7 @@ from aero_bayes.export.expression import evaluate
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.modelica_family import ModelicaFamily
 
-EVERY = ModelicaFamily("Aero.Systems.OneDof", (), Path()).every
+EVERY = ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates
 POINT = {
     "thruster_1.motor.inductor.i": 0.21, "thruster_1.motor.rotor.w": 310.0, "thruster_2.motor.inductor.i": -0.17,
     "thruster_2.motor.rotor.w": -290.0, "body.theta": 0.33, "body.omega": 0.41,
@@ -79,7 +79,7 @@ def test_base_with_one_motor(tmp_path: Path) -> None:
     assert len(explicit_model(written.name, [written.path]).states) == 4
 
 
-CURVES = [c for c in EVERY if c.law.learned]
+CURVES = [c for c in EVERY if c.law.curve_input]
 #: What each is over at the point, for each motor.
 OVER = {
     "electrical_curve": (0.21, -0.17), "electrical_speed_curve": (310.0, -290.0), "rotor_curve": (310.0, -290.0),
@@ -162,4 +162,6 @@ def test_effects_that_a_package_names_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"Bench: effects.rubbing.law: .*did you mean 'pivot_coulomb_friction@body_ef"):
         family.check()
     (package / "package.toml").write_text(law.replace("toi", "tio"), encoding="utf-8")
-    assert [c.id for c in ModelicaFamily("Bench.Rig", (package,), tmp_path).every if not c.law.learned] == ["rubbing"]
+    assert [c.id for c in ModelicaFamily("Bench.Rig", (package,), tmp_path).candidates if not c.law.curve_input] == [
+        "rubbing"
+    ]

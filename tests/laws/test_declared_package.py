@@ -78,7 +78,7 @@ def test_a_model_that_extends_a_system_has_its_declaration_and_a_stranger_has_no
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
     assert declared_overrides(loaded)["M"].start == 2.0
     family = ModelicaFamily("Loaded", (SLEDGE, tmp_path / "Loaded.mo"), tmp_path)
-    assert family.plain().declared.recording == loaded.declared.recording
+    assert family.base_model().declared.recording == loaded.declared.recording
     stranger = load_model("Stranger", sources=[tmp_path / "Stranger.mo"])
     assert declared_overrides(stranger) == {}
     assert stranger.declared.fixed == {}

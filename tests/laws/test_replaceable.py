@@ -125,7 +125,7 @@ def source(tmp_path: Path) -> Path:
 def written(source: Path, values: dict[str, dict[str, float]]) -> WrittenModel:
     """The rig with laws by id, at values of their parameters."""
     family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
-    chosen = [c for c in family.every if c.id in values]
+    chosen = [c for c in family.candidates if c.id in values]
     placed_laws = place_laws(chosen, reserved_names(family.flat, (source,)), {"V": {"u_n": 10.0}})
     placed_laws = tuple(replace(placed, values=values[placed.id]) for placed in placed_laws)
     return write_laws((source,), family.base, family.flat, placed_laws, source.parent)
@@ -152,7 +152,7 @@ def test_ports_and_laws_come_from_the_text(source: Path) -> None:
     assert {id_: (row["file"], "model " + id_.capitalize() in lines[row["line"] - 1]) for id_, row in rows.items()} == {
         "reading": ("Circuit.mo", True), "link": ("Circuit.mo", True),
     }  # fmt: skip
-    ids = {c.id for c in family.every}
+    ids = {c.id for c in family.candidates}
     assert ids >= {"contact@link", "battery@link", "shifted@reading", "offset@V"}
     assert {p.id for p in family.ports} >= {"V", "w", "link", "reading"}
 
@@ -178,7 +178,7 @@ def fitted(family: ModelicaFamily) -> Fit:
     time = np.arange(400) * 0.02
     drive = np.repeat(np.random.default_rng(3).uniform(-10.0, 10.0, 8), 50)
     recording = Recording("run", time, {"V": drive}, {"w": np.cumsum(drive) * 0.002}, {"time": "s", "V": "V", "w": "V"})
-    plain = family.plain()
+    plain = family.base_model()
     found = fit([recording], plain, parameters=parameters_from_model(plain, free=["C"]), workers=1)
     family.prepare(found.calibration, found.optimum, open_simulator)
     return found
@@ -200,7 +200,7 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
 
 
 def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str, float]) -> np.ndarray:
-    calibration = family.on(found.calibration, model)
+    calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, fixed={**calibration.fixed, **values})
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
@@ -216,5 +216,5 @@ def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source:
         written(source, {"shifted@reading": {}, "scaled@reading": {}})
     family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
     fitted(family)
-    assert {("shifted@reading",), ("scaled@reading",)} <= set(family.groups())
+    assert {("shifted@reading",), ("scaled@reading",)} <= set(family.candidate_groups())
     assert "shifted@reading" not in {c.id for c, _ in family.with_candidates(["scaled@reading"]).candidates}

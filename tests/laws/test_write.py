@@ -518,7 +518,7 @@ end Filter;
 """
     )
     family = ModelicaFamily("Filter.Rig", (tmp_path / "Filter.mo",), tmp_path)
-    tried = family.tried()
+    tried = family.writable_candidates()
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
         placed = place_law(c.law, c.port, {v.name for v in family.flat.variables}, nominals={}, neighbour=c.neighbour)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_form import runge_kutta
-from test_between import CAR, found
+from test_relative_motions import CAR, found
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording

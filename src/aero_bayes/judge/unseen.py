@@ -147,7 +147,7 @@ class Unseen:
     ) -> tuple[Calibration, FloatArray, list[int]]:
         """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._everything))
-        plain = self.family.plain()
+        plain = self.family.base_model()
         known = {v.name for v in plain.parameters}
         shared = [p for p in calibration.parameters if p.recording is None]
         new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
@@ -163,7 +163,7 @@ class Unseen:
         if not close:
             starts = with_free_starts(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
-        whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
+        whole = replace(self.family.transfer(known_as, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
         # A law at an output hides where its state started.
         hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]

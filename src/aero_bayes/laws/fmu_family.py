@@ -74,7 +74,7 @@ class FmuFamily(ModelicaFamily):
     def ports(self) -> tuple[Port, ...]:
         return self.boundary.ports
 
-    def plain(self) -> Model:
+    def base_model(self) -> Model:
         """The FMU itself."""
         return self.inner
 
@@ -167,7 +167,7 @@ class FmuFamily(ModelicaFamily):
             folder / f"{name}.fmu"
         )
 
-    def on(self, calibration: Calibration, model: Model) -> Calibration:
+    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """The calibration on a relative, where a state that is an unread output has another name."""
         there = {s.name for s in model.states}
         names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}

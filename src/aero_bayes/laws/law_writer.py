@@ -1,366 +1,80 @@
-"""What a law brings to a user's class at each kind of port: a term, a component at a connection, a signal passed on."""
+"""Laws written into the text of a class, each by the way in which it is attached to its port."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
-from aero_bayes.errors import InputError
-from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
-from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import TextEdit, insert_before_connector, text_of
-from aero_bayes.language.parse import parse_expression, sides_of
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.language.classes import ClassText
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.syntax import Expression, Name, reference
-from aero_bayes.language.tokens import find_outside, split_outside, words_of
+from aero_bayes.language.syntax import reference
+from aero_bayes.laws.balance_writer import BalanceWriter, class_of, equation_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_indices
-from aero_bayes.laws.law_text import formula
-from aero_bayes.laws.placed_law import PlacedLaw, identifier
-from aero_bayes.ports import (
-    DIFFERENCE,
-    Attachment,
-    InsertionPoint,
-    Port,
-    alias_structure,
-    driver_names,
-    find_insertion_point,
-    in_vector,
-    is_driver,
-    parameter_values,
-)
+from aero_bayes.laws.connection_writer import ConnectionWriter, edits_in_series
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.laws.signal_writer import SignalWriter, component_connections
+from aero_bayes.ports import Attachment, alias_structure
 
-#: A law whose formula is longer than this is written as a component.
-MAX_FORMULA_LENGTH = 70
-#: Which laws are written before others.
+#: Laws at outputs are written first, then those at inputs: a law in a balance reads the variables that these declare.
 _WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
-_COMMA, _EQUALS = frozenset({","}), frozenset({"="})
 
 
-class LawWriter:
-    """Adds laws to the text of a class."""
+def with_laws_written(
+    known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
+) -> ClassWithLaws:
+    """The user's class with laws.
 
-    def __init__(
-        self,
-        known: Sources,
-        user: tuple[SourceFile, ClassText],
-        flat: FlatModel,
-        placed_laws: Sequence[PlacedLaw],
-        title: str,
-    ) -> None:
-        self.known, self.placed_laws = known, placed_laws
-        self.structure = alias_structure(flat)
-        self.flat = flat
-        self.whole_numbers = {
-            v.name: round(evaluate(flat, v.name, "value"))
-            for v in flat.variables
-            if v.constant and v.type == "Integer" and not v.sizes
-        }
-        self.target = ClassWithLaws(known, user, placed_laws, title, inherits=self._inherits(user[1]))
+    Parameters
+    ----------
+    known : Sources
+    user : tuple
+        The user's class and its file.
+    flat : FlatModel
+        The model without the laws, in which the ports were found.
+    placed_laws : sequence of PlacedLaw
+    title : str
+        Name of the new class.
 
-    def text(self) -> str:
-        """The whole file."""
-        ways: Mapping[str, Callable[[PlacedLaw], None]] = {
-            "input": self._at_input, "output": self._at_output, "signal": self._at_signal,
-            "equation": self._in_equation, "node": self._at_node, "series": self._in_series,
-        }  # fmt: skip
-        # what a law in a balance reads is called by then as laws at outputs and inputs have it
-        for placed in sorted(self.placed_laws, key=lambda u: _WRITING_ORDER.get(u.port.attachment, 2)):
-            ways[placed.port.attachment](placed)
-        return self.target.written()
+    Raises
+    ------
+    InputError
+        Where the source has no place for a law.
+    """
+    structure = alias_structure(flat)
+    target = ClassWithLaws(
+        known, user, placed_laws, title, inherits=_edits_base_class(known, user[1], flat, placed_laws)
+    )
+    signals, connections = SignalWriter(target, structure), ConnectionWriter(target, known, structure)
+    write: Mapping[str, Callable[[PlacedLaw], None]] = {
+        "input": signals.write_at_input,
+        "output": signals.write_at_output,
+        "signal": signals.write_at_signal,
+        "equation": BalanceWriter(target, known, flat, structure).write,
+        "node": connections.write_at_node,
+        "series": connections.write_in_series,
+    }
+    for placed in sorted(placed_laws, key=lambda p: _WRITING_ORDER.get(p.port.attachment, 2)):
+        write[placed.port.attachment](placed)
+    return target
 
-    def _in_equation(self, placed: PlacedLaw) -> None:
-        given, exchange = dict(placed.port.signals), placed.law.kind == "exchange"
-        if exchange and placed.neighbour is not None:
-            given = {"h_1": placed.port.signals["h"], "h_2": placed.neighbour.signals["h"]}
-        # a reading that is a state has a name of its own for what it was
-        given = {signal: self._read(name) for signal, name in given.items()}
-        near = all(not self._equation_of(p).component for p in (placed.port, placed.neighbour) if p is not None)
-        text = formula(placed.law, nominals=placed.all_nominals, names={**given, **placed.names}) if near else None
-        if text is None or len(text) > MAX_FORMULA_LENGTH:
-            self.target.declare(placed, given, {})
-            text = f"{placed.instance}.{placed.law.interface.output}"
-        self._term(placed.port, text, 1)
-        if placed.neighbour is not None:
-            self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 
-    def _read(self, given: str) -> str:
-        """A variable, or a difference of two, as it is called beside laws at outputs."""
-        parts = [self.target.replacements.get(name, name) for name in given.split(DIFFERENCE)]
-        return f"({DIFFERENCE.join(parts)})" if len(parts) > 1 else parts[0]
-
-    def _term(self, port: Port, text: str, sign: int) -> None:
-        """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
-        equation = self._equation_of(port)
-        if not equation.component:
-            self.target.edits += self._entry(port, self.target.cls, "").insert(text, sign)
-            return
-        path, numbers = without_indices(equation.component)
-        copy = self.target.copy_of(path)
-        stated = self._class_at(equation)
-        if stated is None or stated.name != copy.origin.name:
-            copy.write_out_bases(self.known)
-        # two elements of an array of components share the copy of their class
-        given = identifier(text) if identifier(text) not in copy.inputs else f"{identifier(text)}_in"
-        copy.edits += self._entry(port, copy.cls, equation.component + ".").insert(given, sign)
-        about = f'"{"Taken from" if sign > 0 else "Added to"} the balance"'
-        while path:
-            parent = path.rpartition(".")[0]
-            value = given if parent else text
-            if path in numbers:
-                value = in_vector(value, (numbers[path], self._count(path)))
-            self.target.copies[path].add_input(given, value, about)
-            path = parent
-
-    def _count(self, path: str) -> int:
-        """How many components an array of them has."""
-        known = (without_indices(v.name.rpartition(".")[0])[1].get(path, 0) for v in self.flat.variables)
-        return max(known, default=0)
-
-    def _equation_of(self, port: Port) -> FlatEquation:
-        if port.balance is None:
-            raise InputError(f"the port {port.id!r} has no balance")
-        return self.flat.equations[port.balance.equation]
-
-    def _class_at(self, equation: FlatEquation) -> ClassText | None:
-        return None if equation.place is None else self.known.at(equation.place)[1]
-
-    def _entry(self, port: Port, cls: ClassText, prefix: str) -> InsertionPoint:
-        """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
-        flat = self.structure.flat
-        values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
-        constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
-        whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
-        state = port.balance.state if port.balance is not None else ""
-        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, state)]
-        wanted = self._words(port)
-        row = port.balance.row if port.balance is not None else None
-        found: list[tuple[bool, int, InsertionPoint]] = []
-        for s in cls.statements:
-            for loop in self._turns(s):
-                sides = self._sides(s, cls, whole | dict([loop] if loop else []))
-                if sides is None:
-                    continue
-                for name in drivers:
-                    driver = is_driver(name, whole=row is not None)
-                    entry = find_insertion_point(sides, driver, constants=constants, values=values, row=row)
-                    if entry is not None:
-                        entry = replace(entry, loop=loop)
-                        found.append(([t.word for t in s.core] != wanted, len(found), entry))
-                        break
-        if not found:
-            raise InputError(f"{self._equation_of(port).place}: no term can be written into the balance of {port.id!r}")
-        return min(found, key=lambda f: f[:2])[2]
-
-    def _turns(self, s: Statement) -> list[tuple[str, int] | None]:
-        """Nothing for a statement by itself; the variable of a loop around it with each value it may have."""
-        if not s.inside:
-            return [None]
-        words = [t.word for t in s.head]
-        if s.inside != ("for",) or words[2:3] != ["in"] or find_outside(s.head, _COMMA) < len(s.head):
-            return []
-        most = max((max(v.sizes) for v in self.flat.variables if v.sizes), default=0)
-        return [(s.head[1].word, k) for k in range(most + 2)]
-
-    def _words(self, port: Port) -> list[str]:
-        """The balance as it stands in the user's source."""
-        equation = self._equation_of(port)
-        if equation.place is None:
-            return []
-        _, cls, position = self.known.at(equation.place)
-        return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
-
-    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Expression, Expression] | None:
-        """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
-        if s.section == "equation":
-            return sides_of(s.core, whole)
-        c = next((c for c in cls.components() if c.statement is s and c.binding), None)
-        if c is None or c.prefixes & {"parameter", "constant"}:
-            return None
-        return Name(c.name, span=(c.name_token.start, c.name_token.end)), parse_expression(c.binding)
-
-    # connections
-
-    def _at_node(self, placed: PlacedLaw) -> None:
-        port, exchange = placed.port, placed.law.kind == "exchange"
-        ends = {"port": port.connectors[0]}
-        flows = [f"port.{port.flow} = {placed.law.interface.output};"]
-        inside = self._inside(port)
-        if placed.neighbour is not None:
-            ends["neighbour"] = placed.neighbour.connectors[0]
-            taken = "q_2" if placed.law.kind == "overflow" else placed.law.interface.output
-            flows.append(f"neighbour.{placed.neighbour.flow} = -{taken};")
-        if exchange:
-            inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
-        elif placed.neighbour is not None and port.kind == "motion":
-            other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(placed.neighbour).items()}
-            inside = {k: f"{v}{DIFFERENCE}{other[k]}" for k, v in inside.items() if k in other}
-        given = {k: v for k, v in port.signals.items() if k not in inside}
-        self.target.declare(placed, given, inside, self._connectors(port, *ends), flows)
-        self.target.equations += [f"connect({placed.instance}.{end}, {outer});" for end, outer in ends.items()]
-
-    def _inside(self, port: Port) -> dict[str, str]:
-        """What a law's class can take from its own connector: the potential, or its rate."""
-        potential = f"port.{port.potential}"
-        if port.kind == "storage":
-            return {"h": potential}
-        position = port.signals.get("x", "").partition(DIFFERENCE)[0]
-        if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(position):
-            return {"v": f"der({potential})", "x": potential}
-        return {"v": potential}
-
-    def _connectors(self, port: Port, *names: str) -> list[str]:
-        """Declarations of connectors of the port's kind in a law's class."""
-        place = self.structure.variables[f"{port.connectors[0]}.{port.flow}"].place
-        if place is None:
-            raise InputError(f"{port.id}: the class of its connector is not known")
-        file, cls, _ = self.known.at(place)
-        if not file.text[cls.start :].startswith("partial"):
-            return [f"{cls.full_name} {name};" for name in names]
-        whole = ["connector End", f"  extends {cls.full_name};", "end End;"]
-        return [*whole, *(f"End {name};" for name in names)]
-
-    def _in_series(self, placed: PlacedLaw) -> None:
-        port = placed.port
-        left, right = port.connectors
-        equations = [f"p.{port.potential} - n.{port.potential} = v;", f"p.{port.flow} + n.{port.flow} = 0;"]
-        self.target.declare(placed, {}, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
-        mine = [u.instance for u in self.placed_laws if u.port.attachment == "series" and u.port.connectors[1] == right]
-        if placed.instance != mine[0]:
-            return
-        edits = self._before(self.target.file.text, self.target.cls, port, mine)
-        if not edits:
-            raise InputError(f"{self.target.cls.full_name}: no connection of {left} and {right} stands in the class")
-        self.target.edits += edits
-
-    @staticmethod
-    def _before(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[TextEdit]:
-        return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])
-
-    # inputs and outputs
-
-    def _at_input(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
-        c = self._declared(name)
-        self.target.declare(placed, {"u": name}, {})
-        given, inner = self.target.replacements, name
-        if c.name != name:
-            if c.name not in self.target.replacements:
-                self.target.replacements[c.name] = self._apart(c, ACTING)
-            given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
-        if given.get(inner, name) != name:
-            # what a law gives that is there already is now given what this one gives
-            self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{placed.instance}.y"
-        else:
-            given[inner] = f"{placed.instance}.y"
-
-    def _at_signal(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
-        if "." not in name:
-            self.target.computed.add(name)
-            self._at_input(placed)
-            return
-        connects = self._connects(self.target.cls, name)
-        if len(connects) != 1:
-            raise InputError(f"{self.target.cls.full_name}: no one connection to {name!r} stands in the class")
-        ((statement, source),) = connects
-        mine = [u.instance for u in self.placed_laws if u.port.attachment == "signal" and u.port.signals["u"] == name]
-        # each is given what the next one gives, the last one what was connected
-        given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
-        self.target.declare(placed, {"u": given[placed.instance]}, {})
-        if placed.instance == mine[0]:
-            self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
-
-    @staticmethod
-    def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
-        """Connections of a component's input, with what stands at the other end; none in a loop or under a condition.
-
-        What is connected otherwise too has no other end.
-        """
-        found = []
-        for s in cls.equations:
-            ends = ["".join(words_of(end)) for end in s.ends]
-            if name in ends and not s.inside:
-                found.append((s, next((end for end in ends if end != name), "")))
-        return found
-
-    def _apart(self, c: Component, suffix: str) -> str:
-        """An array that stands, element by element, for an array of inputs or outputs in the class."""
-        sizes = self.structure.variables[c.name].sizes
-        inner = f"{c.name}{suffix}"
-        if c.binding:
-            self.target.freed_bindings[inner] = c.binding
-        if suffix == ACTING and "input" not in c.prefixes:
-            # a connector that takes its causality from its class
-            c = replace(c, type="Acting")
-            self.target.connectors["Acting"] = "output Real"
-        self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
-        for outer, own in zip(element_names(c.name, sizes), element_names(inner, sizes), strict=True):
-            self.target.sources |= {own: outer} if suffix == ACTING else {outer: own}
-        return inner
-
-    def _declared(self, name: str) -> Component:
-        base = reference(name).name
-        if base not in self.target.components:
-            raise InputError(f"{self.target.cls.full_name}: {base!r} is not declared in the class itself")
-        return self.target.components[base]
-
-    def _at_output(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
-        c = self._declared(name)
-        if c.name != name and c.name not in self.target.replacements:
-            self.target.replacements[c.name] = self._apart(c, TRUE)
-            self._without_start(c)
-        inner = self.target.sources.get(name)
-        self.target.sources[name] = f"{placed.instance}.y"
-        if inner is not None:
-            self.target.declare(placed, {"u": inner}, {})
-            return
-        giving = [s for s in self.target.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
-        if c.binding or (len(giving) == 1 and name not in self.target.cls.derived()):
-            self.target.moved_equations[name] = c.binding or giving[0].core[2:]
-            self.target.declare(placed, {"u": ""}, {})
-            self.target.replacements[name] = f"{placed.instance}.u"
-        else:
-            # Other equations solve for it: what it was gets a name of its own.
-            true = f"{name}{TRUE}"
-            self.target.declare(placed, {"u": true}, {})
-            self._declare_like(c, true, "unread")
-            self._without_start(c)
-            self.target.replacements[name] = true
-
-    def _declare_like(self, c: Component, name: str, about: str) -> None:
-        # a connector stays one, since it may be connected
-        modified = text_of(self.target.file.text, c.arguments)
-        self.target.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
-
-    def _without_start(self, c: Component) -> None:
-        """What is no state any more keeps its units only."""
-        if c.arguments:
-            parts = split_outside(c.arguments[1:-1])
-            kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
-            text = f"({', '.join(text_of(self.target.file.text, p) for p in kept)})" if kept else ""
-            self.target.edits.append(TextEdit(c.arguments[0].start, c.arguments[-1].end, text))
-
-    # what has to be written out first
-
-    def _inherits(self, cls: ClassText) -> bool:
-        """Whether something that is to be edited stands in a base class of the user's class."""
-        own = {c.name for c in cls.components()}
-        for placed in self.placed_laws:
-            for port in (placed.port, *([placed.neighbour] if placed.neighbour else ())):
-                if port.attachment == "signal" and "." in port.signals["u"]:
-                    if not self._connects(cls, port.signals["u"]):
-                        return True
-                elif port.attachment in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+def _edits_base_class(known: Sources, cls: ClassText, flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> bool:
+    """Whether something that is to be edited stands in a base class of the user's class."""
+    own = {c.name for c in cls.components()}
+    for placed in placed_laws:
+        for port in (placed.port, *([placed.neighbour] if placed.neighbour else ())):
+            if port.attachment == "signal" and "." in port.signals["u"]:
+                if not component_connections(cls, port.signals["u"]):
                     return True
-                if port.attachment == "equation":
-                    equation = self._equation_of(port)
-                    stated = self._class_at(equation)
-                    inside = without_indices(equation.component)[0]
-                    if (inside and inside not in own) or (not inside and stated is not cls):
-                        return True
-                if port.attachment == "series" and not self._before("", cls, port, ["law"]):
+            elif port.attachment in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+                return True
+            if port.attachment == "equation":
+                equation = equation_of(flat, port)
+                stated = class_of(known, equation)
+                inside = without_indices(equation.component)[0]
+                if (inside and inside not in own) or (not inside and stated is not cls):
                     return True
-        return False
+            if port.attachment == "series" and not edits_in_series("", cls, port, ["law"]):
+                return True
+    return False

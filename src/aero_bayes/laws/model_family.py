@@ -88,7 +88,7 @@ class ModelFamily(Protocol):
     @property
     def title(self) -> str: ...
 
-    def plain(self) -> Model:
+    def base_model(self) -> Model:
         """The model itself."""
         ...
 
@@ -105,7 +105,7 @@ class ModelFamily(Protocol):
         """Ids of all candidates, once the model has been fitted as it stands."""
         ...
 
-    def groups(self) -> tuple[tuple[str, ...], ...]:
+    def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """The candidates in groups that are best tried on one model."""
         ...
 
@@ -129,11 +129,11 @@ class ModelFamily(Protocol):
         """The model with chosen candidates, at values by the names of the offers, written to ``folder``."""
         ...
 
-    def on(self, calibration: Calibration, model: Model) -> Calibration:
+    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """A calibration of the model held against a relative of it, whose states may have other names."""
         ...
 
-    def summary(self, id_: str) -> str:
+    def describe(self, id_: str) -> str:
         """An effect in words."""
         ...
 

@@ -1,32 +1,29 @@
-"""A Modelica model and its relatives: laws at the ports that are found in it, and at its replaceable models."""
+"""The family of a Modelica model: the model with laws at its ports and in its replaceable models."""
 
 from __future__ import annotations
 
 import hashlib
-import tempfile
-import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from aero_bayes.declared import PackageDeclaration
-from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter
-from aero_bayes.export.compose import TRUE
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declaration_of, declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.sources import Sources
 from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws.candidate_groups import candidate_groups, refinements
 from aero_bayes.laws.candidates import (
     Candidate,
     declared_candidates,
@@ -47,13 +44,15 @@ from aero_bayes.laws.model_family import (
     to_significant_digits,
 )
 from aero_bayes.laws.model_sources import read_sources, reserved_names
-from aero_bayes.laws.placed_law import PlacedLaw, describe_law, place_law, place_laws
+from aero_bayes.laws.placed_law import PlacedLaw, at_same_ports, describe_law, place_law, place_laws
 from aero_bayes.laws.redeclare import can_be_combined, load_with_redeclarations, split_by_replaceable
 from aero_bayes.laws.replaceable_laws import laws_for_constraint
 from aero_bayes.laws.starting_values import fitted_parameters, starting_values
-from aero_bayes.laws.write_model import WrittenModel, write_law, write_laws
+from aero_bayes.laws.state_names import state_aliases, state_names, states_by_base_name
+from aero_bayes.laws.write_model import WrittenModel, can_be_written, write_laws
 from aero_bayes.ports import (
     Port,
+    ReplaceableModel,
     alias_structure,
     find_replaceable_models,
     port_nominals,
@@ -63,23 +62,26 @@ from aero_bayes.ports import (
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
 
-#: Sizes of ports by their ids.
+#: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
 class ModelicaFamily:
-    """A model, and how it may be extended.
+    """A Modelica model, the base model, and the same model with laws added.
 
     Parameters
     ----------
     base : str
-        Name of a Modelica class.
+        Name of the Modelica class.
     sources : tuple of Path
-        Files and package folders that it is loaded from; laws that stand in them count beside the shipped ones.
+        Files and package folders from which it is loaded. Laws in them are candidates, as the shipped ones are.
     folder : Path
         Where FMUs are kept.
-    narrowed : Narrowed
+    libraries : tuple of Path
+        Folders that hold packages which the model uses.
+    candidate_filter : CandidateFilter
+        The candidates that the user allows.
     """
 
     base: str
@@ -109,7 +111,7 @@ class ModelicaFamily:
 
     @cached_property
     def declared(self) -> PackageDeclaration:
-        """What its package declares of it."""
+        """What the package of the model declares about it."""
         return declaration_of(self.base, self.sources)
 
     @cached_property
@@ -117,16 +119,20 @@ class ModelicaFamily:
         return read_sources(self.sources, self.flat)
 
     @cached_property
+    def _replaceable_models(self) -> tuple[ReplaceableModel, ...]:
+        return find_replaceable_models(self._sources, self.base)
+
+    @cached_property
     def replaceable_laws(self) -> tuple[Law, ...]:
-        """Laws for its replaceable models."""
-        found = dict.fromkeys(one.constraint for one in find_replaceable_models(self._sources, self.base))
-        return tuple(law for constraint in found for law in laws_for_constraint(self._sources, constraint))
+        """Laws that can take the place of its replaceable models."""
+        constraints = dict.fromkeys(one.constraint for one in self._replaceable_models)
+        return tuple(law for constraint in constraints for law in laws_for_constraint(self._sources, constraint))
 
     @cached_property
     def replaceables(self) -> tuple[Port, ...]:
-        """Its replaceable models for which there are laws."""
+        """Ports at its replaceable models, where there are laws for them."""
         usable = {law.constraint for law in self.replaceable_laws}
-        found = [one for one in find_replaceable_models(self._sources, self.base) if one.constraint in usable]
+        found = [one for one in self._replaceable_models if one.constraint in usable]
         return with_applicable_laws(replaceable_ports(found, self.declared.ports), self.replaceable_laws)
 
     @cached_property
@@ -137,8 +143,8 @@ class ModelicaFamily:
         return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.replaceables))
 
     @cached_property
-    def every(self) -> tuple[Candidate, ...]:
-        """Every law at every port that it fits; where the package names effects, these and learned curves alone."""
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Every applicable law at every port. If the package names effects, only these and learned curves."""
         found = find_candidates(self.ports, (*self.laws, *self.replaceable_laws))
         return declared_candidates(found, self.declared) if self.declared.effects else found
 
@@ -146,8 +152,8 @@ class ModelicaFamily:
     def law_models(self) -> LawModels:
         return law_models(self.laws)
 
-    def plain(self) -> Model:
-        """The model itself."""
+    def base_model(self) -> Model:
+        """The model without any law added."""
         source = ModelicaSource(self.base, self.sources, self.libraries)
         return replace(self._export(self.flat, "plain"), source=source)
 
@@ -157,29 +163,31 @@ class ModelicaFamily:
 
     @property
     def extra_terms_are_free(self) -> bool:
-        """Whether all laws stand in replaceable models, and one model has them all; others come as asked for."""
+        """Whether one model can have all candidates at once, because all of them are replaceable models."""
         return all(can_be_combined(placed) for placed in self._placed.values())
 
     def check(self) -> None:
-        """Raise InputError where the engineer's choice names what there is not, or leaves nothing."""
-        laws = {c.law.id: None for c in self.every} | {law.id: None for law in self.laws if not self.declared.effects}
-        ports = {self.named(c.port): None for c in self.every} | {p.id: None for p in self.ports}
-        self.candidate_filter.check([c.id for c in self.every], list(laws), list(ports))
-        self._kept(self.every)
+        """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
+        laws = {c.law.id: None for c in self.candidates} | {
+            law.id: None for law in self.laws if not self.declared.effects
+        }
+        ports = {self.port_name(c.port): None for c in self.candidates} | {p.id: None for p in self.ports}
+        self.candidate_filter.check([c.id for c in self.candidates], list(laws), list(ports))
+        self._kept(self.candidates)
 
     def _kept(self, found: Sequence[Candidate]) -> list[Candidate]:
-        kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.named(c.port))]
+        kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.port_name(c.port))]
         if not kept:
             left = "[loop] effects, exclude, ports and laws leave none"
             raise InputError(f"{self.base}: no law is left to try; {left}")
         return kept
 
-    def named(self, port: Port) -> str:
-        """The name that a port goes by; several may share one."""
+    def port_name(self, port: Port) -> str:
+        """The declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
-        """Every law at every port that it fits."""
+        """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
         kept = self._kept(self._candidates(calibration))
         found = any(c.port.replaceable is None for c in kept)
         nominals = self._nominals(calibration, fit, open_simulator) if found else {}
@@ -193,117 +201,81 @@ class ModelicaFamily:
         return tuple(self._placed)
 
     def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
-        return self.tried()
+        return self.writable_candidates()
 
-    def tried(self) -> tuple[Candidate, ...]:
-        """Every law at every port where the source has a place for one."""
-        every = self.every
+    def writable_candidates(self) -> tuple[Candidate, ...]:
+        """The candidates that can be written into the source."""
+        every = self.candidates
         edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
-        barred = {c.port.id for c in edited if not self._can_be_written(c)}
+        laws = [place_law(c.law, c.port, self._taken(), nominals={}, neighbour=c.neighbour) for c in edited]
+        barred = {p.port.id for p in laws if not can_be_written(self.sources, self.base, self.flat, p)}
         return tuple(c for c in every if c.port.id not in barred)
-
-    def _can_be_written(self, c: Candidate) -> bool:
-        placed = place_law(c.law, c.port, self._taken(), nominals={}, neighbour=c.neighbour)
-        try:
-            with tempfile.TemporaryDirectory() as folder:
-                write_law(self.sources, self.base, self.flat, [placed], folder)
-        except InputError:
-            return False
-        return True
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         return port_nominals(self.flat, self.ports, calibration, fit, open_simulator)
 
     def _taken(self) -> set[str]:
-        """Names that the model has."""
+        """Names that the model uses already."""
         return reserved_names(self.flat, self.sources)
 
-    def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Laws in replaceable models, then those without states, each together; those with states, which slow a
-        simulation down, by port; one by one those in a replaceable model that takes only one; curves last."""
-        curves, finer = self.curves(), self.refinements()
-        alone = [
-            id_
-            for id_, placed in self._placed.items()
-            if placed.port.replaceable is not None and not can_be_combined(placed)
-        ]
-        laws = {id_: placed for id_, placed in self._placed.items() if id_ not in curves and id_ not in alone}
-        inside = tuple(id_ for id_, placed in laws.items() if placed.port.replaceable is not None)
-        still = tuple(
-            id_ for id_, placed in laws.items() if placed.port.replaceable is None and not placed.law.has_states
-        )
-        by_port: dict[str, list[str]] = {}
-        for id_, placed in laws.items():
-            if placed.law.has_states and placed.port.replaceable is None:
-                by_port.setdefault(placed.port.id, []).append(id_)
-        every = [c for c in curves if c not in alone]
-        tiers = (tuple(c for c in every if (c in finer) is fine) for fine in (False, True))
-        moving = (tuple(ids) for ids in by_port.values())
-        return tuple(g for g in (inside, still, *moving, *((id_,) for id_ in alone), *tiers) if g)
+    def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
+        """Ids of candidates that are best tried on one model together."""
+        return candidate_groups(self._placed)
 
     def refinements(self) -> Mapping[str, str]:
-        """Laws that refine one at the same port."""
-        known = {(placed.law.id, placed.port.id): id_ for id_, placed in self._placed.items()}
-        coarse = {id_: known.get((placed.law.refines, placed.port.id)) for id_, placed in self._placed.items()}
-        return {id_: of for id_, of in coarse.items() if of is not None}
+        """For each law that refines another one at the same port, that one."""
+        return refinements(self._placed)
 
     def curves(self) -> Mapping[str, str]:
-        """Curves that stand for no law, and over what each is learned."""
+        """Learned curves, and the variable over which each is learned."""
         return {id_: curve_variable(placed) for id_, placed in self._placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
-        """Of a curve that is learned."""
+        """The basis functions of a learned curve."""
         (placed,) = self._sized([id_])
         if placed.port.replaceable is None:
             return curve_basis(placed, self.law_models)
         return curve_basis(*isolated_curve(self._redeclared([placed]), placed))
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
-        """Those of a candidate, by their names in offers."""
+        """The parameters of a candidate, by their names in a model with candidates."""
         return tuple(fitted_parameters(self._placed[id_]))
 
     def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
-        """Values of a candidate's parameters worth starting from; none of a learned curve."""
+        """Starting values of the parameters of a candidate; none for a learned curve."""
         return self._starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """The model with some laws, switched off, and with all in its replaceable models that go together."""
+        """The model with some laws switched off, and with all that can be combined in its replaceable models."""
         curves = self.curves()
         inside = any(self._placed[id_].port.replaceable is not None for id_ in ids)
         also = {id_ for id_, placed in self._placed.items() if can_be_combined(placed) and id_ not in curves}
         placed_laws = self._ordered(id_ for id_ in self._placed if id_ in ids or (inside and id_ in also))
         model = self._with(placed_laws)
-        own = [(CandidateTerm(u.id, self.named(u.port), self.starts(u.id)), self.parameters(u.id)) for u in placed_laws]
+        own = [
+            (CandidateTerm(u.id, self.port_name(u.port), self.starts(u.id)), self.parameters(u.id)) for u in placed_laws
+        ]
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         inside, others = split_by_replaceable(placed_laws)
         flat = self._redeclared(inside)
         if others:
-            flat = compose_laws(flat, self._found_in(flat, others) if inside else others, self.law_models)
-        return self._export(flat, "offer")
+            if inside:
+                others = at_same_ports(others, ports_with_laws(flat, self.laws))
+            flat = compose_laws(flat, others, self.law_models)
+        return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
         """The model with laws in its replaceable models."""
         if not placed_laws:
             return self.flat
-        return load_with_redeclarations(self.base, f"{self.title}_offer", placed_laws, self.sources, self.libraries)
-
-    def _found_in(self, flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> list[PlacedLaw]:
-        """The same laws at the ports of a relative."""
-        there = {p.id: p for p in ports_with_laws(flat, self.laws)}
-        needed = {p.id for placed in placed_laws for p in (placed.port, placed.neighbour) if p is not None}
-        if lost := sorted(needed - there.keys()):
-            raise CannotFinishError(f"{self.base}: no port {lost[0]!r} is left beside laws in its replaceable models")
-        return [
-            replace(
-                placed, port=there[placed.port.id], neighbour=there[placed.neighbour.id] if placed.neighbour else None
-            )
-            for placed in placed_laws
-        ]
+        return load_with_redeclarations(
+            self.base, f"{self.title}_candidates", placed_laws, self.sources, self.libraries
+        )
 
     def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Uses by id; the first curve that is asked for gives all in replaceable models their sizes."""
+        """Placed laws by id. The first request for a curve computes the nominal values of all curves."""
         wanted = list(ids)
         if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
             for id_, size in self._curve_nominals_pending.pop()().items():
@@ -319,26 +291,29 @@ class ModelicaFamily:
     def _curve_nominals(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
     ) -> dict[str, float]:
-        """How far a fit goes in what each curve is learned over; nothing where it cannot be simulated with them."""
+        """Nominal value of the input of each curve, from a simulation at the fit; empty if that fails."""
         placed_laws = self._curves()
         flat, names = with_curve_inputs(self._redeclared(placed_laws), placed_laws)
         found: dict[str, float] = {}
         with suppress(InputError):
-            own = self.on(calibration, self._export(flat, "watched"))
+            own = self.transfer(calibration, self._export(flat, "curves"))
             seen = simulated_signals(own, list(names.values()), fit, open_simulator)
             found = {id_: float(f"{signal_nominal(seen[name]) or 1.0:.3g}") for id_, name in names.items()}
         return found
 
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Uses in the order in which they are composed: those in replaceable models as listed; of the others, laws that
-        need the rate of a reading are the innermost."""
+        """Placed laws in the order in which they are composed.
+
+        Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
+        reading are the innermost.
+        """
         places = {id_: k for k, id_ in enumerate(self._placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
-        """The model with chosen laws, written as Modelica."""
+        """The model with chosen laws, written as Modelica and exported."""
         taken = self._taken()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -359,42 +334,26 @@ class ModelicaFamily:
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
-        """The written model and its FMU; ``values`` are those of the fit, by the names of the offers."""
+        """The written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
         written = write_laws(self.sources, self.base, self.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
         return written, self._export(flat, written.name)
 
-    def on(self, calibration: Calibration, model: Model) -> Calibration:
-        """The calibration on a relative: a state takes the name of what it equals there."""
-        structure = alias_structure(self.flat)
-        there: dict[str, str] = {}
-        for s in model.states:
-            # what an output's law reads is what the output was
-            unread = s.name.removesuffix(TRUE).replace(f"{TRUE}[", "[")
-            was = self._read.get(s.name, unread if s.name not in self._aliases else s.name)
-            there.setdefault(self._aliases.get(was, was), s.name)
-            if was in structure.variables:
-                there.setdefault(structure.of(was), s.name)
-        known = {s.name: structure.of(s.name) for s in calibration.model.states if s.name in structure.variables}
-        names = {s: there.get(s, there.get(same, s)) for s, same in known.items()}
-        return calibration_on(calibration, model, names)
+    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
+        """The calibration of the base model, for a member of the family. States get their names there."""
+        there = states_by_base_name(model, alias_structure(self.flat), self._aliases, self._read)
+        return calibration_on(calibration, model, state_names(calibration.model, alias_structure(self.flat), there))
 
     @cached_property
     def _aliases(self) -> dict[str, str]:
-        """A state of the model by the name of each variable that equals it."""
-        model = self.plain()
-        with zipfile.ZipFile(model.path) as archive:
-            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-        states = {str(s.value_reference): s.name for s in model.states}
-        variables = [(v.get("name", ""), v.get("valueReference", "")) for v in root.iter("ScalarVariable")]
-        return {name: states[reference] for name, reference in variables if reference in states}
+        return state_aliases(self.base_model())
 
-    def summary(self, id_: str) -> str:
-        """A law in words."""
+    def describe(self, id_: str) -> str:
+        """A sentence about a law and its port."""
         return describe_law(self._placed[id_].law, self._placed[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
-        """The FMU of a flat model, kept under the hash of what it was made from."""
+        """The FMU of a flat model. The hash of the flat model is part of the file name."""
         key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
@@ -404,5 +363,5 @@ class ModelicaFamily:
 
 
 def _read_by(placed: PlacedLaw) -> dict[str, str]:
-    """The output that a law stands before, by the law's own name for its quantity."""
+    """The output on which a law acts, by the name of the variable that the law reads in its place."""
     return {f"{placed.instance}.u": placed.port.signals["u"]} if placed.port.attachment == "output" else {}

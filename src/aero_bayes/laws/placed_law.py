@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.laws.candidates import Candidate, has_reaction
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law, LawParameter, ParameterAttribute
 from aero_bayes.ports import Port
@@ -145,6 +145,23 @@ def place_laws(
         placed_laws.append(place_law(c.law, c.port, used, nominals=own, neighbour=c.neighbour, alias=c.alias))
         used |= {placed_laws[-1].instance, *placed_laws[-1].names.values()}
     return tuple(placed_laws)
+
+
+def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:
+    """The same laws at the ports of another model, found by their ids.
+
+    Raises
+    ------
+    CannotFinishError
+        If the other model lacks a port.
+    """
+    there = {p.id: p for p in ports}
+    needed = {p.id for placed in placed_laws for p in (placed.port, placed.neighbour) if p is not None}
+    if lost := sorted(needed - there.keys()):
+        raise CannotFinishError(f"the model with laws in its replaceable models has no port {lost[0]!r} any more")
+    return [
+        replace(p, port=there[p.port.id], neighbour=there[p.neighbour.id] if p.neighbour else None) for p in placed_laws
+    ]
 
 
 def identifier(path: str) -> str:

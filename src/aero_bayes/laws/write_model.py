@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
-from aero_bayes.laws.law_writer import LawWriter
+from aero_bayes.laws.law_writer import with_laws_written
 from aero_bayes.laws.model_sources import read_sources
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.redeclare import redeclaring_class, split_by_replaceable
@@ -63,14 +64,24 @@ def write_law(
     known = read_sources(sources, flat)
     file, cls = known.find(model)
     title = name or "_".join([cls.name, *(u.instance for u in placed_laws)])
-    writer = LawWriter(known, (file, cls), flat, placed_laws, title)
-    text = writer.text()
+    target = with_laws_written(known, (file, cls), flat, placed_laws, title)
+    text = target.written()
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    before, old = ("", "/dev/null") if writer.target.extends else (writer.target.original(), file.file)
+    before, old = ("", "/dev/null") if target.extends else (target.original(), file.file)
     return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
+
+
+def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed: PlacedLaw) -> bool:
+    """Whether the source of a model has a place for a law, see :func:`write_law`."""
+    try:
+        with ScratchFolder() as folder:
+            write_law(sources, model, flat, [placed], folder)
+    except InputError:
+        return False
+    return True
 
 
 def write_laws(

@@ -72,14 +72,14 @@ class BaseFit:
         self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters."""
-        moved = bench.family.on(self.plain, model)
+        moved = bench.family.transfer(self.plain, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
 
 
 def fit_as_it_stands(bench: Workbench) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them."""
     bench.progress("building models", 0.0)
-    model = bench.family.plain()
+    model = bench.family.base_model()
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))

@@ -86,7 +86,7 @@ def _effect(
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
-        explored.price.of_term(id_), bench.family.summary(id_), dict(written.widths[id_]), over=over,
+        explored.price.of_term(id_), bench.family.describe(id_), dict(written.widths[id_]), over=over,
         odds=min(sum(r.odds for r in step.rivals if r.id in same), 1.0) if step is not None else None,
         curve=_learned(bench.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip

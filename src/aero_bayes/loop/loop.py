@@ -97,7 +97,7 @@ def close_loop(
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = Path(out_dir) if out_dir is not None else scratch
         family = _family(name, settings.cache or folder / "fmu", settings)
-        known = [v.name for v in family.plain().outputs]
+        known = [v.name for v in family.base_model().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         result_cache = Checkpoint.at(checkpoint) or ResultCache()
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
@@ -123,7 +123,7 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
         family, plain, base.fit.free, bench.open_objective, bench.open, settings.calibration.interpolation == "auto"
     )
     cache, curves = ModelCache(source), tuple(family.curves())
-    library = Library(family.groups(), family.refinements(), curves)
+    library = Library(family.candidate_groups(), family.refinements(), curves)
     fit = replace(settings.climb, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)

@@ -72,12 +72,12 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
-        words={id_: bench.family.summary(id_) for id_ in sorted(rivals)},
+        words={id_: bench.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
         interpolation=conclusion.calibration.interpolation,
         recordings=bench.recordings,
-        plain=bench.family.plain(),
-        calibrated=_calibrated(bench.family.plain().source, conclusion, fitted),
+        plain=bench.family.base_model(),
+        calibrated=_calibrated(bench.family.base_model().source, conclusion, fitted),
     )
 
 
@@ -206,7 +206,7 @@ def _separating_experiments(
     bench: Workbench, conclusion: Conclusion, classes: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
-    if not classes or bench.family.plain().declared.limits.input is None:
+    if not classes or bench.family.base_model().declared.limits.input is None:
         return ()
     chosen, (first, *others) = conclusion.chosen, classes[0]
     lines = []

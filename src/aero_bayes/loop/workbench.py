@@ -80,7 +80,7 @@ class Workbench:
     @property
     def units(self) -> dict[str, str]:
         """Units of the model's outputs."""
-        return {v.name: v.unit for v in self.family.plain().outputs}
+        return {v.name: v.unit for v in self.family.base_model().outputs}
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
         """The fitted recordings held against a model; ``fixed`` goes before what the settings hold fixed."""

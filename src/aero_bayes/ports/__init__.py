@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from aero_bayes.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from aero_bayes.ports.aliases import AliasStructure as AliasStructure
     from aero_bayes.ports.aliases import alias_structure as alias_structure
     from aero_bayes.ports.balance import Balance as Balance
     from aero_bayes.ports.balance import parameter_values as parameter_values
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__ = lazy_exports(
     __name__,
     {
-        "aliases": "alias_structure",
+        "aliases": "AliasStructure alias_structure",
         "balance": "Balance parameter_values",
         "find": "driver_names find_ports is_driver replaceable_ports",
         "insertion_point": "InsertionPoint find_insertion_point in_vector",

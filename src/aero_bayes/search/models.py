@@ -209,7 +209,7 @@ class ModelCache:
     def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
         plain, own = with_setting(self.source.plain, self.source.own, setting)
         offer = self.source.family.with_candidates(wanted)
-        calibration = self.source.family.on(plain, offer.model)
+        calibration = self.source.family.transfer(plain, offer.model)
         calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
         first = len(plain.parameters)
         found = {}

@@ -160,7 +160,7 @@ def _separate(
         "check": check.to_dict(),
     }
     plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
-    words = {id_: family.summary(id_) for id_ in ids}
+    words = {id_: family.describe(id_) for id_ in ids}
     return {"design": found, "verdict": _separate_verdict(rivals, apart, check), "words": words}, plan, apart
 
 
@@ -229,7 +229,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is None:
-        every = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries).every
+        every = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries).candidates
         known = [candidate.id for candidate in every]
     else:
         known = list(Model.load(fmu).declared.effects)

@@ -78,8 +78,8 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
         return model_ports(family, options, data)
     if data:
         raise InputError(f"{name}: --data is for ports that are found; those of {family.declared.package} are a list")
-    named = [c for c in family.every if c.alias]
-    return [{"id": c.id, "port": family.named(c.port), "summary": describe_law(c.law, c.port)} for c in named]
+    named = [c for c in family.candidates if c.alias]
+    return [{"id": c.id, "port": family.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
 
 
 def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
@@ -129,7 +129,7 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
     own = len(found.calibration.parameters)
     probes = [_probe(name, p, sizes[p.id][ACTS[p.kind]]) for p in ports for name in names[p.id]]
-    calibration = family.on(found.calibration, model)
+    calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
     at = calibration.parameters.to_search(np.concatenate([found.values, np.zeros(len(probes))]))
