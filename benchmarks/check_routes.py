@@ -26,8 +26,8 @@ from aero_bayes.export.library import library_roots, needed_libraries
 from aero_bayes.laws.compose import law_models
 from aero_bayes.laws.fmu_coupling import couple
 from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import general_laws
-from aero_bayes.laws.use import use_of
+from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws.placed_law import place_law
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, confinement, open_simulator
 
 #: x'' = -k x from x = 1 at rest.
@@ -89,10 +89,10 @@ def with_steps_only(path: Path, out: Path) -> Path:
 def with_law(path: Path, out: Path) -> Path:
     """Write the same FMU with a law around it that is off."""
     inner = Model.load(path)
-    law = next(law for law in general_laws() if (law.kind, law.id) == ("output", "gain"))
+    law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
     around, models = FmuBoundary(inner), law_models([law])
     port = next(p for p in around.ports if p.kind == "reading")
-    couple(inner, around.seam([use_of(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
+    couple(inner, around.seam([place_law(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
     return out
 
 

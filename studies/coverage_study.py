@@ -273,7 +273,7 @@ def rank_truth(
     row["ranks"] = {n: float(r) for n, r in zip(names, ranks, strict=False) if n in truth}
     row["noise"] = {output: noise.kind for output, noise in fit.noise.items()}
     row["warned"] = len(fit.warnings)
-    row["held"] = [output for output, noise in fit.noise.items() if noise.held]
+    row["held"] = [output for output, noise in fit.noise.items() if noise.model_error]
     return row
 
 

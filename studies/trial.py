@@ -27,7 +27,7 @@ import numpy as np
 
 from aero_bayes.data import read_recording
 from aero_bayes.fleet import open_executor
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_trial import draw_aero_trial
 from trial_distance import effect_distances, scaled_to
@@ -72,7 +72,7 @@ def run(task: AeroTrialTask) -> dict[str, Any]:
     began = time.perf_counter()
     rng = np.random.default_rng([task.root, KINDS.index(task.kind), task.number])
     spec = draw_aero_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
-    family = RigFamily(BASE, (), task.cache)
+    family = ModelicaFamily(BASE, (), task.cache)
     if task.kind == "single" and (task.number // 2) % 2 == 0:
         spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
     with tempfile.TemporaryDirectory(prefix="trial-") as folder:
@@ -133,7 +133,7 @@ def main() -> None:
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
     cache = (work / "fmu").resolve()
-    RigFamily(BASE, (), cache).plain()
+    ModelicaFamily(BASE, (), cache).base_model()
     tasks = [t for t in aero_trial_tasks(root, counts, cache) if t.number >= arguments.first]
     with open_executor(arguments.dask, arguments.processes) as executor:
         rows = run_trials(tasks, attempt_aero_trial, work / "trials.sqlite", executor)

@@ -19,7 +19,7 @@ from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_m
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
@@ -41,7 +41,7 @@ def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
     return noise
 
 
-def effect_distances(spec: TrialSpec, noise_free: Recording, family: RigFamily, ids: Sequence[str]) -> list[float]:
+def effect_distances(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, ids: Sequence[str]) -> list[float]:
     """Compute the distance of each effect; the model knows the others of the truth (catalogue effects only)."""
     if not ids:
         return []
@@ -50,10 +50,10 @@ def effect_distances(spec: TrialSpec, noise_free: Recording, family: RigFamily, 
     return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
 
-def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
+def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSpec:
     """Scale the one effect's magnitude so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = next(c.law.switch.name for c in family.every if c.id == effect.id)
+    name = next(c.law.magnitude.name for c in family.candidates if c.id == effect.id)
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
@@ -70,8 +70,8 @@ def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
     return spec
 
 
-def _distance(spec: TrialSpec, noise_free: Recording, family: RigFamily, known: Sequence[str]) -> float:
-    model = family.plain()
+def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, known: Sequence[str]) -> float:
+    model = family.base_model()
     shared = parameters_from_model(
         model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
     )
@@ -91,9 +91,9 @@ def _distance(spec: TrialSpec, noise_free: Recording, family: RigFamily, known: 
     listed = [k for k in known if k in family.declared.effects]
     calibration, extra = plain, []
     if listed:
-        offer = family.offer(listed)
+        offer = family.with_candidates(listed)
         names = {p.name for id_ in listed for p in family.parameters(id_)}
-        calibration, extra = family.on(plain, offer.model), [p for p in offer.parameters if p.name in names]
+        calibration, extra = family.transfer(plain, offer.model), [p for p in offer.parameters if p.name in names]
     parameters = calibration.parameters.extended(extra)
     calibration = replace(calibration, parameters=parameters)
     truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
 from trial_runs import BANDS, Row, cell, quantile, rate
 

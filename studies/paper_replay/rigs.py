@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, noise_of, to_experiment
+from aero_bayes.data import Recording, output_noise_floor, to_experiment
 from aero_bayes.estimate import Fit
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, Outcome, Problem, Simulator
@@ -80,7 +80,7 @@ class Rigs:
     @property
     def floor(self) -> FloatArray:
         """What the noise of each output is at most, from its readings alone, shape (3,)."""
-        return np.array([noise_of(self.recording, name).at_most for name in OUTPUTS])
+        return np.array([output_noise_floor(self.recording, name).at_most for name in OUTPUTS])
 
     @property
     def outcomes(self) -> Counter[Outcome]:

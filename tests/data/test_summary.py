@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.bench import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
-from aero_bayes.data import Recording, ripple, summarise
+from aero_bayes.data import Recording, ripple_amplitudes, summarise
 
 STAIRS = equal_steps([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
 
@@ -68,20 +68,20 @@ def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
 def test_ripple_is_found_where_it_is(rate_hz: float) -> None:
     sensors = Sensors(SensorNoise(2e-3, ripple=(0.0, 10e-3)), SensorNoise(0.5, ripple=(0.6,)), SensorNoise(1e-3))
     recording = made(sensors, rate_hz=rate_hz)
-    current, speed = ripple(recording, "i_m"), ripple(recording, "omega_m")
+    current, speed = ripple_amplitudes(recording, "i_m"), ripple_amplitudes(recording, "omega_m")
     # The amplitude goes with the speed: 18 V makes about 412 rad/s, the others less.
     assert 3e-3 < current[2] < 11e-3
     assert 1 not in current or current[1] < 0.1 * current[2]
     if rate_hz > 500.0:
         assert 0.2 < speed[1] < 0.7
-    assert ripple(recording, "theta") == {}
+    assert ripple_amplitudes(recording, "theta") == {}
 
 
 def test_no_ripple_in_white_noise() -> None:
     for seed in range(5):
         recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)), seed)
         for output in recording.outputs:
-            assert ripple(recording, output) == {}
+            assert ripple_amplitudes(recording, output) == {}
 
 
 def test_real_noise_is_described() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.data import Layout, Quantity, read_recording
+from aero_bayes.data import ColumnSpec, Layout, read_recording
 from rig_trial import Answer, RigTrialTask, answer_of, attempt_rig_trial, rig_trial_tasks
 from rig_trial_table import calibration, right_law, right_or_similar, right_pair, right_place, summarise
 from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
@@ -19,7 +19,7 @@ from trial_runs import run_trials, write_summary
 def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
     """A program that always answers the same, having looked at what it was given."""
     assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
-    layout = Layout((Quantity("P", "W"),), (Quantity("T_heater", "K"), Quantity("T_plate", "K")))
+    layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
     test = read_recording(folder / "test.csv", layout=layout)
     rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
     found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "odds": 0.9} for one in ids)

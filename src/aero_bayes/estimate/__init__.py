@@ -29,7 +29,9 @@ from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.step_rule import CostShape
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
-from aero_bayes.sensors.noise import NoiseModel, OutputNoise, estimate_noise, innovations
+from aero_bayes.sensors.noise import NoiseModel, OutputNoise
+from aero_bayes.sensors.noise_estimation import estimate_noise
+from aero_bayes.sensors.whitening import innovations
 
 __all__ = [
     "CalibratedModel",

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one, several
+from aero_bayes.arguments import require_all, require_type
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
@@ -43,8 +44,7 @@ from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.sensors.ripple import Ripple, ripples
-from aero_bayes.show import Settings
+from aero_bayes.sensors.ripple import Ripple, find_ripples
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -53,7 +53,7 @@ Engine = Literal["native", "fmpy"]
 
 
 @dataclass(frozen=True, repr=False)
-class FitSettings(Settings):
+class FitSettings(SettingsDisplay):
     """How a fit is done.
 
     Parameters
@@ -156,8 +156,8 @@ def fit(
     from aero_bayes.simulation import open_simulator
 
     settings = settings or FitSettings()
-    recordings = several(recordings, Recording, "recordings")
-    overrides = declared_overrides(one(model, Model, "model"))
+    recordings = require_all(recordings, Recording, "recordings")
+    overrides = declared_overrides(require_type(model, Model, "model"))
     chosen = parameters if parameters is not None else tuple(overrides)
     if isinstance(chosen, Sized) and not chosen:
         known = ", ".join(v.name for v in model.parameters)
@@ -225,7 +225,7 @@ def without_ripple(
     for experiment, name, y, f in zip(
         calibration.experiments, calibration.names, calibration.measured, fitted, strict=True
     ):
-        own = ripples(experiment.time, y, f, calibration.outputs, by_output)
+        own = find_ripples(experiment.time, y, f, calibration.outputs, by_output)
         cleaned = y.copy()
         for output, ripple in own.items():
             cleaned[:, calibration.outputs.index(output)] -= ripple.values

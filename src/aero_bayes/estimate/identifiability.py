@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.show import listed
+from aero_bayes.display import join_names
 
 FloatArray = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
 
 def _listed(words: Sequence[str]) -> str:
     """Names, marked as such, in a sentence."""
-    return listed([f"`{word}`" for word in words])
+    return join_names([f"`{word}`" for word in words])
 
 
 def assess(

@@ -27,7 +27,8 @@ from aero_bayes.estimate.levenberg_marquardt import (
 )
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, update_output_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+from aero_bayes.sensors.noise_estimation import update_output_noise
 
 FloatArray = NDArray[np.float64]
 

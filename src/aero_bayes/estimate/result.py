@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
@@ -23,7 +24,6 @@ from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.show import with_unit
 from aero_bayes.simulation.interface import Simulator
 
 if TYPE_CHECKING:

@@ -47,7 +47,7 @@ class NoiseLayout:
 
     @property
     def _mask(self) -> NDArray[np.bool_]:
-        return np.array([n.searched for n in self.reference], dtype=bool)
+        return np.array([n.estimated for n in self.reference], dtype=bool)
 
     @property
     def size(self) -> int:

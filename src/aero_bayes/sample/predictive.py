@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sensors.innovations import reading_log_density
+from aero_bayes.sensors.whitening import reading_log_density
 from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Literal
 
-from aero_bayes.declared import MEMBER, Declaration, parse
+from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
-from aero_bayes.show import table_html
 from aero_bayes.simulation import archive
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class Model:
     interface: Interface = "model exchange"
     takes_any_step: bool = True
     interpolates_inputs: bool = False
-    declared: Declaration = field(default=Declaration(), compare=False, repr=False)
+    declared: PackageDeclaration = field(default=PackageDeclaration(), compare=False, repr=False)
     source: ModelicaSource | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -144,7 +144,7 @@ class Model:
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: no such file (expected an FMU)")
-        names, (text, declared) = archive.read_texts(path, MEMBER)
+        names, (text, declared) = archive.read_texts(path, DECLARATION_MEMBER)
         from aero_bayes.simulation import description2, description3
 
         root = description2.parse(path, text)
@@ -161,7 +161,9 @@ class Model:
         if not _is_shared_library(archive.first_bytes(path, binary, 20)):
             raise InputError(f"{path}: {binary} is no shared library for Linux on x86-64")
         if declared:
-            return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
+            return replace(
+                model, declared=parse_declaration(declared.decode("utf-8", "replace"), f"{path}: {DECLARATION_MEMBER}")
+            )
         # Another tool's FMU of a shipped system goes by its name.
         return replace(model, declared=declaration_of(model.name))
 
