@@ -15,7 +15,7 @@ from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.prediction import rms_error
 from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
-from aero_bayes.simulation.interface import InputSignal
+from aero_bayes.simulation import InputSignal
 
 N = 4000
 TIME = np.arange(N) * 0.01

@@ -27,15 +27,16 @@ from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.use import Use, use_of
 from aero_bayes.ports.port import Port
-from aero_bayes.simulation import Model, open_simulator
-from aero_bayes.simulation.interface import (
+from aero_bayes.simulation import (
     Experiment,
     InputSignal,
+    Model,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
     StartTarget,
+    open_simulator,
 )
 
 FloatArray = NDArray[np.float64]

@@ -15,8 +15,7 @@ from aero_bayes.laws.law import Law
 from aero_bayes.laws.use import Use, plain_name
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.residual import Entrance
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import Variable
+from aero_bayes.simulation import Model, Variable
 
 #: Units of what drives a motion, and of the speed and the position that go with it.
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.simulation.workers import engine_path
+from aero_bayes.simulation import engine_path
 
 FloatArray = NDArray[np.float64]
 LOG_2PI = float(np.log(2.0 * np.pi))

@@ -8,7 +8,7 @@ import numpy as np
 
 from aero_bayes.simulation.gaussian import products
 from aero_bayes.simulation.interface import FloatArray, GaussNewton, Likelihoods, Outcome, Problem, Trajectories
-from aero_bayes.simulation.native import check_noise, check_values
+from aero_bayes.simulation.problem_checks import check_noise, check_values
 
 
 class ReducedTrajectories:

@@ -14,7 +14,7 @@ from aero_bayes.language.component_tree import Tree, grow, read_library
 from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, show
 from aero_bayes.language.values import evaluate
 from aero_bayes.schema import Component, Connection, Diagram, Shape
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import Model, Variable
 
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 55.0, 34.0

@@ -12,7 +12,7 @@
 #define TRY(call)                              \
     do {                                       \
         const int status_ = (call);            \
-        if (worse(status_)) return status_;    \
+        if (is_error(status_)) return status_;    \
     } while (0)
 
 enum { INNER, LAWS, PARTS };
