@@ -57,15 +57,15 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
         case "transpose", (value,):
             return arrays.transposed(value)
         case "[,]", _:
-            return arrays.joined(args, 1)
+            return arrays.concatenated(args, 1)
         case "[;]", _:
-            return arrays.joined(args, 0)
+            return arrays.concatenated(args, 0)
         case "sum", (value,):
             return arrays.total(b, value)
         case "vector", (value,):
             return list(numbers(value))
         case "matrix", (value,):
-            return arrays.joined([value], 1)
+            return arrays.concatenated([value], 1)
         case "scalar", (value,):
             if len(numbers(value)) == 1:
                 return numbers(value)[0]

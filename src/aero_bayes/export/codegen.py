@@ -1,7 +1,7 @@
 """Explicit model -> C: one structure, lazily evaluated functions, exact Jacobians.
 
 Expressions of parameters alone are computed when a parameter changes and kept (``m->k``); the rest is straight-line
-code over local variables. The FMI functions around it are in ``native/runtime.c``.
+code over local variables. The FMI functions around it are in ``native/fmi2.c``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class _Memory:
 
 
 def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
-    """The complete C source of one model; native/runtime.c is linked to it."""
+    """The complete C source of one model; native/fmi2.c is linked to it."""
     b = model.system.builder
     events = model.discrete
     nx, nu, np_ = len(layout.states), len(layout.inputs), len(layout.parameters)

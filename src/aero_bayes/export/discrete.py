@@ -142,7 +142,7 @@ class EventActions:
         """Runs an algorithm; gives the pairs (variable, value) of outputs that are not discrete."""
         found = []
         for s, new in self.run(statements, outputs):
-            if s in self.events.held:
+            if s in self.events.piecewise_constant:
                 self.assign(s, new)
             else:
                 found.append((s, new))
@@ -156,7 +156,7 @@ class EventActions:
         scope.values = dict(saved)
         for n, value in symbols.items():
             scope.values[n] = arrays.mapped(
-                lambda s: self.events.pre(s) if s in self.events.held else scope.builder.zero, value
+                lambda s: self.events.pre(s) if s in self.events.piecewise_constant else scope.builder.zero, value
             )
         self.statements(statements)
         found = [p for n, value in symbols.items() for p in arrays.pairs(value, scope.values[n])]

@@ -80,7 +80,7 @@ def translate(model: FlatModel) -> System:
             raise scope.fail(f"the variable {v.name!r} of type String")
         scope.values[v.name] = _symbols(builder, v.name, v.sizes)
     parameters = _parameters(scope, [v for v in model.variables if v.constant])
-    events.held |= {builder.symbol(p.name) for p in parameters}
+    events.piecewise_constant |= {builder.symbol(p.name) for p in parameters}
     in_events = assigned_in_events(model)
     variables: list[Variable] = []
     inputs: list[Variable] = []
@@ -97,8 +97,8 @@ def translate(model: FlatModel) -> System:
             else:
                 variables.append(variable)
     symbols = [builder.symbol(v.name) for v in steps]
-    events.held |= set(symbols)
-    scope.place, scope.events = None, events
+    events.piecewise_constant |= set(symbols)
+    scope.place, scope.operators.events = None, events
     actions = EventActions(scope, events)
     for clause in model.whens:
         actions.clause(clause)
@@ -115,12 +115,12 @@ def translate(model: FlatModel) -> System:
             residuals.append(builder.sub(right, left))
     residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
     before, initial = _initial(model, scope, actions, symbols)
-    memo = {limit: x for limit, x in scope.left_limits.items() if x.name in scope.derivatives}
+    memo = {limit: x for limit, x in scope.operators.left_limits.items() if x.name in scope.operators.derivatives}
     residuals = [builder.substitute(r, memo) for r in residuals]
     initial = tuple(builder.substitute(r, memo) for r in initial)
     outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
     driven = {builder.symbol(v.name) for v in inputs}
-    for limit, x in scope.left_limits.items():
+    for limit, x in scope.operators.left_limits.items():
         if x in driven or limit in outside:
             raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
     return System(
@@ -141,9 +141,9 @@ def translate(model: FlatModel) -> System:
             tuple(events.samplings.values()),
             _assertions(model, scope),
             before,
-            scope.left_limits,
+            scope.operators.left_limits,
         ),
-        scope.derivatives,
+        scope.operators.derivatives,
     )
 
 
@@ -186,13 +186,12 @@ def _initial(
     model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]
 ) -> tuple[dict[Node, Node], tuple[Node, ...]]:
     """What initial equations and algorithms say: values of discrete variables before the start, and residuals."""
-    events, scope.events = scope.events, None
     of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
     pairs: list[tuple[Node, Node]] = []
-    for algorithm in model.initial_algorithms:
-        scope.place = algorithm.place
-        pairs += actions.run(algorithm.statements, algorithm.outputs)
-    scope.events = events
+    with scope.events_in(None):
+        for algorithm in model.initial_algorithms:
+            scope.place = algorithm.place
+            pairs += actions.run(algorithm.statements, algorithm.outputs)
     pairs += scope.sides(model.initial_equations)
     before: dict[Node, Node] = {}
     residuals = []
@@ -209,10 +208,10 @@ def _initial(
 def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
     """Assertions that may fail; they are looked at in events and make none themselves."""
     found = []
-    scope.events = None
-    for a in model.assertions:
-        scope.place = a.place
-        found += [(c, a.message) for c in numbers(scope.value(a.condition)) if c.op != "const" or not c.value]
+    with scope.events_in(None):
+        for a in model.assertions:
+            scope.place = a.place
+            found += [(c, a.message) for c in numbers(scope.value(a.condition)) if c.op != "const" or not c.value]
     scope.place = None
     return tuple(found)
 

@@ -67,8 +67,8 @@ class WorkerPool:
         self._problems: dict[bytes, int] = {}
         self._first: dict[str, NDArray[np.uint8]] = {}  # how the first runs of each model ended
         self._engine = worker_main.load_engine(str(engine_path())) if workers == 0 else None
-        self._group = self._new_group()
-        self._finalizer = weakref.finalize(self, stop_all, self._group.workers, self._owner)
+        self.group = self._new_group()
+        self._finalizer = weakref.finalize(self, stop_all, self.group.workers, self._owner)
 
     def _new_group(self) -> WorkerGroup:
         memory = SharedMemory(max(1, self.size), self.folder)
@@ -92,27 +92,27 @@ class WorkerPool:
     @property
     def processes(self) -> tuple[int, ...]:
         """Process ids of the workers that run."""
-        return tuple(worker.process.pid for worker in self._group.workers if worker is not None)
+        return tuple(worker.process.pid for worker in self.group.workers if worker is not None)
 
     @property
     def replaced(self) -> int:
         """How many workers crashed or were killed."""
-        return self._group.replaced
+        return self.group.replaced
 
     @property
     def recycled(self) -> int:
         """How many workers were ended between two runs and replaced."""
-        return self._group.recycled
+        return self.group.recycled
 
     @property
     def tasks(self) -> tuple[int, ...]:
         """The task that each worker is at; -1 for none."""
-        return tuple(int(task) for task in self._group.memory.slots[:, 0])
+        return tuple(int(task) for task in self.group.memory.slots[:, 0])
 
     @property
     def memory(self) -> NDArray[np.uint8]:
         """The shared memory; another array after it has grown."""
-        return self._group.memory.data
+        return self.group.memory.data
 
     def use_one_worker(self) -> None:
         """In a forked child: one worker from now on."""
@@ -139,7 +139,7 @@ class WorkerPool:
             if self._engine is not None and key in self._problems:
                 self._engine.ab_close(self._problems.pop(key))
             if os.getpid() == self._owner:
-                self._group.forget(key)
+                self.group.forget(key)
             if os.getpid() == self._creator:
                 path.unlink(missing_ok=True)
 
@@ -148,8 +148,8 @@ class WorkerPool:
         if os.getpid() != self._owner:  # a forked child gets workers of its own
             self._owner = os.getpid()
             self._finalizer.detach()
-            self._group = self._new_group()
-        return self._group.memory.reserve(size)
+            self.group = self._new_group()
+        return self.group.memory.reserve(size)
 
     def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float, model: str) -> None:
         """Run the job at this offset of the shared memory until every task has an outcome.
@@ -178,7 +178,7 @@ class WorkerPool:
 
         if hopeless():
             return
-        Supervisor(self._group, Batch(key, job, outcomes, time_limit), hopeless).run()
+        Supervisor(self.group, Batch(key, job, outcomes, time_limit), hopeless).run()
 
     def _run_in_this_process(self, key: bytes, job: int, outcomes: NDArray[np.uint8]) -> None:
         assert self._engine is not None

@@ -9,7 +9,7 @@ from aero_bayes.export.expression import Builder, Node, topological
 LIMIT = 256
 
 
-def choices(b: Builder, node: Node) -> frozenset[float] | None:
+def possible_values(b: Builder, node: Node) -> frozenset[float] | None:
     """Every value that ``node`` can take, and maybe more; None where these are not a few numbers."""
     known: dict[Node, frozenset[float] | None] = {}
     for n in topological([node], known):
