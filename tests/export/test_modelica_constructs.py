@@ -16,7 +16,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.simulation import Model
 
 Write = Callable[[str, str], Path]
@@ -30,7 +30,7 @@ def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
     known |= {b.symbol(n): v for n, v in at.items()}
     solved = {n: e for n, e in model.solved.items() if not n.startswith("der(")}
     names = [*(f"der({s})" for s in model.states), *solved]
-    return dict(zip(names, evaluate([*model.rates, *solved.values()], known), strict=True))
+    return dict(zip(names, evaluate_nodes([*model.rates, *solved.values()], known), strict=True))
 
 
 def test_functions_conditions_and_arithmetic(modelica: Write) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.export.expression import Builder, evaluate
+from aero_bayes.export.expression import Builder, evaluate_nodes
 from aero_bayes.export.possible_values import possible_values
 from aero_bayes.export.scope import Scope
 from aero_bayes.language.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
@@ -169,7 +169,7 @@ def test_a_while_loop_that_is_left_early() -> None:
     early = IfStatement(((Call("<", (Name("x"), Name("k"))), leave),), ())
     b, scope = _scope(1.0, Call("<=", (Name("k"), Number(3.0))), early, _plus_one("k"))
     y = scope.scalar(Name("y"))
-    assert [evaluate([y], {b.symbol("x"): x})[0] for x in (0.5, 1.5, 2.5, 3.5)] == [1.0, 2.0, 3.0, 0.0]
+    assert [evaluate_nodes([y], {b.symbol("x"): x})[0] for x in (0.5, 1.5, 2.5, 3.5)] == [1.0, 2.0, 3.0, 0.0]
 
 
 def test_a_while_loop_without_an_end_in_sight_is_refused() -> None:

@@ -14,7 +14,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.laws.model_sources import names_taken
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import uses_of
@@ -141,7 +141,7 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
         b.symbol(p.name): p.binding.value for p in model.system.parameters if p.binding and p.binding.op == "const"
     }
     known |= {b.symbol("V"): v, b.symbol(model.states[0]): x}
-    rate, reading = evaluate([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
+    rate, reading = evaluate_nodes([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
     return rate, reading
 
 

@@ -26,10 +26,10 @@ class ShapeError(ValueError):
     """Arrays that do not fit together; the message says how."""
 
 
-def numbers(value: Value) -> list[Node]:
+def scalars(value: Value) -> list[Node]:
     """All numbers in order, row by row. A text has none."""
     if isinstance(value, list):
-        return [n for v in value for n in numbers(v)]
+        return [n for v in value for n in scalars(v)]
     return [] if isinstance(value, str) else [value]
 
 
@@ -80,7 +80,7 @@ def mapped(apply: Callable[[Node], Node], value: Value) -> Value:
 
 def total(b: Builder, value: Value) -> Node:
     result = b.zero
-    for n in numbers(value):
+    for n in scalars(value):
         result = b.add(result, n)
     return result
 

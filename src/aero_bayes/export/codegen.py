@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.export.c_writer import Writer
+from aero_bayes.export.c_writer import ExpressionWriter
 from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.expression import Builder, Node, evaluate, topological
-from aero_bayes.export.layout import Layout
-from aero_bayes.export.loops import Loop
-from aero_bayes.export.translate import Variable
+from aero_bayes.export.expression import Builder, Node, evaluate_nodes, topological_order
+from aero_bayes.export.layout import VariableLayout
+from aero_bayes.export.loops import AlgebraicLoop
+from aero_bayes.export.translate import ScalarVariable
 
 #: Values that a function stores at most, where it is long and can be cut.
 _PART = 100
@@ -43,7 +43,7 @@ class _Memory:
         return f"m->data[{self.at[group] + k}]"
 
 
-def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
+def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
     """The complete C source of one model; native/fmi2.c is linked to it."""
     b = model.system.builder
     events = model.discrete
@@ -56,7 +56,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     steps = sorted(events.updates, key=lambda s: s.name.startswith("when#"))
     stage = _Stages(b, frozenset(parameters))
     defaults = {
-        p: evaluate([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
+        p: evaluate_nodes([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
     }
     # parameters of inner components that nothing shows keep their value
     hidden: dict[Node, Node] = {
@@ -209,7 +209,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _blocks(b: Builder, loops: Sequence[Loop]) -> list[str]:
+def _blocks(b: Builder, loops: Sequence[AlgebraicLoop]) -> list[str]:
     found, at = [], 0
     for i, loop in enumerate(loops):
         slopes = (b.derivative(r, u) for r in loop.residuals for u in loop.unknowns)
@@ -239,7 +239,7 @@ def _step_starts(
 
 
 def _loop_targets(
-    b: Builder, loops: Sequence[Loop], residuals: Sequence[Sequence[Node]], stage: _Stages
+    b: Builder, loops: Sequence[AlgebraicLoop], residuals: Sequence[Sequence[Node]], stage: _Stages
 ) -> list[list[_Target]]:
     found = []
     for loop, rows in zip(loops, residuals, strict=True):
@@ -250,7 +250,7 @@ def _loop_targets(
 
 
 def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
-    writer = Writer(leaves)
+    writer = ExpressionWriter(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
     head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
@@ -258,7 +258,7 @@ def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, 
 
 
 def _assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
-    writer = Writer(leaves)
+    writer = ExpressionWriter(leaves)
     writer.write(conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
     head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
@@ -273,7 +273,7 @@ def _text(message: str) -> str:
 def _reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
-    writer = Writer(leaves)
+    writer = ExpressionWriter(leaves)
     writer.write(prepared)
     lines = [
         f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
@@ -291,9 +291,9 @@ def _reinit_function(
     )
 
 
-def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: float) -> float:
+def _attribute(v: ScalarVariable, key: str, values: dict[Node, float], otherwise: float) -> float:
     node = v.attributes.get(key)
-    return otherwise if node is None else evaluate([node], values)[0]
+    return otherwise if node is None else evaluate_nodes([node], values)[0]
 
 
 def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, at: int) -> list[_Target]:
@@ -318,7 +318,7 @@ def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], ke
     """
 
     def body(part: Sequence[_Target]) -> list[str]:
-        writer = Writer({**leaves, **kept})
+        writer = ExpressionWriter({**leaves, **kept})
         writer.write([t.node for t in part])
         return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
 
@@ -342,11 +342,11 @@ def _start_function(
     lines: list[str] = []
     for later in (False, True):
         group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
-        writer = Writer(leaves)
+        writer = ExpressionWriter(leaves)
         writer.write([n for _, _, n in group])
         stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
         lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    writer = Writer(leaves)
+    writer = ExpressionWriter(leaves)
     writer.write([n for _, _, n in steps])
     lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
     return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
@@ -365,7 +365,7 @@ class _Stages:
 
     def reciprocal(self, node: Node) -> Node:
         b = self.builder
-        for n in topological([node], self._memo):
+        for n in topological_order([node], self._memo):
             args = tuple(self._memo[a] for a in n.args)
             if n.op == "div" and self.early(args[1]) and not self.early(args[0]):
                 self._memo[n] = b.mul(args[0], b.div(b.one, args[1]))
@@ -383,7 +383,7 @@ class _Stages:
 
         for n in nodes:
             consider(n)
-        for n in topological(nodes, {}, lambda n: not self.early(n)):
+        for n in topological_order(nodes, {}, lambda n: not self.early(n)):
             if not self.early(n):
                 for a in n.args:
                     consider(a)

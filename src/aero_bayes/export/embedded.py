@@ -12,8 +12,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_library, write_archive
 from aero_bayes.export.causalise import ExplicitModel, causalise
 from aero_bayes.export.codegen import generate
-from aero_bayes.export.description import describe
-from aero_bayes.export.description_fmi3 import as_fmi3
+from aero_bayes.export.description import write_fmi2_description
+from aero_bayes.export.description_fmi3 import convert_to_fmi3
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.layout import lay_out
 from aero_bayes.export.library import declared_members, identifier
@@ -85,9 +85,9 @@ def export_flat(
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
         source = generate(solved, layout, _NO_GUID)
-        description = describe(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
+        description = write_fmi2_description(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     if fmi == 3:
-        description = as_fmi3(description, solved.indicators)
+        description = convert_to_fmi3(description, solved.indicators)
     digest = hashlib.sha256(source.encode() + description).hexdigest()
     guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
     library = compile_library(source.replace(_NO_GUID, guid), name, quick=quick, fmi=fmi)

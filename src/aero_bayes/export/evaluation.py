@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
 from aero_bayes.export.array_functions import ARRAY_FUNCTIONS, array_function
-from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
+from aero_bayes.export.arrays import Record, ShapeError, Value, scalars
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import Function
@@ -16,7 +16,6 @@ from aero_bayes.export.names import NameTable
 from aero_bayes.export.operators import Operators
 from aero_bayes.export.tables import call_table, is_table_function
 from aero_bayes.language.syntax import (
-    All,
     Array,
     Call,
     Comprehension,
@@ -26,11 +25,12 @@ from aero_bayes.language.syntax import (
     Index,
     Name,
     Number,
-    Range,
+    RangeExpression,
     Text,
-    show,
+    WholeDimension,
+    short_text,
 )
-from aero_bayes.language.tokens import Place
+from aero_bayes.language.tokens import SourceLocation
 from aero_bayes.language.values import BINARY, OPERATORS, RELATIONS, UNARY
 
 MAX_UNROLLED = 10_000
@@ -67,7 +67,7 @@ class Evaluator(NameTable):
         self.functions = functions
         self.where = where
         self.operators = Operators(builder, events)
-        self.place: Place | None = None
+        self.place: SourceLocation | None = None
 
     def call_function(self, function: Function, args: tuple[Expression, ...]) -> Value:
         """The result of a function of the model."""
@@ -90,14 +90,14 @@ class Evaluator(NameTable):
         """The value of a tree that has to be a number."""
         value = self.value(tree)
         if not isinstance(value, Node):
-            raise self.fail(f"an array where a number is needed ({show(tree)})")
+            raise self.fail(f"an array where a number is needed ({short_text(tree)})")
         return value
 
     def integer(self, tree: Expression) -> int:
         """The value of a tree that has to be a constant whole number, such as a size."""
         node = self.scalar(tree)
         if node.op != "const" or not node.value.is_integer():
-            raise self.fail(f"an index or size that is not a constant whole number ({show(tree)})")
+            raise self.fail(f"an index or size that is not a constant whole number ({short_text(tree)})")
         return int(node.value)
 
     def value(self, tree: Expression) -> Value:
@@ -107,9 +107,9 @@ class Evaluator(NameTable):
         except InputError:
             raise
         except ShapeError as error:
-            raise self.fail(f"{error} ({show(tree)})") from None
+            raise self.fail(f"{error} ({short_text(tree)})") from None
         except (ArithmeticError, ValueError, TypeError) as error:
-            raise self.fail(f"the constant {show(tree)}: {error}") from None
+            raise self.fail(f"the constant {short_text(tree)}: {error}") from None
 
     def _value(self, tree: Expression) -> Value:
         match tree:
@@ -126,17 +126,17 @@ class Evaluator(NameTable):
                 return [self.value(i) for i in items]
             case Comprehension(item, variable, values):
                 return [self.value(item) for _ in self._each(variable, values)]
-            case Range():
+            case RangeExpression():
                 return [self.builder.const(v) for v in self._range(tree)]
             case Call(function, args):
                 return self._call(function, args)
             case Index(of, subscripts):
-                return self._element(self.value(of), subscripts, show(of))
+                return self._element(self.value(of), subscripts, short_text(of))
             case Field(of, name):
                 return self._field(of, name)
             case Text(value):
                 return value
-        raise self.fail(show(tree))
+        raise self.fail(short_text(tree))
 
     def _variable(self, name: str) -> Value:
         try:
@@ -150,7 +150,7 @@ class Evaluator(NameTable):
         value = self.value(of)
         if isinstance(value, Record) and name in value.names:
             return value.field(name)
-        raise self.fail(f"the field {name!r} of {show(of)}")
+        raise self.fail(f"the field {name!r} of {short_text(of)}")
 
     def _element(self, value: Value, subscripts: Sequence[Expression], name: str) -> Value:
         if not subscripts:
@@ -158,19 +158,19 @@ class Evaluator(NameTable):
         if not isinstance(value, list):
             raise self.fail(f"a subscript of {name!r}, which is a number")
         first, rest = subscripts[0], subscripts[1:]
-        if isinstance(first, All):
+        if isinstance(first, WholeDimension):
             return [self._element(v, rest, name) for v in value]
         index = self.value(first)
         try:
             if isinstance(index, list):
-                return [self._element(arrays.element(self.builder, value, i), rest, name) for i in numbers(index)]
+                return [self._element(arrays.element(self.builder, value, i), rest, name) for i in scalars(index)]
             if isinstance(index, Node):
                 return self._element(arrays.element(self.builder, value, index), rest, name)
         except IndexError as error:
             raise self.fail(f"the subscript {error} of {name!r}") from None
         raise self.fail(f"a subscript of {name!r}")
 
-    def _range(self, tree: Range) -> list[float]:
+    def _range(self, tree: RangeExpression) -> list[float]:
         first, last = self.integer(tree.first), self.integer(tree.last)
         step = self.integer(tree.step) if tree.step is not None else 1
         if step == 0:
@@ -222,7 +222,7 @@ class Evaluator(NameTable):
                 if function != "*":
                     raise self.fail(f"the matrix operation {function!r}")
                 return arrays.product(self.builder, left, right)
-            if op == "div" and any(n is self.builder.zero for n in numbers(right)):
+            if op == "div" and any(n is self.builder.zero for n in scalars(right)):
                 raise self.fail("a division by zero")
             return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
         raise self.fail(f"{function!r} with {len(args)} arguments")

@@ -27,7 +27,7 @@ class Rounding:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class PeriodicEvent:
     """``symbol`` is 1 in the events at ``start + k interval``, k = 0, 1, ..."""
 
     symbol: Node
@@ -43,7 +43,7 @@ class Events:
     piecewise_constant: set[Node] = field(default_factory=set)
     relations: dict[tuple[Node, bool], Relation] = field(default_factory=dict)
     roundings: dict[Node, Rounding] = field(default_factory=dict)
-    samplings: dict[tuple[Node, Node], Sampling] = field(default_factory=dict)
+    samplings: dict[tuple[Node, Node], PeriodicEvent] = field(default_factory=dict)
 
     def constant_between(self, node: Node) -> bool:
         return self.builder.symbols(node) <= self.piecewise_constant
@@ -76,7 +76,7 @@ class Events:
     def sample(self, start: Node, interval: Node) -> Node:
         key = (start, interval)
         if key not in self.samplings:
-            self.samplings[key] = Sampling(self.new(f"sample#{len(self.samplings)}"), start, interval)
+            self.samplings[key] = PeriodicEvent(self.new(f"sample#{len(self.samplings)}"), start, interval)
         return self.samplings[key].symbol
 
     def pre(self, variable: Node) -> Node:

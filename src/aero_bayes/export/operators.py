@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aero_bayes.export import arrays
-from aero_bayes.export.arrays import Value, numbers
+from aero_bayes.export.arrays import Value, scalars
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
 
@@ -119,5 +119,5 @@ class Operators:
     def semi_linear(self, flow: Node, up: Value, down: Value) -> Value:
         """``flow`` times ``up`` where it is not negative, else times ``down``."""
         b = self.builder
-        positive = numbers(self.relation("ge", flow, b.zero))[0]
+        positive = scalars(self.relation("ge", flow, b.zero))[0]
         return arrays.elementwise(b.mul, arrays.select(b, positive, up, down), flow)

@@ -10,19 +10,19 @@ from aero_bayes.export.evaluation import Evaluator
 from aero_bayes.export.expression import Node
 from aero_bayes.export.flat import FlatEquation, Function
 from aero_bayes.export.possible_values import possible_values
-from aero_bayes.export.solved import unsolved
-from aero_bayes.export.tables import searched_anew
+from aero_bayes.export.solved import without_solve
+from aero_bayes.export.tables import with_search_from_first_row
 from aero_bayes.language.syntax import (
-    All,
     AssertStatement,
     Assign,
     Expression,
     ForStatement,
     IfStatement,
     Name,
-    Refused,
     Statement,
+    UnsupportedStatement,
     WhileStatement,
+    WholeDimension,
 )
 
 MAX_TURNS = 1000
@@ -41,7 +41,7 @@ class Scope(Evaluator):
     def sides(self, equations: Sequence[FlatEquation]) -> list[tuple[Node, Node]]:
         """Left and right side of each equation, number by number."""
         found: list[tuple[Node, Node]] = []
-        for equation in map(unsolved, equations):
+        for equation in map(without_solve, equations):
             self.place = equation.place
             left, right = self.value(equation.left), self.value(equation.right)
             try:
@@ -59,7 +59,7 @@ class Scope(Evaluator):
             raise self.fail(f"function {function.name!r} called with {len(args)} arguments")
         inner = Scope(self.builder, self.functions, {}, f"function {function.name}", records=self.records)
         inner.depth = self.depth + 1
-        for a, tree in zip(function.inputs, searched_anew(function.name, args), strict=False):
+        for a, tree in zip(function.inputs, with_search_from_first_row(function.name, args), strict=False):
             inner.values[a.name] = self.value(tree)
         for a in function.inputs[len(args) :]:
             if a.default is None:
@@ -72,7 +72,7 @@ class Scope(Evaluator):
         for a in (*function.outputs, *function.locals):
             if a.default is not None:
                 inner.values[a.name] = inner.value(a.default)
-            elif a.sizes and not any(isinstance(s, All) for s in a.sizes):
+            elif a.sizes and not any(isinstance(s, WholeDimension) for s in a.sizes):
                 inner.values[a.name] = arrays.filled(self.builder.zero, [inner.integer(s) for s in a.sizes])
             elif a.type in self.records:
                 inner.values[a.name] = Record(self.records[a.type], [self.builder.zero] * len(self.records[a.type]))
@@ -106,7 +106,7 @@ class Scope(Evaluator):
                     self._branch(branches, otherwise)
                 case AssertStatement():
                     pass  # a check of the arguments, not a part of the result
-                case Refused(what):
+                case UnsupportedStatement(what):
                     raise self.fail(what)
                 case _:
                     raise self.fail(f"{type(statement).__name__.removesuffix('Statement').lower()!r} in an algorithm")

@@ -16,11 +16,11 @@ _COMPOUND = frozenset({"if", "for", "when", "while"})
 
 def read_classes(text: str) -> tuple[ClassText, ...]:
     """The classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
-    reader = _Reader(tokenize(text), text)
+    reader = _ClassReader(tokenize(text), text)
     return tuple(reader.file())
 
 
-class _Reader:
+class _ClassReader:
     def __init__(self, tokens: tuple[Token, ...], text: str) -> None:
         self.tokens = tokens
         self.text = text

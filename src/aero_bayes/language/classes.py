@@ -57,7 +57,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Component:
+class ComponentDeclaration:
     """One declared variable or component, and where the parts of its declaration stand."""
 
     name: str
@@ -110,11 +110,11 @@ class ClassText:
     def declarations(self) -> list[Statement]:
         return [s for s in self.statements if s.section in ("public", "protected")]
 
-    def components(self) -> list[Component]:
+    def components(self) -> list[ComponentDeclaration]:
         """Everything that the class declares itself, in order."""
         return [c for s in self.declarations for c in _components(s)]
 
-    def declared_in(self, statement: Statement) -> list[Component]:
+    def declared_in(self, statement: Statement) -> list[ComponentDeclaration]:
         """What one of its statements declares."""
         return _components(statement) if statement.section in ("public", "protected") else []
 
@@ -181,7 +181,7 @@ def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
     return tokens[: at if value else rest]
 
 
-def _components(statement: Statement) -> list[Component]:
+def _components(statement: Statement) -> list[ComponentDeclaration]:
     tokens = statement.tokens
     at = 0
     prefixes = set()
@@ -212,7 +212,7 @@ def _components(statement: Statement) -> list[Component]:
         stop = find_outside(rest, frozenset({"if", "annotation"})) if rest[:1] and rest[0].word == "if" else len(rest)
         binding = rest[1:stop] if rest and rest[0].word in ("=", ":=") else ()
         found.append(
-            Component(
+            ComponentDeclaration(
                 part[0].word, type_, frozenset(prefixes), _modifiers(arguments[1:-1]), tuple(binding),
                 _description(part[len(core) :]), statement, type_tokens, part[0], tuple(arguments),
                 tuple(part[find_outside(part, _ANNOTATION) :]),
@@ -237,7 +237,7 @@ def _modifiers(tokens: Sequence[Token]) -> Modifiers:
     return tuple(found)
 
 
-def annotated(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
+def annotation_arguments(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
     """The named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``; none without it."""
     inside = tokens[find_outside(tokens, _ANNOTATION) + 2 : -1]
     for part in split_outside(inside):

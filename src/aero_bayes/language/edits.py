@@ -22,7 +22,7 @@ class TextEdit:
         return TextEdit(self.start + by, self.end + by, self.text)
 
 
-def apply(text: str, edits: Iterable[TextEdit]) -> str:
+def apply_edits(text: str, edits: Iterable[TextEdit]) -> str:
     """The text with all edits made. Edits at one place keep their order. Raises ValueError where two overlap."""
     pieces: list[str] = []
     at = 0

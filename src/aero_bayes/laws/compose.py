@@ -15,12 +15,12 @@ from aero_bayes.export.compose import (
     equate,
     instantiate,
     replace_uses,
+    separate_elements,
     set_parameter,
-    with_elements_apart,
 )
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, reference
+from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
@@ -70,19 +70,19 @@ def _part(flat: FlatModel, instance: str, law: Law) -> FlatModel:
             replace(
                 v,
                 name=v.name.removeprefix(prefix),
-                attributes={k: rebuilt(t, inner) for k, t in v.attributes.items()},
-                binding=None if v.binding is None else rebuilt(v.binding, inner),
+                attributes={k: map_names(t, inner) for k, t in v.attributes.items()},
+                binding=None if v.binding is None else map_names(v.binding, inner),
             )
             for v in flat.variables
             if v.name.startswith(prefix)
         ),
         tuple(
-            replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
             for e in flat.equations
             if e.component == instance and not (isinstance(e.left, Name) and e.left.name in given)
         ),
         tuple(
-            replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
             for e in flat.initial_equations
             if e.component == instance
         ),
@@ -106,7 +106,7 @@ def compose_law(flat: FlatModel, use: Use, models: Models) -> FlatModel:
     acts = Name(f"{at}.{use.law.shape.acts}")
     law = models[use.law.kind, use.law.id]
     if port.via in ("input", "output"):
-        flat = with_elements_apart(flat, port.signals["u"])
+        flat = separate_elements(flat, port.signals["u"])
         flat = replace_uses(flat, port.signals["u"], acts if port.via == "input" else Name(f"{at}.u"))
     if port.given is not None:
         flat = replace_uses(flat, port.signals["u"], acts, giving(flat, port))
@@ -163,7 +163,7 @@ def _enter(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatMo
 
 def _moved_start(flat: FlatModel, old: str, new: str) -> FlatModel:
     """Give a start value to what takes an output's place, where that output was a state."""
-    if reference(old).subscripts:
+    if parse_reference(old).subscripts:
         return flat
     attributes = flat.variable(old).attributes
     variables = tuple(
@@ -210,11 +210,11 @@ def probe(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, 
         names[port.id] = name
         signal = port.signals.get("u", "")
         if signal:
-            flat = with_elements_apart(flat, signal)
+            flat = separate_elements(flat, signal)
         if port.via == "input":
-            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))))
+            flat = replace_uses(flat, signal, Call("+", (parse_reference(signal), Name(name))))
         elif port.given is not None:
-            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))), giving(flat, port))
+            flat = replace_uses(flat, signal, Call("+", (parse_reference(signal), Name(name))), giving(flat, port))
         elif port.via == "output":
             inner = f"{plain_name(signal)}_without_{name}"
             flat = replace_uses(flat, signal, Name(inner))

@@ -10,14 +10,14 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component, annotated, snake_case
-from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
+from aero_bayes.language.base_classes import inline_base_classes
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, annotation_arguments, snake_case
+from aero_bayes.language.dimensions import dimension, in_base_units_if_scaled, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.tokens import Token
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 
 Kind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
@@ -73,7 +73,7 @@ class LawParameter:
         term = getattr(self, of)
         if term is None:
             return float("-inf") if of == "minimum" else float("inf")
-        return evaluate(term, sizes)
+        return evaluate_expression(term, sizes)
 
     def unit(self, of_size: Mapping[str, str]) -> str:
         """Unit by the units of the port's sizes, where it gives none of its own; empty where they do not tell."""
@@ -82,7 +82,7 @@ class LawParameter:
         if not names_in(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in of_size.items()}
-        return unit_text(coherent(dimension(self.nominal, factors.get)))
+        return unit_text(in_base_units_if_scaled(dimension(self.nominal, factors.get)))
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
             try:
                 if [b for b in cls.bases() if b.rpartition(".")[2] != partial]:
                     raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
-                whole, merged = with_bases(known, file, cls)
+                whole, merged = inline_base_classes(known, file, cls)
                 base = known.find(f"Laws.Interfaces.{partial}")[1]
                 found.append(_law(cls, SHAPES[partial], base, whole.text, merged))
             except InputError as error:
@@ -195,11 +195,11 @@ def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: Class
     parameters = tuple(parameter_of(c) for c in (*own, *inherited) if is_fitted(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
-    sizes = {c.name: evaluate(parse_expression(c.binding), {}) for c in inherited if _is_size(c)}
+    sizes = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_size(c)}
     for p in parameters:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
-                evaluate(term, dict.fromkeys(sizes, 1.0) | {"h_z": 0.0})
+                evaluate_expression(term, dict.fromkeys(sizes, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")
@@ -213,18 +213,18 @@ def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: Class
     )  # fmt: skip
 
 
-def is_fitted(c: Component) -> bool:
+def is_fitted(c: ComponentDeclaration) -> bool:
     """Whether a declaration is a parameter that is fitted: one with a nominal value."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
 
 
-def _is_size(c: Component) -> bool:
+def _is_size(c: ComponentDeclaration) -> bool:
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted(c)
 
 
-def parameter_of(c: Component) -> LawParameter:
+def parameter_of(c: ComponentDeclaration) -> LawParameter:
     """A declaration as a parameter that is fitted. Raises InputError for one without a default."""
     terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
@@ -237,7 +237,7 @@ def parameter_of(c: Component) -> LawParameter:
 
 def noted(annotation: Sequence[Token], word: str) -> str:
     """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
-    return _text(annotated(annotation, "__aero_bayes").get(word))
+    return _text(annotation_arguments(annotation, "__aero_bayes").get(word))
 
 
 def _text(tree: Expression | None) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.translate import translate
-from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt
+from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names
 from aero_bayes.laws.compose import Models
 from aero_bayes.laws.family import Basis
 from aero_bayes.laws.redeclare import component_of
@@ -36,7 +36,7 @@ def basis_of(use: Use, models: Models) -> Basis:
 
     def given(on: int) -> list[float]:
         height = {symbol: float(k == on) for k, symbol in enumerate(heights)}
-        return [evaluate([acts], {**at, **height, b.symbol(law.learned): float(value)})[0] for value in x]
+        return [evaluate_nodes([acts], {**at, **height, b.symbol(law.learned): float(value)})[0] for value in x]
 
     plain = np.array(given(-1))
     rows = np.array([given(k) for k in range(len(heights))]) - plain
@@ -70,7 +70,7 @@ def curve_alone(flat: FlatModel, use: Use) -> tuple[Use, Models]:
         if v.name.startswith(prefix) and (name := v.name.removeprefix(prefix)) in kept
     )
     equations = tuple(
-        replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+        replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
         for e in flat.equations
         if isinstance(e.left, Name) and e.left.name == f"{prefix}{use.law.shape.acts}"
     )

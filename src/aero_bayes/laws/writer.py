@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import ACTING, TRUE, element_names, evaluate
+from aero_bayes.export.compose import ACTING, TRUE, attribute_value, element_names
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.language.classes import ClassText, Component, Statement
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, Statement
 from aero_bayes.language.edits import TextEdit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.syntax import Expression, Name, reference
+from aero_bayes.language.syntax import Expression, Name, parse_reference
 from aero_bayes.language.tokens import find_outside, split_outside, words_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_numbers
@@ -41,7 +41,7 @@ class LawWriter:
         self.structure = structure_of(flat)
         self.flat = flat
         self.whole_numbers = {
-            v.name: round(evaluate(flat, v.name, "value"))
+            v.name: round(attribute_value(flat, v.name, "value"))
             for v in flat.variables
             if v.constant and v.type == "Integer" and not v.sizes
         }
@@ -273,7 +273,7 @@ class LawWriter:
                 found.append((s, next((end for end in ends if end != name), "")))
         return found
 
-    def _apart(self, c: Component, suffix: str) -> str:
+    def _apart(self, c: ComponentDeclaration, suffix: str) -> str:
         """An array that stands, element by element, for an array of inputs or outputs in the class."""
         sizes = self.structure.variables[c.name].sizes
         inner = f"{c.name}{suffix}"
@@ -288,8 +288,8 @@ class LawWriter:
             self.target.given |= {own: outer} if suffix == ACTING else {outer: own}
         return inner
 
-    def _declared(self, name: str) -> Component:
-        base = reference(name).name
+    def _declared(self, name: str) -> ComponentDeclaration:
+        base = parse_reference(name).name
         if base not in self.target.components:
             raise InputError(f"{self.target.cls.full_name}: {base!r} is not declared in the class itself")
         return self.target.components[base]
@@ -318,12 +318,12 @@ class LawWriter:
             self._without_start(c)
             self.target.read[name] = true
 
-    def _declare_like(self, c: Component, name: str, about: str) -> None:
+    def _declare_like(self, c: ComponentDeclaration, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
         modified = text_of(self.target.file.text, c.arguments)
         self.target.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
 
-    def _without_start(self, c: Component) -> None:
+    def _without_start(self, c: ComponentDeclaration) -> None:
         """What is no state any more keeps its units only."""
         if c.arguments:
             parts = split_outside(c.arguments[1:-1])
@@ -341,7 +341,7 @@ class LawWriter:
                 if port.via == "signal" and "." in port.signals["u"]:
                     if not self._connects(cls, port.signals["u"]):
                         return True
-                elif port.via in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+                elif port.via in ("input", "output", "signal") and parse_reference(port.signals["u"]).name not in own:
                     return True
                 if port.via == "equation":
                     equation = self._equation_of(port)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.language.syntax import Call, Expression, reference
-from aero_bayes.language.tokens import Place
+from aero_bayes.language.syntax import Call, Expression, parse_reference
+from aero_bayes.language.tokens import SourceLocation
 from aero_bayes.ports.replaceable import Replaceable
 from aero_bayes.ports.residual import Entrance
 
@@ -67,7 +67,7 @@ class Port:
     via: Via
     unit: str
     units: Mapping[str, str]
-    place: Place | None
+    place: SourceLocation | None
     states: tuple[str, ...] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
     entrance: Entrance | None = None
@@ -87,7 +87,7 @@ DIFFERENCE_SIGN = " - "
 def signal_of(given: str) -> Expression:
     """What a law is given: a variable, or the difference of two."""
     one, minus, other = given.partition(DIFFERENCE_SIGN)
-    return Call("-", (reference(one), reference(other))) if minus else reference(one)
+    return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, Statement, dotted_name
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, Statement, dotted_name
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.tokens import Place, find_outside, split_outside
+from aero_bayes.language.tokens import SourceLocation, find_outside, split_outside
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Replaceable:
     constraint: str
     default: str
     components: tuple[str, ...]
-    place: Place
+    place: SourceLocation
     join: Join | None
 
 
@@ -83,7 +83,7 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) ->
     description = "".join(t.word[1:-1] for t in s.tokens[:end] if t.kind == "text")
     before = file.text[: s.start]
     start, stop = len(before.encode()), len(file.text[: s.end].encode())
-    place = Place(file.file, start, stop, before.count("\n") + 1)
+    place = SourceLocation(file.file, start, stop, before.count("\n") + 1)
     return Replaceable(words[at], description, constraint, default, (), place, _join(known, constraint, default))
 
 
@@ -101,7 +101,7 @@ def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], n
                 yield from (f"{c.name}.{path}" for path in _components(known, deeper, inner))
 
 
-def _passed(c: Component, name: str) -> list[str]:
+def _passed(c: ComponentDeclaration, name: str) -> list[str]:
     """Replaceable models of a component's class in whose place a name is put."""
     parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
     return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
@@ -130,7 +130,7 @@ def _join(known: Sources, constraint: str, default: str) -> Join | None:
     return Join(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
 
 
-def _flow(known: Sources, cls: ClassText, c: Component) -> str:
+def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
     """Name of the flow variable where a component is a connector; empty where it is none."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))

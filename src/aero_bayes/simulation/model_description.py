@@ -122,7 +122,7 @@ class ModelDescription:
 
     def unpack(self, folder: Path | str) -> Path:
         """Unpack into an existing private folder; returns the binary's path. No member leaves the folder."""
-        archive.unpack(self.path, Path(folder))
+        archive.extract(self.path, Path(folder))
         return self.binary_in(folder)
 
     def binary_in(self, folder: Path | str) -> Path:
