@@ -9,10 +9,10 @@ from pathlib import Path
 from numpy.random import Generator
 
 from aero_bayes.export.causalise import ExplicitModel, causalise
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.translate import translate
 
 RIGS = Path(__file__).parent / "models"
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, modelica_root
-from aero_bayes.export.build import c_compiler, write_archive
-from aero_bayes.export.source_check import refuse_dropped
-from aero_bayes.language.units import base_units, conversion, to_modelica_unit
+from aero_bayes.export import c_compiler, export_fmu, modelica_root, refuse_dropped, write_archive
+from aero_bayes.language import base_units, conversion, to_modelica_unit
 
 
 def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,8 @@ from export_driver import driven
 from hand_written_aero import NOMINAL, STATES, one_dof
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import (
+from aero_bayes.export import (
+    FlatModel,
     add_input,
     add_output,
     add_parameter,
@@ -20,15 +21,14 @@ from aero_bayes.export.compose import (
     add_variable,
     attribute_value,
     equate,
+    export_flat,
     instantiate,
+    load_flat,
     rename_model,
     replace_uses,
     set_parameter,
 )
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.language.syntax import Call, Name, Number, names_in
+from aero_bayes.language import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]
 

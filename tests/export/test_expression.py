@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from aero_bayes.export.expression import Builder, Node, evaluate_nodes
-from aero_bayes.language.values import BINARY, UNARY
+from aero_bayes.export import Builder, Node, evaluate_nodes
+from aero_bayes.language import BINARY, UNARY
 
 SMOOTH = ["sqrt", "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "abs"]
 

@@ -10,10 +10,7 @@ import pytest
 from written_effects import write_effects
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate_nodes
+from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.rig_family import RigFamily
 

@@ -10,11 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from aero_bayes.export import export_fmu
-from aero_bayes.export.arrays import Value
-from aero_bayes.export.events import Events
-from aero_bayes.export.expression import Builder, Node, evaluate_nodes
-from aero_bayes.export.tables import call_table
+from aero_bayes.export import Builder, Events, Node, Value, call_table, evaluate_nodes, export_fmu
 
 FloatArray = NDArray[np.float64]
 TYPES, INTERNAL = "Modelica.Blocks.Types.", "Modelica.Blocks.Tables.Internal."

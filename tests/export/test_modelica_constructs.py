@@ -13,10 +13,7 @@ from export_driver import driven
 from fmpy.validation import validate_fmu
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate_nodes
+from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
 from aero_bayes.simulation import Model
 
 Write = Callable[[str, str], Path]

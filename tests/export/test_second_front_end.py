@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.export import modelica_root
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate_nodes
+from aero_bayes.export import evaluate_nodes, explicit_model, modelica_root
 
 api = pytest.importorskip("pymoca.backends.casadi.api", reason="the second front end, pymoca, is not installed")
 casadi = pytest.importorskip("casadi", reason="the second front end evaluates with CasADi, which is not installed")

@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, load_flat
-from aero_bayes.export.library import library_roots, needed_libraries
-from aero_bayes.export.library_view import link_packages
+from aero_bayes.export import export_fmu, library_roots, link_packages, load_flat, needed_libraries
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
 MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)

@@ -12,8 +12,7 @@ import pytest
 from fmpy import simulate_fmu
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.embedded import explicit_model
+from aero_bayes.export import explicit_model, export_fmu
 from aero_bayes.workflow.init import run_init
 
 Write = Callable[[str, str], Path]

@@ -9,9 +9,7 @@ import pytest
 from numpy.random import Generator
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.dimensions import dimension, dimension_of_unit, unit_text
-from aero_bayes.language.parse import parse_expression, parse_text
-from aero_bayes.language.syntax import (
+from aero_bayes.language import (
     Array,
     Call,
     Comprehension,
@@ -21,14 +19,19 @@ from aero_bayes.language.syntax import (
     Number,
     RangeExpression,
     Text,
+    dimension,
+    dimension_of_unit,
+    evaluate_expression,
     factors,
     names_in,
+    parse_expression,
+    parse_text,
     short_text,
     summands,
+    tokenize,
+    unit_text,
     walk,
 )
-from aero_bayes.language.tokens import tokenize
-from aero_bayes.language.values import evaluate_expression
 
 VALUES = {"a": 1.3, "b": -0.7, "c.d": 2.1, "e": 0.4}
 FUNCTIONS = {"sqrt": math.sqrt, "abs": abs, "min": min, "max": max, "exp": math.exp}

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.discrete import DiscretePart, solve_discrete
+from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.initial import initial_values
 from aero_bayes.export.linear import linear_solve
 from aero_bayes.export.loops import AlgebraicLoop, eliminate
 from aero_bayes.export.matching import components, match
-from aero_bayes.export.translate import EquationSystem
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 from aero_bayes.export.c_writer import ExpressionWriter
 from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes, topological_order
 from aero_bayes.export.layout import VariableLayout
 from aero_bayes.export.loops import AlgebraicLoop
-from aero_bayes.export.translate import ScalarVariable
 
 #: Values that a function stores at most, where it is long and can be cut.
 _PART = 100

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
 from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout
-from aero_bayes.export.translate import ScalarVariable
 from aero_bayes.language.units import base_units
 
 

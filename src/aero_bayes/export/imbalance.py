@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.translate import translate
 from aero_bayes.language.syntax import names_in
 
 #: Begins the names of what is added to a model so that rumoca, which refuses an imbalance, flattens it.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node
-from aero_bayes.export.translate import ScalarVariable
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Builder, Node, topological_order
-from aero_bayes.export.translate import EquationSystem
 from aero_bayes.language.values import BOOLEAN
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText, ComponentDeclaration, Statement
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.language.edits import TextEdit, add_equations, apply_edits, replace_names
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group, split_outside
@@ -66,14 +66,14 @@ def standalone_text(known: Sources, file: SourceFile, cls: ClassText) -> str:
     return re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n" if margin else body + "\n"
 
 
-def _clause(clause: Statement) -> tuple[str, Sequence[Token]]:
+def _clause(clause: SourceStatement) -> tuple[str, Sequence[Token]]:
     """Name and modifiers of an extends clause."""
     at = find_outside(clause.core, frozenset({"("}), 1)
     name = "".join(t.word for t in clause.core[1:at])
     return name, clause.core[at + 1 : skip_group(clause.core, at) - 1] if at < len(clause.core) else ()
 
 
-def _whole(cls: ClassText) -> dict[str, list[Statement]]:
+def _whole(cls: ClassText) -> dict[str, list[SourceStatement]]:
     """Equations by their section."""
     if any(s.inside or s.section.endswith("algorithm") for s in cls.statements):
         raise InputError(f"{cls.name}: a base class with branches or algorithms cannot be written out")

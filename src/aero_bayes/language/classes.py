@@ -26,7 +26,7 @@ Modifiers = tuple[tuple[str, tuple[Token, ...]], ...]
 
 
 @dataclass(frozen=True)
-class Statement:
+class SourceStatement:
     """An element that ends in a semicolon: a declaration, an extends clause, an equation.
 
     ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them, or class for
@@ -66,7 +66,7 @@ class ComponentDeclaration:
     modifiers: Modifiers
     binding: tuple[Token, ...]
     description: str
-    statement: Statement
+    statement: SourceStatement
     type_tokens: tuple[Token, ...]
     name_token: Token
     arguments: tuple[Token, ...]
@@ -90,7 +90,7 @@ class ClassText:
     end_name: Token | None = None
     close: int = 0
     end: int = 0
-    statements: list[Statement] = field(default_factory=list)
+    statements: list[SourceStatement] = field(default_factory=list)
     sections: list[tuple[str, int, int]] = field(default_factory=list)
     classes: list[ClassText] = field(default_factory=list)
     class_names: list[str] = field(default_factory=list)
@@ -103,18 +103,18 @@ class ClassText:
         return f"{self.within}.{self.name}" if self.within else self.name
 
     @property
-    def equations(self) -> list[Statement]:
+    def equations(self) -> list[SourceStatement]:
         return [s for s in self.statements if s.section == "equation"]
 
     @property
-    def declarations(self) -> list[Statement]:
+    def declarations(self) -> list[SourceStatement]:
         return [s for s in self.statements if s.section in ("public", "protected")]
 
     def components(self) -> list[ComponentDeclaration]:
         """Everything that the class declares itself, in order."""
         return [c for s in self.declarations for c in _components(s)]
 
-    def declared_in(self, statement: Statement) -> list[ComponentDeclaration]:
+    def declared_in(self, statement: SourceStatement) -> list[ComponentDeclaration]:
         """What one of its statements declares."""
         return _components(statement) if statement.section in ("public", "protected") else []
 
@@ -181,7 +181,7 @@ def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
     return tokens[: at if value else rest]
 
 
-def _components(statement: Statement) -> list[ComponentDeclaration]:
+def _components(statement: SourceStatement) -> list[ComponentDeclaration]:
     tokens = statement.tokens
     at = 0
     prefixes = set()

@@ -13,7 +13,7 @@ from aero_bayes.language.classes import (
     ClassText,
     ComponentDeclaration,
     Modifiers,
-    Statement,
+    SourceStatement,
     annotation_arguments,
     dotted_name,
 )
@@ -125,7 +125,7 @@ def _redeclared(library: ClassLibrary, modifiers: Modifiers, aliases: Mapping[st
     return {key: name for key, name in full.items() if name is not None}
 
 
-def _link(s: Statement) -> Connection | None:
+def _link(s: SourceStatement) -> Connection | None:
     if s.ends:
         one, other = ("".join(words_of(end)) for end in s.ends)
         return Connection(one, other, annotation_arguments(s.tokens, "Line"))

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.language.classes import ClassText, Statement
+from aero_bayes.language.classes import ClassText, SourceStatement
 from aero_bayes.language.tokens import Token, tokenize, words_of
 
 
@@ -91,7 +91,7 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextE
 
 
 def insert_before_connector(
-    text: str, connects: Sequence[Statement], connector: str, chain: Sequence[tuple[str, str]]
+    text: str, connects: Sequence[SourceStatement], connector: str, chain: Sequence[tuple[str, str]]
 ) -> list[TextEdit]:
     """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
 

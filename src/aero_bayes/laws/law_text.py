@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.language.classes import ComponentDeclaration, Statement
+from aero_bayes.language.classes import ComponentDeclaration, SourceStatement
 from aero_bayes.language.edits import TextEdit, apply_edits, indentation, replace_names, text_of
 from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
@@ -99,7 +99,7 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
 
 
 def _edits(
-    statement: Statement,
+    statement: SourceStatement,
     components: Sequence[ComponentDeclaration],
     sizes: Mapping[str, float],
     signals: Mapping[str, str],

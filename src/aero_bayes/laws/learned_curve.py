@@ -9,9 +9,9 @@ import numpy as np
 
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.translate import translate
 from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names
 from aero_bayes.laws.compose import Models
 from aero_bayes.laws.family import Basis

@@ -8,7 +8,7 @@ from dataclasses import replace
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import ACTING, TRUE, attribute_value, element_names
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.language.classes import ClassText, ComponentDeclaration, Statement
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.language.edits import TextEdit, insert_before_connector, text_of
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import SourceFile, Sources
@@ -141,7 +141,7 @@ class LawWriter:
             raise InputError(f"{self._equation_of(port).place}: no term can be written into the balance of {port.id!r}")
         return min(found, key=lambda f: f[:2])[2]
 
-    def _turns(self, s: Statement) -> list[tuple[str, int] | None]:
+    def _turns(self, s: SourceStatement) -> list[tuple[str, int] | None]:
         """Nothing for a statement by itself; the variable of a loop around it with each value it may have."""
         if not s.inside:
             return [None]
@@ -159,7 +159,9 @@ class LawWriter:
         _, cls, position = self.known.at(equation.place)
         return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
 
-    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Expression, Expression] | None:
+    def _sides(
+        self, s: SourceStatement, cls: ClassText, whole: Mapping[str, int]
+    ) -> tuple[Expression, Expression] | None:
         """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
         if s.section == "equation":
             return sides_of(s.core, whole)
@@ -261,7 +263,7 @@ class LawWriter:
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {use.instance}.y;"))
 
     @staticmethod
-    def _connects(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
+    def _connects(cls: ClassText, name: str) -> list[tuple[SourceStatement, str]]:
         """Connections of a component's input, with what stands at the other end; none in a loop or under a condition.
 
         What is connected otherwise too has no other end.

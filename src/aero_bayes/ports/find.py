@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.translate import translate
 from aero_bayes.language.classes import snake_case
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import Call, Expression, Name, names_in, parse_reference, short_text

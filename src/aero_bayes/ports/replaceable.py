@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, ComponentDeclaration, Statement, dotted_name
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import SourceLocation, find_outside, split_outside
 
@@ -67,7 +67,7 @@ def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
     return tuple(one for one in found.values() if one.components)
 
 
-def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) -> Replaceable | None:
+def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> Replaceable | None:
     """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
