@@ -257,7 +257,7 @@ REFUSED = [
     ("  y = foo(x);", r"^Bad\.mo:6: .*'foo'"),
     ("  y = x +;", r"^Bad\.mo:6: unexpected `;`$"),
     ('  y = "one";', r"^Bad\.mo:6: type mismatch"),
-    ("", r"^Bad\.mo:3: Bad: 1 equations for 2 unknowns: too few equations determine y$"),
+    ("", r"^Bad\.mo:3: Bad: 1 equations for 2 unknowns: .* y$"),
     ("  y = 1;\n  y = 2;", r"^Bad\.mo:7: Bad: 3 equations for 2 unknowns: too many equations determine y$"),
     ("  y = q;", r"^Bad\.mo:6: .*'q'"),
     ("  0 = x - 2 * x;", "structurally singular"),
@@ -296,7 +296,7 @@ model Dropped
 end Dropped;
 """,
     )
-    with pytest.raises(InputError, match=r"Dropped\.mo:5: modifiers of the redeclared class 'BodyEffect'"):
+    with pytest.raises(InputError, match=r"Dropped\.mo:5: .*'BodyEffect'"):
         explicit_model("Dropped", [source])
 
 

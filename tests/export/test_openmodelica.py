@@ -75,7 +75,7 @@ def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypa
 def test_both_refusals_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, 'echo "Error: Class Foo not found."', monkeypatch)
     monkeypatch.setattr("aero_bayes.export.compilers.export_embedded", refuse)
-    with pytest.raises(InputError, match=r"too hard; and OpenModelica: .*Class Foo"):
+    with pytest.raises(InputError, match=r"too hard.*Class Foo"):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu")
 
 

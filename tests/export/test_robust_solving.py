@@ -170,7 +170,7 @@ def test_a_while_loop_that_is_left_early() -> None:
 
 
 def test_a_while_loop_without_an_end_in_sight_is_refused() -> None:
-    with pytest.raises(InputError, match=r"while loop that no constant ends .* write it as a for loop"):
+    with pytest.raises(InputError, match=r"while loop"):
         _scope(1.0, Call("<=", (Name("k"), Name("x"))), _plus_one("k"))
 
 

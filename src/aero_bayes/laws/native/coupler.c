@@ -6,7 +6,7 @@
  * are states of the inner FMU that laws at its inputs are given, "into" ones its inputs, "late" ones its outputs. */
 #include <stdarg.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 #define FMI __attribute__((visibility("default")))
 #define TRY(call)                              \

@@ -1,8 +1,8 @@
 /* An FMU's library and its functions, FMI 2.0 or 3.0 alike. The FMUs that put laws around another one are made of this
  * file too (laws/native/coupler.c). */
-#include <dlfcn.h>
+#include <stdio.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 void fmu_quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
 {

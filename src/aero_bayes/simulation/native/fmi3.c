@@ -3,8 +3,9 @@
  * and 3. */
 #include <dlfcn.h>
 #include <stdbool.h>
+#include <stdint.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 typedef void *Instance;
 typedef void (*Log)(void *, int, const char *, const char *);
