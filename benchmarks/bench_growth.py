@@ -80,7 +80,7 @@ def memory(folder: Path, small: int = 20_000, large: int = 100_000) -> float:
 
         def held(n: int) -> float:
             simulator.log_likelihood(np.tile([1.0, 0.1], (n, 1)), WHITE)
-            return pool.arena.size / 2**20 + sum(peak_mib(p) for p in pool.processes)
+            return pool.memory.size / 2**20 + sum(peak_mib(p) for p in pool.processes)
 
         before = held(small)
         return held(large) - before

@@ -10,10 +10,7 @@ import pytest
 from written_effects import write_effects
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.modelica_family import ModelicaFamily
 
@@ -34,7 +31,7 @@ def rates_at(model: ExplicitModel, values: dict[str, float]) -> dict[str, float]
     known |= {b.symbol(s): 0.0 for s in model.states}
     known |= {b.symbol(n): v for n, v in (POINT | {"V_m": 11.0} | values).items()}
     outputs = [model.solved.get(o, b.symbol(o)) for o in ("i_m", "omega_m", "theta")]
-    numbers = evaluate([*model.rates, *outputs], known)
+    numbers = evaluate_nodes([*model.rates, *outputs], known)
     return dict(zip([*model.states, "i_m", "omega_m", "theta"], numbers, strict=True))
 
 

@@ -17,8 +17,7 @@ from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation import ParameterTarget, open_simulator
 
 EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0

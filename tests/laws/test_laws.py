@@ -14,7 +14,7 @@ from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import add_input
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.classes import snake_case
 from aero_bayes.language.syntax import Call, Name
@@ -176,7 +176,7 @@ def test_a_law_is_its_closed_form(
         at = {**own, **{b.symbol(n): v for n, v in {**sizes, **fitted, **given}.items()}}
         # rounding reaches as far as its width: a few thousandths of the size at a corner
         above = {**given, "h": given["h"] - given["h_s"]} if "h_s" in given else given
-        assert evaluate([acts], at)[0] == pytest.approx(
+        assert evaluate_nodes([acts], at)[0] == pytest.approx(
             CLOSED[key](**given, **fitted), abs=4e-3 * largest, rel=2e-3
         ) or (min(abs(v / size) for v, size in zip(above.values(), typical.values(), strict=True)) < 5e-3)
 
@@ -213,15 +213,15 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
         nominal = felt.value("nominal", placed.all_nominals)
         beside, step = 1e-6 * nominal, 5e-7 * nominal
         at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}, switch: beside}
-        slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))
-        up, down = (np.array(evaluate(every, {**at, switch: beside + s})) for s in (step, -step))
+        slope = np.array(evaluate_nodes([b.derivative(e, switch) for e in every], at))
+        up, down = (np.array(evaluate_nodes(every, {**at, switch: beside + s})) for s in (step, -step))
         assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
         if law.id not in UNFELT_AT_ZERO:
             assert np.abs(slope).max() > 1e-3, law.id
         if law.id in ("lag", "delay", "rate_limit", "hysteresis"):
             # fast states of a law that is off would set the pace of every simulation
             own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(placed.instance + ".")]
-            off, on = (np.abs(evaluate(own, {**at, switch: s})).max() for s in (0.0, beside))
+            off, on = (np.abs(evaluate_nodes(own, {**at, switch: s})).max() for s in (0.0, beside))
             assert off < 1e-4 * on, law.id
 
 
@@ -244,10 +244,10 @@ def test_lag_and_delay_have_their_frequency_response(
     at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.magnitude.name): T}
     x = [b.symbol(n) for n in model.states]
     u = b.symbol("w" if kind == "output" else "u")
-    a = np.array([evaluate([b.derivative(r, j) for j in x], at) for r in model.rates])
-    into = np.array(evaluate([b.derivative(r, u) for r in model.rates], at))
-    out = np.array(evaluate([b.derivative(model.solved["y"], j) for j in x], at))
-    direct = evaluate([b.derivative(model.solved["y"], u)], at)[0]
+    a = np.array([evaluate_nodes([b.derivative(r, j) for j in x], at) for r in model.rates])
+    into = np.array(evaluate_nodes([b.derivative(r, u) for r in model.rates], at))
+    out = np.array(evaluate_nodes([b.derivative(model.solved["y"], j) for j in x], at))
+    direct = evaluate_nodes([b.derivative(model.solved["y"], u)], at)[0]
     response = direct + out @ np.linalg.solve(s * np.eye(len(x)) - a, into)
     response *= s if kind == "output" else 1.0
     exact = 1 / (1 + T * s) if law_id == "lag" else np.exp(-T * s)
@@ -288,7 +288,7 @@ end Mine;
     assert law.magnitude.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
     model = explicit(law_models([law], [own])["motion", "rope_drag"])
     at = {model.system.builder.symbol(n): v for n, v in {"r": 2.0, "v": 3.0}.items()}
-    assert evaluate([model.solved["f"]], at) == [54.0]
+    assert evaluate_nodes([model.solved["f"]], at) == [54.0]
     own.write_text(
         "model Bare\n  extends Laws.Interfaces.StorageLaw;\n  parameter Real k = 1;\nequation\n  q = k;\nend Bare;\n",
         encoding="utf-8",

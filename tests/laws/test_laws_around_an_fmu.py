@@ -32,15 +32,16 @@ from aero_bayes.laws import (
     ports_with_laws,
 )
 from aero_bayes.ports import Port
-from aero_bayes.simulation import Model, open_simulator
-from aero_bayes.simulation.interface import (
+from aero_bayes.simulation import (
     Experiment,
     InputSignal,
+    Model,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
     StartTarget,
+    open_simulator,
 )
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
 from aero_bayes.ports import port_table
 from aero_bayes.simulation import Model, open_simulator
@@ -138,7 +138,7 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
         b.symbol(p.name): p.binding.value for p in model.system.parameters if p.binding and p.binding.op == "const"
     }
     known |= {b.symbol("V"): v, b.symbol(model.states[0]): x}
-    rate, reading = evaluate([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
+    rate, reading = evaluate_nodes([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
     return rate, reading
 
 

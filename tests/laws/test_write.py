@@ -30,13 +30,13 @@ from aero_bayes.laws import (
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
+    Interpolation,
     Model,
     NativeSimulator,
     Problem,
     SolverSettings,
     WorkerPool,
 )
-from aero_bayes.simulation.interface import Interpolation
 
 ONE_OF_EACH = [
     ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),

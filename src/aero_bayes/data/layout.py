@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
+from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 
 FloatArray = NDArray[np.float64]
 
@@ -52,10 +52,10 @@ class ColumnMap:
             if not self.counts_per_revolution or self.counts_per_revolution <= 0.0:
                 raise InputError(f"column {column}: unit {unit} needs counts_per_revolution, e.g. 2048")
             unit, turns = "rev" + unit[5:], 1.0 / self.counts_per_revolution
-        known = base_units(spelled(unit))
+        known = base_units(to_modelica_unit(unit))
         found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
         if found is None:
-            if known is None and spelled(unit) not in TEMPERATURES:
+            if known is None and to_modelica_unit(unit) not in TEMPERATURES:
                 raise InputError(f"column {column}: unknown unit {unit!r}, expected one like {expected or 'rad/s'}")
             raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
         return values * (turns * found[0]) + found[1]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from aero_bayes.data import Recording, output_noise_floor
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, StartTarget
-from aero_bayes.simulation.model import Model, Variable
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from aero_bayes.declared import DECLARATION_FILE, DECLARATION_MEMBER, PackageDeclaration, parse_declaration
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.sources import modelica_files, modelica_text
+from aero_bayes.language.sources import modelica_files, read_modelica_text
 from aero_bayes.language.tokens import tokenize, words_of
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
@@ -73,7 +73,7 @@ def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
     return {DECLARATION_MEMBER: files[0].read_bytes()} if files else {}
 
 
-def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
+def copy_sources(folder: Path, sources: Sequence[Path]) -> list[Path]:
     """Copy the shipped packages of rigs and further files into an empty folder, so that nothing beside them is read.
 
     Returns
@@ -94,7 +94,7 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
         if not source.exists():
             raise InputError(f"{source}: no such file")
         for file in modelica_files([source]):
-            modelica_text(file)  # refused here, under its own path
+            read_modelica_text(file)  # refused here, under its own path
         if source.is_dir():
             if not (source / "package.mo").is_file():
                 raise InputError(f"{source}: a Modelica package folder needs a package.mo")

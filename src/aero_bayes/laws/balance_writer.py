@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import evaluate
+from aero_bayes.export.compose import attribute_value
 from aero_bayes.export.flat import FlatEquation, FlatModel
-from aero_bayes.language.classes import ClassText, Statement
+from aero_bayes.language.classes import ClassText, SourceStatement
 from aero_bayes.language.parse import parse_expression, sides_of
 from aero_bayes.language.sources import Sources
 from aero_bayes.language.syntax import Expression, Name
@@ -50,7 +50,7 @@ class BalanceWriter:
     def __init__(self, target: ClassWithLaws, known: Sources, flat: FlatModel, structure: AliasStructure) -> None:
         self.target, self.known, self.flat, self.structure = target, known, flat, structure
         self.whole_numbers = {
-            v.name: round(evaluate(flat, v.name, "value"))
+            v.name: round(attribute_value(flat, v.name, "value"))
             for v in flat.variables
             if v.constant and v.type == "Integer" and not v.sizes
         }
@@ -132,7 +132,7 @@ class BalanceWriter:
             )
         return min(found, key=lambda f: f[:2])[2]
 
-    def _turns(self, s: Statement) -> list[tuple[str, int] | None]:
+    def _turns(self, s: SourceStatement) -> list[tuple[str, int] | None]:
         """Nothing for a statement by itself; the variable of a loop around it with each value it may have."""
         if not s.inside:
             return [None]
@@ -150,7 +150,9 @@ class BalanceWriter:
         _, cls, position = self.known.at(equation.place)
         return next(([t.word for t in s.core] for s in cls.statements if s.start <= position < s.end), [])
 
-    def _sides(self, s: Statement, cls: ClassText, whole: Mapping[str, int]) -> tuple[Expression, Expression] | None:
+    def _sides(
+        self, s: SourceStatement, cls: ClassText, whole: Mapping[str, int]
+    ) -> tuple[Expression, Expression] | None:
         """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
         if s.section == "equation":
             return sides_of(s.core, whole)

@@ -6,14 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.base_classes import alone, with_bases
+from aero_bayes.language.base_classes import inline_base_classes, standalone_text
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.classes import ClassText, ComponentDeclaration
 from aero_bayes.language.edits import (
     TextEdit,
     add_declarations,
     add_equations,
-    apply,
+    apply_edits,
     rename_class,
     replace_names,
     text_of,
@@ -50,7 +50,7 @@ class ClassWithLaws:
         self.enclosing_names = known.meanings(user[1]).keys()
         self.file, self.cls = self._own_text(inherits)
         cls = self.cls
-        self.components: dict[str, Component] = {c.name: c for c in cls.components()}
+        self.components: dict[str, ComponentDeclaration] = {c.name: c for c in cls.components()}
         self.extends = all(u.port.attachment == "node" for u in placed_laws)
         self.parameters = [line for placed in placed_laws for line in placed.declarations()]
         self.classes: list[list[str]] = []
@@ -76,13 +76,13 @@ class ClassWithLaws:
 
     def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
         whole = file.classes == (cls,) and not cls.within
-        return file.text if whole else "within ;\n" + alone(self.known, file, cls)
+        return file.text if whole else "within ;\n" + standalone_text(self.known, file, cls)
 
     def _own_text(self, inherits: bool) -> tuple[SourceFile, ClassText]:
         """The user's class as a file of its own, with its base classes written out where they are to be edited."""
         file, cls = self.user
         if inherits:
-            file, _ = with_bases(self.known, file, cls)
+            file, _ = inline_base_classes(self.known, file, cls)
             text = "within ;\n" + file.text
         else:
             text = self._plain_text(file, cls)
@@ -130,7 +130,7 @@ class ClassWithLaws:
             raise InputError(f"{cls.name}: the component {name!r} is not declared there")
         scope = holder.origin if holder else self.user[1]
         file, origin = self.known.find(self.known.resolve(scope, component.type))
-        text = alone(self.known, file, origin)
+        text = standalone_text(self.known, file, origin)
         (own,) = read_classes(text)
         copy = ComponentCopy(f"{own.name}_{identifier(path)}", file, origin, text, own)
         self.copies[path] = copy
@@ -161,7 +161,7 @@ class ClassWithLaws:
                     *self._component_types(path, copy.cls, copy.text),
                 ]
                 edits += add_declarations(copy.text, copy.cls, [*copy.declarations, *inner])
-                lines += apply(copy.text, edits).rstrip("\n").split("\n")
+                lines += apply_edits(copy.text, edits).rstrip("\n").split("\n")
         return lines
 
     def _component_types(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
@@ -209,12 +209,12 @@ class ClassWithLaws:
             ]
         edits += self._component_types("", cls, text)
         edits += add_declarations(text, cls, self._declarations())
-        return apply(text, [*edits, *add_equations(text, cls, self.equations)])
+        return apply_edits(text, [*edits, *add_equations(text, cls, self.equations)])
 
     def _renamed(self, tokens: Sequence[Token]) -> str:
         begin = tokens[0].start
         edits = [e.moved(-begin) for e in replace_names(tokens, self.replacements.get, functions=False)]
-        return apply(text_of(self.file.text, tokens), edits)
+        return apply_edits(text_of(self.file.text, tokens), edits)
 
     def _description(self) -> TextEdit:
         head = self.cls.name_token.end

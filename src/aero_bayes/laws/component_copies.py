@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.base_classes import inline_base_classes
+from aero_bayes.language.classes import ClassText, ComponentDeclaration
 from aero_bayes.language.edits import TextEdit, indentation, text_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import skip_group
@@ -28,7 +28,7 @@ class ComponentCopy:
     def write_out_bases(self, known: Sources) -> None:
         """Have the base classes in the text, before anything is edited."""
         if self.cls.bases() and not self.edits:
-            whole, self.cls = with_bases(known, self.file, self.origin)
+            whole, self.cls = inline_base_classes(known, self.file, self.origin)
             self.text = whole.text
 
     def add_input(self, name: str, value: str, about: str) -> None:
@@ -59,7 +59,7 @@ def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text:
     return edits
 
 
-def _types(together: Sequence[Component], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
+def _types(together: Sequence[ComponentDeclaration], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """The type of each component of a statement; where there are several, each gets a statement of its own."""
     first, *others = together
     own = {c.name: copies[c.name].name if c.name in copies else text_of(text, c.type_tokens) for c in together}
@@ -73,7 +73,7 @@ def _types(together: Sequence[Component], copies: Mapping[str, ComponentCopy], t
     return edits
 
 
-def _arguments(c: Component, copy: ComponentCopy) -> list[TextEdit]:
+def _arguments(c: ComponentDeclaration, copy: ComponentCopy) -> list[TextEdit]:
     given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
     if not c.arguments:
         tokens = c.statement.tokens

@@ -15,12 +15,12 @@ from aero_bayes.export.compose import (
     equate,
     instantiate,
     replace_uses,
+    separate_elements,
     set_parameter,
-    with_elements_apart,
 )
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt, reference
+from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
@@ -69,19 +69,19 @@ def _flat_law(flat: FlatModel, instance: str, law: Law) -> FlatModel:
             replace(
                 v,
                 name=v.name.removeprefix(prefix),
-                attributes={k: rebuilt(t, inner) for k, t in v.attributes.items()},
-                binding=None if v.binding is None else rebuilt(v.binding, inner),
+                attributes={k: map_names(t, inner) for k, t in v.attributes.items()},
+                binding=None if v.binding is None else map_names(v.binding, inner),
             )
             for v in flat.variables
             if v.name.startswith(prefix)
         ),
         tuple(
-            replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
             for e in flat.equations
             if e.component == instance and not (isinstance(e.left, Name) and e.left.name in given)
         ),
         tuple(
-            replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
             for e in flat.initial_equations
             if e.component == instance
         ),
@@ -105,7 +105,7 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
     acts = Name(f"{at}.{placed.law.interface.output}")
     law = models[placed.law.kind, placed.law.id]
     if port.attachment in ("input", "output"):
-        flat = with_elements_apart(flat, port.signals["u"])
+        flat = separate_elements(flat, port.signals["u"])
         flat = replace_uses(flat, port.signals["u"], acts if port.attachment == "input" else Name(f"{at}.u"))
     if port.defining_equation is not None:
         flat = replace_uses(flat, port.signals["u"], acts, defining_equations(flat, port))
@@ -168,7 +168,7 @@ def _add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) 
 
 def _with_start_moved(flat: FlatModel, old: str, new: str) -> FlatModel:
     """Give a start value to what takes an output's place, where that output was a state."""
-    if reference(old).subscripts:
+    if parse_reference(old).subscripts:
         return flat
     attributes = flat.variable(old).attributes
     variables = tuple(
@@ -215,12 +215,12 @@ def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict
         names[port.id] = name
         signal = port.signals.get("u", "")
         if signal:
-            flat = with_elements_apart(flat, signal)
+            flat = separate_elements(flat, signal)
         if port.attachment == "input":
-            flat = replace_uses(flat, signal, Call("+", (reference(signal), Name(name))))
+            flat = replace_uses(flat, signal, Call("+", (parse_reference(signal), Name(name))))
         elif port.defining_equation is not None:
             flat = replace_uses(
-                flat, signal, Call("+", (reference(signal), Name(name))), defining_equations(flat, port)
+                flat, signal, Call("+", (parse_reference(signal), Name(name))), defining_equations(flat, port)
             )
         elif port.attachment == "output":
             inner = f"{identifier(signal)}_without_{name}"

@@ -17,14 +17,13 @@ from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import BINARY_FOLDERS, Variable
+from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
 
 INNER, LAWS = 0, 1
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
 _SOURCES = (
     Path(__file__).parent / "native" / "coupler.c",
-    *(_ENGINE / name for name in ("bind.c", "fmi3.c", "engine.h", "fmi2.h")),
+    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu.h", "fmi2.h")),
 )
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 
@@ -52,8 +51,8 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
     laws = Model.load(export_flat(coupling.flat, laws_out, quick=True))
     table = _Table(inner, laws, coupling)
     identifier = "coupled"
-    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi3.c", "-lm",
-                                      "-ldl"], "coupled.so")  # fmt: skip
+    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi2.c", "fmi3.c",
+                                      "-lm", "-ldl"], "coupled.so")  # fmt: skip
     folders = (BINARY_FOLDERS[inner.fmi_version], "resources")
     members = {
         f"binaries/linux64/{identifier}.so": library,
@@ -149,7 +148,7 @@ class _Table:
                 start = v.start if v.start is not None else 0.0
                 yield _Shown(v, v.name, self.reference(part, v.value_reference), "parameter", "fixed", "exact", start)
         own = {s.name for s in inner.states}
-        copies = dict(inner.said_copies)
+        copies = dict(inner.candidate_copies)
         for v in plain:
             if v.name not in own:
                 on = (state_name(inner.states[copies[v.name]].name, read),) if v.name in copies else None

@@ -14,8 +14,7 @@ from aero_bayes.laws.compose import LawModels, compose_laws
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.ports import Balance, Port
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import Variable
+from aero_bayes.simulation import Model, Variable
 
 #: Units of what drives a motion, and of the speed and the position that go with it.
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {

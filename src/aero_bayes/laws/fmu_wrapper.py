@@ -11,8 +11,7 @@ from aero_bayes.export.build import write_archive
 from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.laws.law_text import class_text
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import Variable
+from aero_bayes.simulation import Model, Variable
 
 #: The imported FMU's instance in the Modelica model, and its component in the SSP.
 PLANT = "plant"

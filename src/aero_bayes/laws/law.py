@@ -10,14 +10,14 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component, annotated, snake_case
-from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
+from aero_bayes.language.base_classes import inline_base_classes
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, annotation_arguments, snake_case
+from aero_bayes.language.dimensions import dimension, in_base_units_if_scaled, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.tokens import Token
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 
 LawKind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
@@ -81,7 +81,7 @@ class LawParameter:
         term = getattr(self, of)
         if term is None:
             return float("-inf") if of == "minimum" else float("inf")
-        return evaluate(term, nominals)
+        return evaluate_expression(term, nominals)
 
     def unit(self, nominal_units: Mapping[str, str]) -> str:
         """The declared unit; else the one that follows from the units of the nominal values. Empty if unknown."""
@@ -90,7 +90,7 @@ class LawParameter:
         if not names_in(self.nominal):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in nominal_units.items()}
-        return unit_text(coherent(dimension(self.nominal, factors.get)))
+        return unit_text(in_base_units_if_scaled(dimension(self.nominal, factors.get)))
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
             try:
                 if [b for b in cls.bases() if b.rpartition(".")[2] != partial]:
                     raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
-                whole, merged = with_bases(known, file, cls)
+                whole, merged = inline_base_classes(known, file, cls)
                 base = known.find(f"Laws.Interfaces.{partial}")[1]
                 found.append(_law(cls, LAW_INTERFACES[partial], base, whole.text, merged))
             except InputError as error:
@@ -232,11 +232,11 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
     parameters = tuple(law_parameter(c) for c in (*own, *inherited) if is_fitted_parameter(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
-    nominals = {c.name: evaluate(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
+    nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
     for p in parameters:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
-                evaluate(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
+                evaluate_expression(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")
@@ -261,18 +261,18 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
     )
 
 
-def is_fitted_parameter(c: Component) -> bool:
+def is_fitted_parameter(c: ComponentDeclaration) -> bool:
     """Whether a declaration is a fitted parameter: one with the attribute ``nominal``."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
 
 
-def _is_nominal(c: Component) -> bool:
+def _is_nominal(c: ComponentDeclaration) -> bool:
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted_parameter(c)
 
 
-def law_parameter(c: Component) -> LawParameter:
+def law_parameter(c: ComponentDeclaration) -> LawParameter:
     """The fitted parameter of a declaration. Raises InputError if it has no default."""
     terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
@@ -285,7 +285,7 @@ def law_parameter(c: Component) -> LawParameter:
 
 def annotation_text(annotation: Sequence[Token], word: str) -> str:
     """The text of an entry in ``__aero_bayes`` of an annotation, such as ``refines``. Empty if there is none."""
-    return _text(annotated(annotation, "__aero_bayes").get(word))
+    return _text(annotation_arguments(annotation, "__aero_bayes").get(word))
 
 
 def _text(tree: Expression | None) -> str:

@@ -6,12 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.language.classes import Component, Statement
-from aero_bayes.language.edits import TextEdit, apply, indentation, replace_names, text_of
+from aero_bayes.language.classes import ComponentDeclaration, SourceStatement
+from aero_bayes.language.edits import TextEdit, apply_edits, indentation, replace_names, text_of
 from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
 from aero_bayes.language.tokens import one_line, words_of
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
 
 
@@ -53,7 +53,7 @@ def class_text(
         # a unit that a law asks for is that of a port, in which it may be spelled otherwise
         asked = [c.arguments for c in components if c.name in law.required_units and c.arguments]
         edits += [TextEdit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
-        found[s.section].append(one_line(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
+        found[s.section].append(one_line(apply_edits(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
     lines = [f'model {name} "{law.description}"', *(f"  {line}" for line in (*declarations, *found.pop("public")))]
     for section, inside in found.items():
         lines += [section, *(f"  {line}" for line in inside)] if inside else []
@@ -85,7 +85,7 @@ def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]
     values = {k: float(v) for k, v in nominals.items()}
     for c in law.cls.components():
         if "final" in c.prefixes:
-            values[c.name] = evaluate(parse_expression(c.binding), values)
+            values[c.name] = evaluate_expression(parse_expression(c.binding), values)
         elif c.name not in (*names, *nominals, *law.interface.inputs, law.interface.output):
             return None
     numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
@@ -95,7 +95,7 @@ def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]
         **names,
     }
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
-    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(text_of(law.text, core[2:]), edits)))
+    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply_edits(text_of(law.text, core[2:]), edits)))
     text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
     text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
     tree = parse_text(text)
@@ -103,7 +103,10 @@ def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]
 
 
 def _edits(
-    statement: Statement, components: Sequence[Component], nominals: Mapping[str, float], signals: Mapping[str, str]
+    statement: SourceStatement,
+    components: Sequence[ComponentDeclaration],
+    nominals: Mapping[str, float],
+    signals: Mapping[str, str],
 ) -> list[TextEdit]:
     """A declaration with the values of sizes and the expressions of signals."""
     edits: list[TextEdit] = []

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.classes import ClassText
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.syntax import reference
+from aero_bayes.language.syntax import parse_reference
 from aero_bayes.laws.balance_writer import BalanceWriter, class_of, equation_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.component_copies import without_indices
@@ -67,7 +67,9 @@ def _edits_base_class(known: Sources, cls: ClassText, flat: FlatModel, placed_la
             if port.attachment == "signal" and "." in port.signals["u"]:
                 if not component_connections(cls, port.signals["u"]):
                     return True
-            elif port.attachment in ("input", "output", "signal") and reference(port.signals["u"]).name not in own:
+            elif (
+                port.attachment in ("input", "output", "signal") and parse_reference(port.signals["u"]).name not in own
+            ):
                 return True
             if port.attachment == "equation":
                 equation = equation_of(flat, port)

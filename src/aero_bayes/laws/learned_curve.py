@@ -9,10 +9,10 @@ import numpy as np
 
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.equation_system import translate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.translate import translate
-from aero_bayes.language.syntax import Call, Expression, Name, Number, rebuilt
+from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names
 from aero_bayes.laws.compose import LawModels
 from aero_bayes.laws.model_family import CurveBasis
 from aero_bayes.laws.placed_law import PlacedLaw
@@ -36,7 +36,7 @@ def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
 
     def given(on: int) -> list[float]:
         height = {symbol: float(k == on) for k, symbol in enumerate(heights)}
-        return [evaluate([acts], {**at, **height, b.symbol(law.curve_input): float(value)})[0] for value in x]
+        return [evaluate_nodes([acts], {**at, **height, b.symbol(law.curve_input): float(value)})[0] for value in x]
 
     plain = np.array(given(-1))
     rows = np.array([given(k) for k in range(len(heights))]) - plain
@@ -75,7 +75,7 @@ def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawMo
         if v.name.startswith(prefix) and (name := v.name.removeprefix(prefix)) in kept
     )
     equations = tuple(
-        replace(e, left=rebuilt(e.left, inner), right=rebuilt(e.right, inner), component="")
+        replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
         for e in flat.equations
         if isinstance(e.left, Name) and e.left.name == f"{prefix}{placed.law.interface.output}"
     )

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, snake_case
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, snake_case
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import Sources
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 from aero_bayes.laws.law import Law, LawInterface, LawParameter, annotation_text, is_fitted_parameter, law_parameter
 
 #: A law at a replaceable model connects to it by itself; one that learns a curve has it as ``y`` over ``x``, whose
@@ -43,7 +43,7 @@ def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
     return tuple(found)
 
 
-def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | None:
+def _law(cls: ClassText, constraint: str, own: Sequence[ComponentDeclaration]) -> Law | None:
     switches = [c for c in own if is_fitted_parameter(c)]
     if not switches or _number(switches[0]) != 0.0:
         return None
@@ -65,9 +65,9 @@ def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | Non
     )  # fmt: skip
 
 
-def _number(c: Component) -> float | None:
+def _number(c: ComponentDeclaration) -> float | None:
     try:
-        return evaluate(parse_expression(c.binding), {}) if c.binding else None
+        return evaluate_expression(parse_expression(c.binding), {}) if c.binding else None
     except InputError:
         return None
 
@@ -77,4 +77,4 @@ def _check(fitted: Sequence[LawParameter], nominals: Mapping[str, float]) -> Non
     for p in fitted:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
-                evaluate(term, nominals)
+                evaluate_expression(term, nominals)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import ACTING, TRUE, element_names
-from aero_bayes.language.classes import ClassText, Component, Statement
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.language.edits import TextEdit, text_of
-from aero_bayes.language.syntax import reference
+from aero_bayes.language.syntax import parse_reference
 from aero_bayes.language.tokens import find_outside, split_outside, words_of
 from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.laws.placed_law import PlacedLaw
@@ -64,7 +64,7 @@ class SignalWriter:
         if placed.instance == mine[0]:
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
 
-    def _apart(self, c: Component, suffix: str) -> str:
+    def _apart(self, c: ComponentDeclaration, suffix: str) -> str:
         """An array that stands, element by element, for an array of inputs or outputs in the class."""
         sizes = self.structure.variables[c.name].sizes
         inner = f"{c.name}{suffix}"
@@ -79,8 +79,8 @@ class SignalWriter:
             self.target.sources |= {own: outer} if suffix == ACTING else {outer: own}
         return inner
 
-    def _declared(self, name: str) -> Component:
-        base = reference(name).name
+    def _declared(self, name: str) -> ComponentDeclaration:
+        base = parse_reference(name).name
         if base not in self.target.components:
             raise InputError(f"{self.target.cls.full_name}: {base!r} is not declared in the class itself")
         return self.target.components[base]
@@ -109,12 +109,12 @@ class SignalWriter:
             self._without_start(c)
             self.target.replacements[name] = true
 
-    def _declare_like(self, c: Component, name: str, about: str) -> None:
+    def _declare_like(self, c: ComponentDeclaration, name: str, about: str) -> None:
         # a connector stays one, since it may be connected
         modified = text_of(self.target.file.text, c.arguments)
         self.target.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
 
-    def _without_start(self, c: Component) -> None:
+    def _without_start(self, c: ComponentDeclaration) -> None:
         """What is no state any more keeps its units only."""
         if c.arguments:
             parts = split_outside(c.arguments[1:-1])
@@ -123,7 +123,7 @@ class SignalWriter:
             self.target.edits.append(TextEdit(c.arguments[0].start, c.arguments[-1].end, text))
 
 
-def component_connections(cls: ClassText, name: str) -> list[tuple[Statement, str]]:
+def component_connections(cls: ClassText, name: str) -> list[tuple[SourceStatement, str]]:
     """Connections of a component's input, with what stands at the other end; none in a loop or under a condition.
 
     What is connected otherwise too has no other end.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import evaluate
+from aero_bayes.export.compose import attribute_value
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, summands, walk
 from aero_bayes.ports.common_motion import SignedRepresentatives, SignedUnionFind, distances, moving_together
@@ -152,7 +152,7 @@ def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, Flat
             v = variables.get(gain)
             if v is not None and v.constant and not v.sizes and v.type == "Real":
                 with suppress(InputError):
-                    return inner if evaluate(flat, gain, "value") == 1.0 else tree
+                    return inner if attribute_value(flat, gain, "value") == 1.0 else tree
     return tree
 
 

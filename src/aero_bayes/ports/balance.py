@@ -6,10 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import evaluate
+from aero_bayes.export.compose import attribute_value
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
-from aero_bayes.language.syntax import Array, Call, Expression, Name, Number, rebuilt, reference, show, walk
+from aero_bayes.language.syntax import (
+    Array,
+    Call,
+    Expression,
+    Name,
+    Number,
+    map_names,
+    parse_reference,
+    short_text,
+    walk,
+)
 from aero_bayes.ports.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
 from aero_bayes.ports.scalar_equations import substituted
 
@@ -36,7 +46,7 @@ class Balance:
         """What the residual grows by."""
         if self.row is None:
             return Call("*", (self.scale, term))
-        return rebuilt(self.scale, lambda n: term if n == TERM else n)
+        return map_names(self.scale, lambda n: term if n == TERM else n)
 
 
 def find_balance(
@@ -68,7 +78,9 @@ def find_balance(
     for operator, factor in entry.factors:
         scale = Call(operator, (scale, factor))
     return Balance(
-        equation, rebuilt(scale, lambda n: reference(n.name) if not n.subscripts else n), _unit(entry, sides, units)
+        equation,
+        map_names(scale, lambda n: parse_reference(n.name) if not n.subscripts else n),
+        _unit(entry, sides, units),
     )
 
 
@@ -97,7 +109,7 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
     for v in flat.variables:
         if v.constant and not v.sizes and v.type == "Real":
             try:
-                found[v.name] = evaluate(flat, v.name, "value")
+                found[v.name] = attribute_value(flat, v.name, "value")
             except InputError:
                 continue
     return found
@@ -111,8 +123,8 @@ def _unit(entry: InsertionPoint, sides: tuple[Expression, Expression], units: Ma
         return units.get(name) or units.get(name.partition("[")[0], "")
 
     for term in entry.like:
-        if isinstance(term, Name) and unit_of(show(term)):
-            return unit_of(show(term))
+        if isinstance(term, Name) and unit_of(short_text(term)):
+            return unit_of(short_text(term))
 
     def of(name: str) -> Dimension | None:
         return dimension_of_unit(unit_of(name))

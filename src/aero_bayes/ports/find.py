@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.translate import translate
 from aero_bayes.language.classes import snake_case
 from aero_bayes.language.dimensions import dimension_of_unit
-from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
+from aero_bayes.language.syntax import Call, Expression, Name, names_in, parse_reference, short_text
 from aero_bayes.ports.aliases import AliasStructure, alias_structure, derived_names
 from aero_bayes.ports.ambient import ambient_differences
 from aero_bayes.ports.balance import Balance, find_balance, parameter_values
@@ -81,7 +81,7 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     """Outputs whose rate the model gives; that of one which an input acts on at once is not known."""
     wider = flat
     for n, name in enumerate(outputs):
-        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (reference(name),)))
+        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (parse_reference(name),)))
     try:
         causalise(translate(wider))
     except InputError:
@@ -250,9 +250,9 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
     def found(t: Expression) -> bool:
         match t:
             case Name():
-                return same(show(t), name)
+                return same(short_text(t), name)
             case Call("der", (Name() as inner,)):
-                return name.startswith("der(") and same(show(inner), name[4:-1])
+                return name.startswith("der(") and same(short_text(inner), name[4:-1])
         return False
 
     return found

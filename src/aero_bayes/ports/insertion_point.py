@@ -17,11 +17,11 @@ from aero_bayes.language.syntax import (
     Name,
     factors,
     names_in,
-    show,
+    short_text,
     summands,
     walk,
 )
-from aero_bayes.language.values import BOOLEAN, OPERATORS, evaluate
+from aero_bayes.language.values import BOOLEAN, OPERATORS, evaluate_expression
 
 Driver = Callable[[Expression], bool]
 Factors = tuple[tuple[str, Expression], ...]
@@ -170,9 +170,9 @@ def _sign_of(tree: Expression, driver: Driver, values: Mapping[str, float]) -> i
 def _product_sign(trees: Sequence[Expression], values: Mapping[str, float]) -> int:
     sign = 1
     for t in trees:
-        known = {name: values.get(name, 1.0) for n in walk(t) if isinstance(n, Name) for name in [show(n)]}
+        known = {name: values.get(name, 1.0) for n in walk(t) if isinstance(n, Name) for name in [short_text(n)]}
         try:
-            sign *= -1 if evaluate(t, known) < 0.0 else 1
+            sign *= -1 if evaluate_expression(t, known) < 0.0 else 1
         except (InputError, ArithmeticError, ValueError, TypeError):
             continue
     return sign

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.language.syntax import Call, Expression, reference
-from aero_bayes.language.tokens import Place
+from aero_bayes.language.syntax import Call, Expression, parse_reference
+from aero_bayes.language.tokens import SourceLocation
 from aero_bayes.ports.balance import Balance
 from aero_bayes.ports.replaceable import ReplaceableModel
 
@@ -38,7 +38,7 @@ class Port:
         Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
     units : mapping
         Unit of each signal of a law by its name there, such as ``v`` and ``x``.
-    place : Place, optional
+    place : SourceLocation, optional
         File and line of the declaration or the equation.
     states : tuple of str
         Names of the states that act there.
@@ -67,7 +67,7 @@ class Port:
     attachment: Attachment
     unit: str
     units: Mapping[str, str]
-    place: Place | None
+    place: SourceLocation | None
     states: tuple[str, ...] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
     balance: Balance | None = None
@@ -87,7 +87,7 @@ DIFFERENCE = " - "
 def signal_expression(given: str) -> Expression:
     """What a law is given: a variable, or the difference of two."""
     one, minus, other = given.partition(DIFFERENCE)
-    return Call("-", (reference(one), reference(other))) if minus else reference(one)
+    return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:

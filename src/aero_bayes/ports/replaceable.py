@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, Statement, dotted_name
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.tokens import Place, find_outside, split_outside
+from aero_bayes.language.tokens import SourceLocation, find_outside, split_outside
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class ReplaceableModel:
         Full name of the class that stands there.
     components : tuple of str
         Paths of the components of that class, such as ``thruster_1.rotorEffect``.
-    place : Place
+    place : SourceLocation
     join : Join, optional
         None where the source does not tell how several laws are put there.
     """
@@ -48,7 +48,7 @@ class ReplaceableModel:
     constraint: str
     default: str
     components: tuple[str, ...]
-    place: Place
+    place: SourceLocation
     combination: CombinationRule | None
 
 
@@ -67,7 +67,7 @@ def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableMode
     return tuple(one for one in found.values() if one.components)
 
 
-def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) -> ReplaceableModel | None:
+def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
     """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
@@ -83,7 +83,7 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) ->
     description = "".join(t.word[1:-1] for t in s.tokens[:end] if t.kind == "text")
     before = file.text[: s.start]
     start, stop = len(before.encode()), len(file.text[: s.end].encode())
-    place = Place(file.file, start, stop, before.count("\n") + 1)
+    place = SourceLocation(file.file, start, stop, before.count("\n") + 1)
     return ReplaceableModel(words[at], description, constraint, default, (), place, _join(known, constraint, default))
 
 
@@ -101,7 +101,7 @@ def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], n
                 yield from (f"{c.name}.{path}" for path in _components(known, deeper, inner))
 
 
-def _passed(c: Component, name: str) -> list[str]:
+def _passed(c: ComponentDeclaration, name: str) -> list[str]:
     """Replaceable models of a component's class in whose place a name is put."""
     parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
     return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
@@ -130,7 +130,7 @@ def _join(known: Sources, constraint: str, default: str) -> CombinationRule | No
     return CombinationRule(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
 
 
-def _flow(known: Sources, cls: ClassText, c: Component) -> str:
+def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
     """Name of the flow variable where a component is a connector; empty where it is none."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.sensors.noise import OutputNoise, SampleTimes
-from aero_bayes.simulation.workers import engine_path
+from aero_bayes.simulation import engine_path
 
 FloatArray = NDArray[np.float64]
 LOG_2PI = float(np.log(2.0 * np.pi))

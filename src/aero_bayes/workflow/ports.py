@@ -21,7 +21,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library_view import in_library
+from aero_bayes.export.library_view import path_in_library
 from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.laws.compose import with_probes
 from aero_bayes.laws.fmu_family import FmuFamily
@@ -247,7 +247,7 @@ def _cells(row: PortRow) -> dict[str, str]:
     for key, value in row.items():
         if key == "line":
             continue
-        text = f"{in_library(value)}:{row['line']}" if key == "file" and value else value
+        text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"

@@ -1,10 +1,10 @@
-/* FMI 3.0 Model Exchange and Co-Simulation around a generated model: the functions of FMI 2.0 (runtime.c), which the
+/* FMI 3.0 Model Exchange and Co-Simulation around a generated model: the functions of FMI 2.0 (fmi2.c), which the
  * linker keeps inside, under the other standard's names. Behind the model's own variables come the time and the event
  * indicators. */
 #include <stdarg.h>
 #include <stdio.h>
 
-#include "runtime.c"
+#include "fmi2.c"
 
 #include "fmi3Functions.h"
 
@@ -86,7 +86,7 @@ fmi3Status fmi3EnterStepMode(fmi3Instance c) { return refused(c, "fmi3EnterStepM
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t m) {
     Instance *s = INSIDE;
     if (m != n) return (fmi3Status)fail(s, fmi2Error, "fmi3GetFloat64: %zu values for %zu variables", m, n);
-    double z[indicators() + 1];
+    double z[count_indicators() + 1];
     int known = 0;
     for (size_t i = 0; i < n; i++) {
         if (vr[i] < NREAL) {
@@ -94,8 +94,8 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
             if (status != fmi2OK) return (fmi3Status)status;
         } else if (vr[i] == AT_TIME) {
             values[i] = s->m->time;
-        } else if (vr[i] < AT_INDICATOR + (unsigned)indicators()) {
-            if (!known) indicate(s->m, z);
+        } else if (vr[i] < AT_INDICATOR + (unsigned)count_indicators()) {
+            if (!known) event_indicators(s->m, z);
             known = 1;
             values[i] = z[vr[i] - AT_INDICATOR];
         } else
@@ -181,7 +181,7 @@ fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) { 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n) { return (fmi3Status)fmi2GetNominalsOfContinuousStates(INSIDE, x, n); }
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n) { return (fmi3Status)fmi2GetDerivatives(INSIDE, dx, n); }
 fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 z[], size_t n) { return (fmi3Status)fmi2GetEventIndicators(INSIDE, z, n); }
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) { UNUSED(c); *n = (size_t)indicators(); return fmi3OK; }
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n) { UNUSED(c); *n = (size_t)count_indicators(); return fmi3OK; }
 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance c, size_t *n) { UNUSED(c); *n = (size_t)NX; return fmi3OK; }
 
 /* ---- co-simulation ---- */

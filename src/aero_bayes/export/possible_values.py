@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from itertools import product
 
-from aero_bayes.export.expression import Builder, Node, topological
+from aero_bayes.export.expression import Builder, Node, topological_order
 
 LIMIT = 256
 
 
-def choices(b: Builder, node: Node) -> frozenset[float] | None:
+def possible_values(b: Builder, node: Node) -> frozenset[float] | None:
     """Every value that ``node`` can take, and maybe more; None where these are not a few numbers."""
     known: dict[Node, frozenset[float] | None] = {}
-    for n in topological([node], known):
+    for n in topological_order([node], known):
         known[n] = _of(b, n, known)
     return known[node]
 

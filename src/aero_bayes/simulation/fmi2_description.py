@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.model import Kind, Model, Variable, check_variables, sha256
-
-# OpenModelica's name of the state behind an output that is a state.
-OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")
-_STATE_SET = re.compile(r"(?:\$|_D_)STATESET")
-
-
-class _DoctypeError(Exception):
-    """The document declares a document type."""
-
-
-class _Builder(ElementTree.TreeBuilder):
-    """Builds elements and stops at a document type, in whatever encoding it is written."""
-
-    def doctype(self, *_: object) -> None:
-        raise _DoctypeError
-
-
-def parse(path: Path, text: bytes) -> Element:
-    """The root of a model description; InputError for what is no XML or declares entities."""
-    parser = ElementTree.XMLParser(target=_Builder())
-    try:
-        parser.feed(text)
-        root: Element = parser.close()
-        return root
-    except _DoctypeError:
-        raise InputError(f"{path}: modelDescription.xml declares a document type, which no FMU needs") from None
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: modelDescription.xml is not valid XML: {error}") from error
+from aero_bayes.simulation.description_xml import checked_identifier, is_true
+from aero_bayes.simulation.model_description import Kind, ModelDescription, Variable
+from aero_bayes.simulation.model_structure import (
+    candidate_copies,
+    check_variables,
+    jacobian_pattern,
+    refuse_selected_states,
+    sha256,
+)
 
 
 def _number(element: Element, key: str) -> float | None:
@@ -47,11 +25,6 @@ def _number(element: Element, key: str) -> float | None:
     if text in ("true", "false"):
         return float(text == "true")
     return float(text)
-
-
-def is_true(element: Element, key: str) -> bool:
-    """A Boolean attribute, false where it is missing."""
-    return element.get(key, "false") in ("true", "1")
 
 
 def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
@@ -106,38 +79,26 @@ def _settable(scalar: Element, own: Element | None) -> bool:
     return initial in ("exact", "approx")
 
 
-def describe(path: Path, root: Element) -> Model:
-    """The model of a checked archive; InputError where it cannot be used."""
+def read_fmi2_description(path: Path, root: Element) -> ModelDescription:
+    """The model description of a checked archive, from the root element of its XML.
+
+    Raises
+    ------
+    InputError
+        Where it contradicts FMI 2.0, or has neither Model Exchange nor Co-Simulation.
+    """
     exchange = root.find("ModelExchange")
     if exchange is None and root.find("CoSimulation") is None:
         raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
     try:
-        return _describe_valid(path, root, exchange)
+        return _description(path, root, exchange)
     except (ValueError, IndexError, KeyError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: modelDescription.xml contradicts FMI 2.0: {error}") from error
 
 
-def checked_identifier(path: Path, interface: Element) -> str:
-    """The name of the binary."""
-    identifier = interface.get("modelIdentifier", "")
-    if not identifier or "/" in identifier or "\\" in identifier:
-        raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
-    return identifier
-
-
-def jacobian_pattern(
-    depends: Sequence[set[int] | None], position: Mapping[int, int]
-) -> tuple[tuple[int, ...], ...] | None:
-    """For each state the states whose derivative depends on it, from the knowns of each derivative."""
-    if not depends or any(d is None for d in depends):
-        return None
-    rows = [{position[k] for k in d if k in position} for d in depends if d is not None]
-    return tuple(tuple(i for i, row in enumerate(rows) if j in row) for j in range(len(rows)))
-
-
-def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Model:
+def _description(path: Path, root: Element, exchange: Element | None) -> ModelDescription:
     variables = _variables(root)
     check_variables(path, [variable for _, _, variable in variables])
     interface = exchange if exchange is not None else root.find("CoSimulation")
@@ -171,7 +132,7 @@ def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Mode
         if causality == "parameter" and scalar.get("variability", "continuous") not in ("fixed", "tunable"):
             continue
         pick[causality].append(variable)
-    return Model(
+    return ModelDescription(
         path=path,
         sha256=sha256(path),
         name=root.get("modelName", identifier),
@@ -187,7 +148,7 @@ def _describe_valid(path: Path, root: Element, exchange: Element | None) -> Mode
         derivatives=tuple(derivatives),
         jacobian_pattern=jacobian_pattern(depends, position),
         wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded"),
-        said_copies=said_copies(_outputs(root, variables), position, states),
+        candidate_copies=candidate_copies(_outputs(root, variables), position, states),
         interface="co-simulation" if exchange is None else "model exchange",
         takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
         interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
@@ -201,16 +162,6 @@ def _position(number: str | None, variables: Sequence[object], what: str) -> int
     return int(number) - 1
 
 
-def refuse_selected_states(path: Path, states: Sequence[Variable]) -> None:
-    """InputError where a state belongs to a set that the model selects while it runs."""
-    for state in states:
-        if _STATE_SET.match(state.name):
-            raise InputError(
-                f"{path}: {state.name!r} is selected while the model runs (dynamic state selection), which is not "
-                "supported: choose the states in the source, with stateSelect = StateSelect.always or .prefer"
-            )
-
-
 def _outputs(
     root: Element, variables: Sequence[tuple[Element, Element | None, Variable]]
 ) -> list[tuple[Variable, list[int] | None]]:
@@ -221,20 +172,3 @@ def _outputs(
         depends = None if known is None else [int(i) - 1 for i in known.split()]
         found.append((variables[_position(unknown.get("index"), variables, "an output")][2], depends))
     return found
-
-
-def said_copies(
-    outputs: Sequence[tuple[Variable, list[int] | None]], position: Mapping[int, int], states: Sequence[Variable]
-) -> tuple[tuple[str, int], ...]:
-    """Outputs that depend on one state and nothing else, or after which a state is named."""
-    named = {m["output"]: i for i, s in enumerate(states) if (m := OUTPUT_ALIAS.fullmatch(s.name))}
-    references = {state.value_reference for state in states}
-    said = {}
-    for variable, depends in outputs:
-        if variable.kind != "real" or variable.value_reference in references:
-            continue
-        if variable.name in named:
-            said[variable.name] = named[variable.name]
-        elif depends is not None and len(depends) == 1 and depends[0] in position:
-            said[variable.name] = position[depends[0]]
-    return tuple(said.items())

@@ -163,7 +163,7 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
 void problem_close(Problem *p)
 {
     if (!p) return;
-    problem_drop_runs(p);
+    problem_close_runs(p);
     for (int64_t i = 0; p->experiments && i < p->n_experiments; i++) {
         Experiment *e = &p->experiments[i];
         for (int j = 0; e->signals && j < e->n_signals; j++) free(e->signals[j].breaks);

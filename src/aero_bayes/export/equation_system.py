@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 from aero_bayes.export import arrays
-from aero_bayes.export.arrays import Value, numbers
-from aero_bayes.export.discrete import Discrete, EventActions, assigned_in_events, match_discrete
+from aero_bayes.export.arrays import Value, scalars
+from aero_bayes.export.discrete import DiscretePart, EventActions, assigned_in_events, match_discrete
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import Causality, FlatEquation, FlatModel, FlatVariable, Variability
@@ -19,7 +19,7 @@ from aero_bayes.language.syntax import Call, Name, Number, names_in
 
 
 @dataclass(frozen=True)
-class Variable:
+class ScalarVariable:
     """A scalar of the model: its name, its attributes as expressions, and where it is declared to act."""
 
     name: str
@@ -41,7 +41,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class System:
+class EquationSystem:
     """Residuals ``0 = r`` over symbols. ``der(x)`` is the symbol of that name; dependent parameters are resolved.
 
     ``steps`` are the discrete variables; ``discrete`` is what happens in events. Between them its symbols are constant.
@@ -50,17 +50,17 @@ class System:
     name: str
     builder: Builder
     time: Node
-    parameters: tuple[Variable, ...]
-    inputs: tuple[Variable, ...]
-    variables: tuple[Variable, ...]
+    parameters: tuple[ScalarVariable, ...]
+    inputs: tuple[ScalarVariable, ...]
+    variables: tuple[ScalarVariable, ...]
     residuals: tuple[Node, ...]
     initial_residuals: tuple[Node, ...]
-    steps: tuple[Variable, ...]
-    discrete: Discrete
+    steps: tuple[ScalarVariable, ...]
+    discrete: DiscretePart
     derivatives: dict[str, Node] = field(default_factory=dict)
 
 
-def translate(model: FlatModel) -> System:
+def translate(model: FlatModel) -> EquationSystem:
     """Turn a flat model into residuals over symbols.
 
     Raises
@@ -80,11 +80,11 @@ def translate(model: FlatModel) -> System:
             raise scope.fail(f"the variable {v.name!r} of type String")
         scope.values[v.name] = _symbols(builder, v.name, v.sizes)
     parameters = _parameters(scope, [v for v in model.variables if v.constant])
-    events.held |= {builder.symbol(p.name) for p in parameters}
+    events.piecewise_constant |= {builder.symbol(p.name) for p in parameters}
     in_events = assigned_in_events(model)
-    variables: list[Variable] = []
-    inputs: list[Variable] = []
-    steps: list[Variable] = []
+    variables: list[ScalarVariable] = []
+    inputs: list[ScalarVariable] = []
+    steps: list[ScalarVariable] = []
     for v in others:
         scope.place = v.place
         for variable in _scalars(scope, v, None):
@@ -97,8 +97,8 @@ def translate(model: FlatModel) -> System:
             else:
                 variables.append(variable)
     symbols = [builder.symbol(v.name) for v in steps]
-    events.held |= set(symbols)
-    scope.place, scope.events = None, events
+    events.piecewise_constant |= set(symbols)
+    scope.place, scope.operators.events = None, events
     actions = EventActions(scope, events)
     for clause in model.whens:
         actions.clause(clause)
@@ -115,15 +115,15 @@ def translate(model: FlatModel) -> System:
             residuals.append(builder.sub(right, left))
     residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
     before, initial = _initial(model, scope, actions, symbols)
-    memo = {limit: x for limit, x in scope.left_limits.items() if x.name in scope.derivatives}
+    memo = {limit: x for limit, x in scope.operators.left_limits.items() if x.name in scope.operators.derivatives}
     residuals = [builder.substitute(r, memo) for r in residuals]
     initial = tuple(builder.substitute(r, memo) for r in initial)
     outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
     driven = {builder.symbol(v.name) for v in inputs}
-    for limit, x in scope.left_limits.items():
+    for limit, x in scope.operators.left_limits.items():
         if x in driven or limit in outside:
             raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
-    return System(
+    return EquationSystem(
         model.name,
         builder,
         time,
@@ -133,7 +133,7 @@ def translate(model: FlatModel) -> System:
         tuple(residuals),
         initial,
         tuple(steps),
-        Discrete(
+        DiscretePart(
             actions.updates,
             tuple(actions.reinits),
             tuple(events.relations.values()),
@@ -141,9 +141,9 @@ def translate(model: FlatModel) -> System:
             tuple(events.samplings.values()),
             _assertions(model, scope),
             before,
-            scope.left_limits,
+            scope.operators.left_limits,
         ),
-        scope.derivatives,
+        scope.operators.derivatives,
     )
 
 
@@ -186,13 +186,12 @@ def _initial(
     model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]
 ) -> tuple[dict[Node, Node], tuple[Node, ...]]:
     """What initial equations and algorithms say: values of discrete variables before the start, and residuals."""
-    events, scope.events = scope.events, None
     of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
     pairs: list[tuple[Node, Node]] = []
-    for algorithm in model.initial_algorithms:
-        scope.place = algorithm.place
-        pairs += actions.run(algorithm.statements, algorithm.outputs)
-    scope.events = events
+    with scope.events_in(None):
+        for algorithm in model.initial_algorithms:
+            scope.place = algorithm.place
+            pairs += actions.run(algorithm.statements, algorithm.outputs)
     pairs += scope.sides(model.initial_equations)
     before: dict[Node, Node] = {}
     residuals = []
@@ -209,10 +208,10 @@ def _initial(
 def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
     """Assertions that may fail; they are looked at in events and make none themselves."""
     found = []
-    scope.events = None
-    for a in model.assertions:
-        scope.place = a.place
-        found += [(c, a.message) for c in numbers(scope.value(a.condition)) if c.op != "const" or not c.value]
+    with scope.events_in(None):
+        for a in model.assertions:
+            scope.place = a.place
+            found += [(c, a.message) for c in scalars(scope.value(a.condition)) if c.op != "const" or not c.value]
     scope.place = None
     return tuple(found)
 
@@ -235,10 +234,10 @@ def _names(name: str, sizes: Sequence[int]) -> list[str]:
     return [f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, s + 1) for s in sizes))]
 
 
-def _parameters(scope: Scope, declared: Sequence[FlatVariable]) -> list[Variable]:
+def _parameters(scope: Scope, declared: Sequence[FlatVariable]) -> list[ScalarVariable]:
     """Declare parameters and constants in order of dependence; a literal binding makes an independent parameter."""
     by_name = {v.name: v for v in declared}
-    found: dict[str, list[Variable]] = {}
+    found: dict[str, list[ScalarVariable]] = {}
     open_: set[str] = set()
 
     def declare(v: FlatVariable) -> None:
@@ -272,9 +271,9 @@ def _declarations(name: str, by_name: Mapping[str, FlatVariable]) -> Iterable[Fl
             yield v
 
 
-def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
+def _parameter(scope: Scope, v: FlatVariable) -> list[ScalarVariable]:
     fixed = v.attributes.get("fixed")
-    if fixed is not None and any(n is scope.builder.zero for n in numbers(scope.value(fixed))):
+    if fixed is not None and any(n is scope.builder.zero for n in scalars(scope.value(fixed))):
         raise scope.fail(f"the parameter {v.name!r} with fixed=false")
     binding = v.binding if v.binding is not None else v.attributes.get("start")
     if binding is None:
@@ -284,7 +283,7 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
         scope.values[v.name] = value
         return []
     names = _names(v.name, v.sizes)
-    nodes = numbers(value)
+    nodes = scalars(value)
     if len(nodes) == 1:
         nodes = nodes * len(names)
     if len(nodes) != len(names):
@@ -300,13 +299,13 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[Variable]:
     return variables
 
 
-def _scalars(scope: Scope, v: FlatVariable, bindings: Sequence[Node] | None) -> list[Variable]:
+def _scalars(scope: Scope, v: FlatVariable, bindings: Sequence[Node] | None) -> list[ScalarVariable]:
     names = _names(v.name, v.sizes)
     attributes: dict[str, list[Node]] = {}
     for key, tree in v.attributes.items():
         if key == "start" and bindings is not None:
             continue
-        nodes = numbers(scope.value(tree))
+        nodes = scalars(scope.value(tree))
         attributes[key] = nodes if len(nodes) == len(names) else nodes[:1] * len(names)
     variables = []
     for i, name in enumerate(names):
@@ -314,7 +313,7 @@ def _scalars(scope: Scope, v: FlatVariable, bindings: Sequence[Node] | None) -> 
         fixed = own.pop("fixed", scope.builder.zero) is scope.builder.one
         binding = bindings[i] if bindings is not None else None
         variables.append(
-            Variable(
+            ScalarVariable(
                 name,
                 v.type,
                 v.variability,

@@ -1,4 +1,4 @@
-"""A problem written as one flat file of 8-byte words, which the workers map into memory (read by native/spec.c)."""
+"""A problem as one flat file of 8-byte words, which workers map into memory (read by native/problem_file.c)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aero_bayes.errors import InputError
-from aero_bayes.simulation.copies import named_copies
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -20,7 +18,8 @@ from aero_bayes.simulation.interface import (
     ProblemTarget,
     StartTarget,
 )
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.problem_checks import signal_index, target_scale
 
 _MAGIC = 0x4142535045430003
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
@@ -66,95 +65,9 @@ def color_columns(pattern: tuple[tuple[int, ...], ...]) -> list[int]:
     return colors
 
 
-def check_problem(problem: Problem) -> None:
-    """Raise InputError where the problem contradicts its model or itself."""
-    if len(problem.targets) != len(problem.experiments) or not problem.experiments:
-        raise InputError(f"{len(problem.experiments)} experiments but {len(problem.targets)} rows of targets")
-    if len({len(row) for row in problem.targets}) > 1:
-        raise InputError("every experiment needs the same number of targets (None where a column means nothing)")
-    settings = problem.settings
-    if not (settings.relative_tolerance > 0 and settings.absolute_tolerance > 0 and settings.time_limit > 0):
-        raise InputError("tolerances and the time limit must be positive")
-    for name in problem.fixed:
-        problem.model.parameter(name)
-    for number, (experiment, row) in enumerate(zip(problem.experiments, problem.targets, strict=True)):
-        _check_experiment(problem.model, experiment, f"experiment {number}")
-        for target in row:
-            _check_target(problem.model, experiment, target, f"experiment {number}")
-
-
-def _check_grid(where: str, time: NDArray[np.float64]) -> None:
-    if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
-        raise InputError(f"{where}: times must be finite and increasing")
-
-
-def _check_experiment(model: Model, experiment: Experiment, where: str) -> None:
-    _check_grid(where, experiment.time)
-    for name in experiment.outputs:
-        model.output(name)
-    for name in experiment.start:
-        model.state_index(name)
-    for signal in experiment.inputs:
-        discrete = model.input(signal.name).discrete
-        _check_grid(f"{where}, input {signal.name!r}", signal.time)
-        if signal.values.shape != signal.time.shape or not np.all(np.isfinite(signal.values)):
-            raise InputError(f"{where}, input {signal.name!r}: values must be finite, one a time")
-        if signal.interpolation not in ("hold", "linear"):
-            raise InputError(f"{where}, input {signal.name!r}: interpolation {signal.interpolation!r} is not known")
-        if discrete and signal.interpolation == "linear":
-            raise InputError(
-                f"{where}, input {signal.name!r}: is discrete in the model, so it can hold, not move linearly"
-            )
-    measured = experiment.measured
-    if measured is not None and measured.shape != (experiment.time.size, len(experiment.outputs)):
-        raise InputError(
-            f"{where}: measured has shape {measured.shape}, "
-            f"expected ({experiment.time.size}, {len(experiment.outputs)})"
-        )
-
-
-def signal_index(experiment: Experiment, name: str) -> int:
-    """Position of an input signal in the experiment."""
-    for index, signal in enumerate(experiment.inputs):
-        if signal.name == name:
-            return index
-    raise InputError(f"no signal for input {name!r} in the experiment")
-
-
-def _check_target(model: Model, experiment: Experiment, target: ProblemTarget | None, where: str) -> None:
-    if isinstance(target, ParameterTarget):
-        model.parameter(target.name)
-    elif isinstance(target, StartTarget):
-        model.state_index(target.state)
-    elif isinstance(target, DelayTarget):
-        if target.input is not None:
-            signal_index(experiment, target.input)
-    elif isinstance(target, InputTarget):
-        signal = experiment.inputs[signal_index(experiment, target.input)]
-        if not 0 <= target.index < signal.time.size:
-            raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
-
-
-def target_scale(model: Model, experiment: Experiment, target: ProblemTarget | None) -> float:
-    """A natural size of a column, for finite differences at zero."""
-    variable: Variable | None = None
-    if isinstance(target, ParameterTarget):
-        variable = model.parameter(target.name)
-    elif isinstance(target, StartTarget):
-        variable = model.states[model.state_index(target.state)]
-    elif isinstance(target, InputTarget):
-        variable = model.input(target.input)
-        size = float(np.max(np.abs(experiment.inputs[signal_index(experiment, target.input)].values)))
-        if size > 0:
-            return size
-    if variable is not None:
-        for value in (variable.nominal, variable.start):
-            if value:
-                return abs(value)
-    return 1.0
-
-
-def _target(model: Model, experiment: Experiment, target: ProblemTarget | None) -> tuple[int, int, int, float]:
+def _target(
+    model: ModelDescription, experiment: Experiment, target: ProblemTarget | None
+) -> tuple[int, int, int, float]:
     scale = target_scale(model, experiment, target)
     if isinstance(target, ParameterTarget):
         return 1, model.parameter(target.name).value_reference, 0, scale
@@ -167,10 +80,12 @@ def _target(model: Model, experiment: Experiment, target: ProblemTarget | None) 
     return 0, 0, 0, scale
 
 
-def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tuple[ProblemTarget | None, ...]) -> None:
+def _write_experiment(
+    w: _Writer, model: ModelDescription, experiment: Experiment, row: tuple[ProblemTarget | None, ...]
+) -> None:
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
-    copies = named_copies(model)
+    copies = model.copies_by_name()
     w.reals(experiment.time)
     w.integers([v.value_reference for v in variables])
     w.integers([_KINDS[v.kind] for v in variables])

@@ -1,7 +1,7 @@
 """Outputs that copy a state under a value reference of their own, as OpenModelica writes them.
 
-What an FMU says of this is a guess (its model structure tells on what an output depends, not how), so the guess is held
-against runs from several starts, with the parameters and inputs moved.
+The model structure of an FMU tells on which state an output depends, not how. So a candidate is verified: it must equal
+its state in runs from several starts, with other parameters and inputs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from threading import Lock
 
 import numpy as np
 
-from aero_bayes.simulation.description2 import OUTPUT_ALIAS
 from aero_bayes.simulation.interface import (
     Experiment,
     FloatArray,
@@ -24,39 +23,33 @@ from aero_bayes.simulation.interface import (
     SolverSettings,
     StartTarget,
 )
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 _PROBE_POINTS = 6
-_found: dict[str, Mapping[str, int]] = {}  # by the FMU's checksum: a fact about a file, looked up once
+_known: dict[str, Mapping[str, int]] = {}  # by the FMU's checksum: a fact about a file, looked up once
 _lock = Lock()
 
 
-def true_copies(model: Model) -> Mapping[str, int]:
-    """The outputs that were seen to copy a state, and that state's position."""
+def verified_copies(model: ModelDescription) -> Mapping[str, int]:
+    """The candidates that equalled a state in every run, and the position of that state.
+
+    Runs the FMU in a worker process, once for each file.
+    """
     with _lock:
-        if model.sha256 not in _found:
-            _found[model.sha256] = _look(model) if model.said_copies else {}
-        return _found[model.sha256]
+        if model.sha256 not in _known:
+            _known[model.sha256] = _verify(model) if model.candidate_copies else {}
+        return _known[model.sha256]
 
 
-def named_copies(model: Model) -> Mapping[str, int]:
-    """Those of :func:`true_copies` after which the state is named: copies always and everywhere, not only nearby."""
-    named = {m["output"] for state in model.states if (m := OUTPUT_ALIAS.fullmatch(state.name))}
-    if named.isdisjoint(dict(model.said_copies)):
-        return {}
-    return {output: state for output, state in true_copies(model).items() if output in named}
-
-
-def _look(model: Model) -> dict[str, int]:
-    from aero_bayes.simulation.native import NativeSimulator
-
-    said = dict(model.said_copies)
+def _verify(model: ModelDescription) -> dict[str, int]:
+    candidates = dict(model.candidate_copies)
     parameters = [p for p in model.parameters if p.start is not None]
     targets: tuple[ProblemTarget, ...] = (
         *(StartTarget(state.name) for state in model.states),
         *(ParameterTarget(parameter.name) for parameter in parameters),
     )
-    names = (*said, *(model.states[state].name for state in said.values()))
+    names = (*candidates, *(model.states[state].name for state in candidates.values()))
     time = np.array([0.0, 1e-6, 2e-6])
     experiments = tuple(
         Experiment(
@@ -66,24 +59,24 @@ def _look(model: Model) -> dict[str, int]:
         )
         for shift in (0.0, 1e-3)
     )
-    plain = replace(model, said_copies=())  # every output is asked of the FMU
+    plain = replace(model, candidate_copies=())  # every output is asked of the FMU
     problem = Problem(plain, experiments, (targets,) * 2, settings=SolverSettings(1e-4, 1e-4, 1000, 1.0))
     with NativeSimulator(problem, workers=1) as simulator:
         found = simulator.simulate(_points(model, [p.start or 0.0 for p in parameters]))
-    true = {}
-    for place, (name, state) in enumerate(said.items()):
+    verified = {}
+    for place, (name, state) in enumerate(candidates.items()):
         ran, same = False, True
         for outputs, outcome in zip(found.outputs, found.outcomes.T, strict=True):
             good = outcome == Outcome.OK
-            a, b = outputs[good, :, place], outputs[good, :, len(said) + place]
+            a, b = outputs[good, :, place], outputs[good, :, len(candidates) + place]
             ran |= bool(good[1:].any())
             same &= bool(np.allclose(a, b, rtol=1e-9, atol=1e-12))
         if ran and same:
-            true[name] = state
-    return true
+            verified[name] = state
+    return verified
 
 
-def _points(model: Model, parameters: list[float]) -> FloatArray:
+def _points(model: ModelDescription, parameters: list[float]) -> FloatArray:
     """The model's own values, then others nearby: states and parameters, all moved at once."""
     rng = np.random.default_rng(0)
     own = np.array([*((s.start or 0.0) for s in model.states), *parameters])

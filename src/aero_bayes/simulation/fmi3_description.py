@@ -7,21 +7,23 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.description2 import (
-    checked_identifier,
-    is_true,
+from aero_bayes.simulation.description_xml import checked_identifier, is_true
+from aero_bayes.simulation.model_description import Kind, ModelDescription, Variable
+from aero_bayes.simulation.model_structure import (
+    candidate_copies,
+    check_variables,
     jacobian_pattern,
     refuse_selected_states,
-    said_copies,
+    sha256,
 )
-from aero_bayes.simulation.model import Kind, Model, Variable, check_variables, sha256
 
 _KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "boolean"}
 
 
-def describe(path: Path, root: Element) -> Model:
-    """The model of a checked archive. Variables that are arrays, or of types other than 64-bit reals, 32-bit integers
-    and Booleans, are left out.
+def read_fmi3_description(path: Path, root: Element) -> ModelDescription:
+    """The model description of a checked archive, from the root element of its XML.
+
+    Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out.
 
     Raises
     ------
@@ -39,7 +41,7 @@ def describe(path: Path, root: Element) -> Model:
         raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
     try:
         found = read_model_description(str(path), validate=False)
-        return _describe(path, root, interface, found, only_steps)
+        return _description(path, root, interface, found, only_steps)
     except InputError:
         raise
     except Exception as error:  # FMPy's own errors have no common class
@@ -47,7 +49,7 @@ def describe(path: Path, root: Element) -> Model:
         raise InputError(f"{path}: modelDescription.xml contradicts FMI 3.0: {why}") from error
 
 
-def _describe(path: Path, root: Element, interface: Element, found: Any, only_steps: bool) -> Model:
+def _description(path: Path, root: Element, interface: Element, found: Any, only_steps: bool) -> ModelDescription:
     check_variables(path, [_variable(v) for v in found.modelVariables if v.type in _KINDS and not v.dimensions])
     pick: dict[str, list[Variable]] = {"parameter": [], "input": [], "output": []}
     for variable in found.modelVariables:
@@ -78,7 +80,7 @@ def _describe(path: Path, root: Element, interface: Element, found: Any, only_st
         for u in ([] if only_steps else found.outputs)
         if u.variable.type == "Float64" and not u.variable.dimensions
     ]
-    return Model(
+    return ModelDescription(
         path=path,
         sha256=sha256(path),
         name=root.get("modelName", ""),
@@ -94,7 +96,7 @@ def _describe(path: Path, root: Element, interface: Element, found: Any, only_st
         derivatives=tuple(unknown.variable.valueReference for unknown in unknowns),
         jacobian_pattern=jacobian_pattern(depends, position),
         wants_step_callback=is_true(interface, "needsCompletedIntegratorStep"),
-        said_copies=said_copies(outputs, position, variables),
+        candidate_copies=candidate_copies(outputs, position, variables),
         fmi_version=3,
         interface="co-simulation" if only_steps else "model exchange",
         takes_any_step=not only_steps or is_true(interface, "canHandleVariableCommunicationStepSize"),
