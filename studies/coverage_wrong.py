@@ -241,7 +241,7 @@ def repetition(task: Repetition, rig: Rig) -> dict[str, Any]:
             row["bands"] = posterior.predict(replace(again, name="unseen")).coverage
     else:
         methods |= {"ours": intervals_of_fit(found), "curve_fit": least_squares_intervals(white)}
-        row["error_of_model"] = [o for o, noise in found.noise.items() if noise.held]
+        row["error_of_model"] = [o for o, noise in found.noise.items() if noise.model_error]
     shown = {m: {n: i.to_list() for n, i in by.items() if n in task.targets} for m, by in methods.items()}
     return row | {"methods": shown}
 

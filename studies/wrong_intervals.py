@@ -65,7 +65,7 @@ def gaussian(fit: Fit, covariance: FloatArray) -> dict[str, Intervals]:
 
 def white_posterior_intervals(fit: Fit, rng: Generator) -> Mapping[str, Intervals]:
     """Quantiles of an MCMC posterior (emcee's stretch moves) whose likelihood takes all noise for white."""
-    noise = {output: replace(n, held=False) for output, n in fit.noise.items()}
+    noise = {output: replace(n, model_error=False) for output, n in fit.noise.items()}
     with open_simulator(fit.calibration.problem(), workers=0) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
         joint = JointTarget(target, NoiseLayout.of(fit.calibration, noise))

@@ -28,7 +28,7 @@ from aero_bayes.simulation import Model
 from aero_trial import ALL_KINDS
 from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.truth import LawTruth, Place, law_kind
+from simulated_rigs.truth import LawTruth, LawPlace, law_kind
 
 FloatArray = NDArray[np.float64]
 One = TypeVar("One", bench.EffectTruth, LawTruth)
@@ -269,8 +269,8 @@ def rigs() -> dict[str, Rig]:
     swinging = TrialRig(
         coarser(pendulum, 3, inputs=drive),
         {"J": 0.06, "D": 0.05, "G": 1.05},
-        LawTruth("coulomb_friction", Place("balance", "omega"), {"F_c": 4e-3}),
-        LawTruth("cogging", Place("balance", "omega"), {"a": 8e-3, "pitch": 0.25}, named=False),
+        LawTruth("coulomb_friction", LawPlace("balance", "omega"), {"F_c": 4e-3}),
+        LawTruth("cogging", LawPlace("balance", "omega"), {"a": 8e-3, "pitch": 0.25}, named=False),
         "omega",
         2e-3,
         {"angle": Noise(2e-3)},
@@ -278,8 +278,8 @@ def rigs() -> dict[str, Rig]:
     motor = TrialRig(
         coarser(KINDS["motor"], 3),
         {"R": 2.4, "L": 0.017, "k_m": 0.072, "J": 2.3e-4, "d": 2.4e-4},
-        LawTruth("coulomb_friction", Place("balance", "w"), {"F_c": 4e-3}),
-        LawTruth("wave", Place("input", "V"), {"a": 0.1, "p": 5.0}, named=False),
+        LawTruth("coulomb_friction", LawPlace("balance", "w"), {"F_c": 4e-3}),
+        LawTruth("wave", LawPlace("input", "V"), {"a": 0.1, "p": 5.0}, named=False),
         "w",
         4e-4,
         {"current": Noise(0.02, 0.01, 0.01), "speed": Noise(0.5, 0.3, 0.01)},
@@ -287,8 +287,8 @@ def rigs() -> dict[str, Rig]:
     reservoirs = TrialRig(
         coarser(KINDS["reservoirs"], 3),
         {"first.A": 0.023, "second.A": 0.036, "pipe.c": 4.4e-4, "outlet.c": 2.7e-4},
-        LawTruth("square_loss", Place("balance", "second.h"), {"k": 5e-5}),
-        LawTruth("vibration", Place("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}, named=False),
+        LawTruth("square_loss", LawPlace("balance", "second.h"), {"k": 5e-5}),
+        LawTruth("vibration", LawPlace("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}, named=False),
         "first.h",
         3e-5,
         {"level_1": Noise(4e-3), "level_2": Noise(2e-3)},

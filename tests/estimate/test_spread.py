@@ -17,10 +17,10 @@ from aero_bayes.estimate.laplace import curvature_adjustment, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective, Series
-from aero_bayes.sensors.noise import Sampling
+from aero_bayes.sensors import SampleTimes
 
 EXACT = LocalFitSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)
-HELD = OutputNoise(1.0, held=True)
+HELD = OutputNoise(1.0, model_error=True)
 
 
 def autoregression(rng: np.random.Generator, rho: float, n: int) -> np.ndarray:
@@ -31,7 +31,7 @@ def autoregression(rng: np.random.Generator, rho: float, n: int) -> np.ndarray:
 
 def series(recording: int, n: int) -> Series:
     time = np.arange(n, dtype=float)
-    return Series(recording, 0, "y", Sampling.of(time, time), np.zeros(n))
+    return Series(recording, 0, "y", SampleTimes.of(time, time), np.zeros(n))
 
 
 def regression(recordings: list[Series], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,6 +151,6 @@ def test_the_loops_intervals_are_those_of_a_fit():
     problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items, NoiseModel("auto"))
     settings = FitSettings(method="local")
     found = fit_calibration(problem, lambda p: closed_form.FormulaSimulator(p, line), settings)
-    assert found.noise["y"].held
+    assert found.noise["y"].model_error
     assert found.spread is not None
     assert found.laplace.covariance == pytest.approx(found.optimum.covariance, rel=1e-6)

@@ -13,7 +13,8 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
-from aero_bayes.sensors.noise import OutputNoise, log_density
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors.whitening import log_density
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
     of one recording acts on a part of it only, and cannot be left out there: the variance that it has when the shared
     parameters are known grows by their mean factor.
     """
-    if not any(optimum.noise[s.output].held for s in objective.series):
+    if not any(optimum.noise[s.output].model_error for s in objective.series):
         return None
     items = [objective.parameters.items[j] for j in optimum.free]
     unit = ParameterSet(tuple(items)).prior_sd()
@@ -90,8 +91,8 @@ def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
 
 def with_honest_covariance(objective: Objective, optimum: Optimum) -> Optimum:
     """The optimum with the covariance that its residuals ask for, where they are no noise."""
-    held = any(optimum.noise[s.output].held for s in objective.series)
-    return replace(optimum, covariance=widened_covariance(objective, optimum)) if held else optimum
+    wrong = any(optimum.noise[s.output].model_error for s in objective.series)
+    return replace(optimum, covariance=widened_covariance(objective, optimum)) if wrong else optimum
 
 
 def noise_covariance(

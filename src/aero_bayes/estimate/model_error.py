@@ -7,9 +7,7 @@ from itertools import combinations_with_replacement
 
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.sensors.noise import OutputNoise, whiten
-from aero_bayes.sensors.ripple import is_rotor
-from aero_bayes.sensors.whiteness import correlation_p_value, over_ripple
+from aero_bayes.sensors import OutputNoise, correlation_p_value, is_rotor_speed, ripple_means, whiten
 
 #: Probability that the tests of one fit together find correlation in noise.
 FALSE_ALARM_RATE = 1e-3
@@ -22,12 +20,12 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
     past, is an error of the model.
     """
     units = {v.name: v.unit for v in objective.calibration.model.outputs}
-    turning = {s.experiment for s in objective.series if is_rotor(s.measured, units.get(s.output, ""))}
+    turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units.get(s.output, ""))}
     innovations = []
     for series, residual in zip(objective.series, here.evaluation.residual, strict=True):
         rows, _ = whiten(residual[None], series.sampling, noise[series.output])
         rotor = series.experiment in turning
-        innovations.append(over_ripple(rows[0], series.sampling.interval) if rotor else rows[0])
+        innovations.append(ripple_means(rows[0], series.sampling.interval) if rotor else rows[0])
     pairs = [
         (j, k)
         for j, k in combinations_with_replacement(range(len(innovations)), 2)
