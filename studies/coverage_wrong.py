@@ -263,7 +263,7 @@ def tasks_of(
                     extended = Extended(found["model"], found["added"])
                     targets |= dict(zip(found["law"], rig.law(size).values(), strict=False))
                 elif state != "right":
-                    row = best[f"{seed}/best/{name}/{state}/{size:g}"]
+                    row = best.get(f"{seed}/best/{name}/{state}/{size:g}", {})
                     if "values" not in row:
                         continue
                     targets = row["values"]

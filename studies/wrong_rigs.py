@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from aero_bayes import bench
 from aero_bayes.bench.effects import EffectKind
-from aero_bayes.bench.sensors import Noise
+from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.data import Recording
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.simulation import Model
 from aero_trial import ALL_KINDS
 from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.truth import LawTruth, LawPlace, law_kind
+from simulated_rigs.truth import LawPlace, LawTruth, law_kind
 
 FloatArray = NDArray[np.float64]
 One = TypeVar("One", bench.EffectTruth, LawTruth)
@@ -123,7 +123,7 @@ class Aero:
         return scaled(self.missing, size).parameters
 
     def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
-        time = bench.sample_times(times * self.duration, self.rate_hz)
+        time = bench.even_times(times * self.duration, self.rate_hz)
         kinds, effects = ALL_KINDS, ()
         if state in ("missing", "unlisted"):
             effects = (scaled(self.missing if state == "missing" else self.unlisted, size),)
@@ -131,7 +131,7 @@ class Aero:
             kind = random_torque(white_force(rng, size * self.torque, time))
             kinds, effects = {**ALL_KINDS, kind.id: kind}, (kind.truth(),)
         truth = bench.Truth("one_dof", replace(bench.Parameters(), **self.truth), effects, 5e-3)
-        run = bench.simulate(truth, Held(time, 24.0 * levels(rng, time)), time, kinds=kinds)
+        run = bench.simulate_truth(truth, Held(time, 24.0 * levels(rng, time)), time, kinds=kinds)
         measured, silent = (bench.measure(run, sensors, rng, self.name) for sensors in (bench.white(), bench.clean()))
         return measured, silent
 
@@ -148,7 +148,7 @@ class TrialRig:
         At size 1; the first parameter of a law is its size.
     pushed, push : str, float
         The state that a random force drives, and the square root of that force's spectral density at size 1.
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
     calibration : CalibrationSettings
     """
 
@@ -158,7 +158,7 @@ class TrialRig:
     unlisted: LawTruth
     pushed: str
     push: float
-    noise: Mapping[str, Noise]
+    noise: Mapping[str, SensorNoise]
     calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(start="estimated"))
 
     @property
@@ -246,7 +246,9 @@ def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[f
 
 def random_torque(force: Callable[[float], float]) -> EffectKind:
     """A torque in N m on the body of the AERO over time in s, as an effect without parameters."""
-    return EffectKind("random_torque", "body", {}, lambda plan, p: plan.body.append(lambda t, i, w, th, q, z: force(t)))
+    return EffectKind(
+        "random_torque", "body", {}, lambda equations, p: equations.body.append(lambda t, i, w, th, q, z: force(t))
+    )
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
@@ -273,7 +275,7 @@ def rigs() -> dict[str, Rig]:
         LawTruth("cogging", LawPlace("balance", "omega"), {"a": 8e-3, "pitch": 0.25}, named=False),
         "omega",
         2e-3,
-        {"angle": Noise(2e-3)},
+        {"angle": SensorNoise(2e-3)},
     )
     motor = TrialRig(
         coarser(KINDS["motor"], 3),
@@ -282,7 +284,7 @@ def rigs() -> dict[str, Rig]:
         LawTruth("wave", LawPlace("input", "V"), {"a": 0.1, "p": 5.0}, named=False),
         "w",
         4e-4,
-        {"current": Noise(0.02, 0.01, 0.01), "speed": Noise(0.5, 0.3, 0.01)},
+        {"current": SensorNoise(0.02, 0.01, 0.01), "speed": SensorNoise(0.5, 0.3, 0.01)},
     )
     reservoirs = TrialRig(
         coarser(KINDS["reservoirs"], 3),
@@ -291,6 +293,6 @@ def rigs() -> dict[str, Rig]:
         LawTruth("vibration", LawPlace("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}, named=False),
         "first.h",
         3e-5,
-        {"level_1": Noise(4e-3), "level_2": Noise(2e-3)},
+        {"level_1": SensorNoise(4e-3), "level_2": SensorNoise(2e-3)},
     )
     return {rig.name: rig for rig in (aero, swinging, motor, reservoirs)}
