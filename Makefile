@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs ablation coverage docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs ablation coverage coverage-wrong docs dist lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -121,6 +121,9 @@ fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet
 
 coverage: setup ## calibration study -> reports/coverage.json
 	$(BIN)/python studies/coverage_study.py --out reports
+
+coverage-wrong: setup ## intervals where the model is wrong -> reports/coverage_wrong.json (resumable)
+	$(BIN)/python studies/coverage_wrong.py --out reports
 
 docs: setup ## documentation -> build/docs/index.html
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'

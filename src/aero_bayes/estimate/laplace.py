@@ -50,7 +50,7 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
     Parameters that all recordings share have the covariance of the moving-block jackknife
     (:func:`jackknife_covariance`), in no direction less than that of independent readings. An initial value or a delay
     of one recording acts on a part of it only, and cannot be left out there: the variance that it has when the shared
-    parameters are known grows by their mean factor.
+    parameters are known grows by their median factor.
     """
     if not any(optimum.noise[s.output].model_error for s in objective.series):
         return None
@@ -72,7 +72,7 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
         + (axes / root) @ ((directions / np.sqrt(sizes)) @ directions.T - np.eye(len(sizes))) @ (axes * root).T
     )
     adjusted = np.zeros((len(items), len(items)))
-    kept = 1.0 / np.sqrt(np.mean(sizes)) if sizes.size else 1.0
+    kept = 1.0 / np.sqrt(np.median(sizes)) if sizes.size else 1.0
     adjusted[np.ix_(~own, ~own)] = narrowed
     adjusted[np.ix_(own, own)] = kept * np.eye(int(own.sum()))
     adjusted[np.ix_(own, ~own)] = follow @ narrowed - kept * follow

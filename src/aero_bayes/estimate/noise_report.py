@@ -36,8 +36,8 @@ def structure_warnings(
         if n.model_error:
             lines.append(
                 f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
-                "weights it as least squares does. Its intervals are enlarged because the residual is not white; a "
-                "systematic error of the model can still lie outside of them."
+                "weights it as least squares does. The intervals are those of the values that describe experiments of "
+                "this kind best. The true values may lie outside of them."
             )
             continue
         white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
