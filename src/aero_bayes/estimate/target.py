@@ -102,7 +102,7 @@ class CurvatureAdjustment:
 
     After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813).
     The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
-    sandwich covariance; shapes (f,) and (f, f).
+    covariance that repeated experiments would show; shapes (f,) and (f, f).
     """
 
     centre: FloatArray
