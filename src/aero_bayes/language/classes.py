@@ -43,6 +43,7 @@ class SourceStatement:
 
     @property
     def first(self) -> str:
+        """The first word; empty for an empty statement."""
         return self.tokens[0].word if self.tokens else ""
 
     @property
@@ -100,14 +101,17 @@ class ClassText:
 
     @property
     def full_name(self) -> str:
+        """The name with the packages around it."""
         return f"{self.within}.{self.name}" if self.within else self.name
 
     @property
     def equations(self) -> list[SourceStatement]:
+        """Its statements in equation sections, initial ones left out."""
         return [s for s in self.statements if s.section == "equation"]
 
     @property
     def declarations(self) -> list[SourceStatement]:
+        """Its statements in public and protected sections."""
         return [s for s in self.statements if s.section in ("public", "protected")]
 
     def components(self) -> list[ComponentDeclaration]:

@@ -19,6 +19,7 @@ class TextEdit:
     text: str
 
     def moved(self, by: int) -> TextEdit:
+        """The same edit in a text that begins `by` characters earlier or, if negative, later."""
         return TextEdit(self.start + by, self.end + by, self.text)
 
 

@@ -160,6 +160,13 @@ def read_modelica_text(path: Path) -> str:
 
 
 def read_file(path: Path, name: str) -> SourceFile:
+    """Read one file; `name` is its path as the compiler names it.
+
+    Raises
+    ------
+    InputError
+        For what is not Modelica; names the file and the line.
+    """
     text = read_modelica_text(path)
     try:
         return SourceFile(name, text, read_classes(text))

@@ -10,8 +10,8 @@ from aero_bayes.export.arrays import Value, filled, mapped, scalars
 from aero_bayes.export.compose import element_names
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.export.matrix_solve import without_solve
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.solved import without_solve
 from aero_bayes.language.syntax import Call, Expression, Name, Number, map_children, map_names, names_in, short_text
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}

@@ -114,7 +114,7 @@ def write_fmi2_description(
     knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
     knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, inputs, strict=True)}
     expressions = {**dict(zip(rates, model.rates, strict=True)), **dict(zip(calculated, shown, strict=True))}
-    needs = {index: model.needs(e) for index, e in expressions.items()}
+    needs = {index: model.dependencies(e) for index, e in expressions.items()}
     open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
     for tag, indices in (
         ("Outputs", outputs),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.linear import switches
+from aero_bayes.export.linear_equations import switches
 
 
 @dataclass(frozen=True)
