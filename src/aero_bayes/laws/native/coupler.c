@@ -5,6 +5,7 @@
  * A value reference counts the variables of the description. Values pass a seam from one part to the other: "early" ones
  * are states of the inner FMU that laws at its inputs are given, "into" ones its inputs, "late" ones its outputs. */
 #include <stdarg.h>
+#include <stdio.h>
 
 #include "fmu.h"
 
