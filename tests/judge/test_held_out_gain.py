@@ -13,7 +13,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise

@@ -25,8 +25,8 @@ from aero_bayes.language import (
     tokenize,
     unified_diff,
 )
-from aero_bayes.ports.balance import entry_of
 from aero_bayes.ports.find import is_driver
+from aero_bayes.ports.insertion_point import find_insertion_point
 
 NOISE = [
     " ",
@@ -141,7 +141,11 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     for k, s in enumerate(cls.equations):
         name = known.equations[k].partition("(")[2].partition(")")[0]
         sides = sides_of(s.core)
-        entry = entry_of(sides, is_driver(f"der({name})"), constants=frozenset("c"), values={}) if sides else None
+        entry = (
+            find_insertion_point(sides, is_driver(f"der({name})"), constants=frozenset("c"), values={})
+            if sides
+            else None
+        )
         if entry is not None:
             edits += entry.insert("term")
             touched[k] = name
@@ -205,7 +209,7 @@ def test_an_opposing_term_reads_as_a_person_would_write_it(equation: str, expect
     """``n`` is negative, ``M`` and ``g`` are constants."""
     sides = sides_of(tokenize(equation))
     assert sides is not None
-    entry = entry_of(sides, is_driver("der(v)"), constants=frozenset({"M", "g"}), values={"n": -1.0})
+    entry = find_insertion_point(sides, is_driver("der(v)"), constants=frozenset({"M", "g"}), values={"n": -1.0})
     assert (None if entry is None else apply_edits(equation, entry.insert("f"))) == expected
 
 

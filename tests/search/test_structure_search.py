@@ -16,7 +16,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions

@@ -26,7 +26,7 @@ from aero_bayes.language.sources import modelica_files, read_modelica_text, sour
 from aero_bayes.language.tokens import line_of, split_outside, tokenize
 from aero_bayes.language.units import to_modelica_unit
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.show import nearest
+from aero_bayes.unknown_names import known_names_hint
 
 #: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
 TIME_LIMIT = 50.0
@@ -129,7 +129,7 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
     if not known:
         return InputError(f"{model}: no such class; name its file by [model] sources or --source")
     place = " and ".join(dict.fromkeys(f.name for f in own)) or first
-    return InputError(f"{model}: no such class in {place}{nearest(model, known)}")
+    return InputError(f"{model}: no such class in {place}{known_names_hint(model, known)}")
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:

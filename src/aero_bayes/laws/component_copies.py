@@ -31,13 +31,13 @@ class ComponentCopy:
             whole, self.cls = inline_base_classes(known, self.file, self.origin)
             self.text = whole.text
 
-    def take(self, name: str, value: str, about: str) -> None:
+    def add_input(self, name: str, value: str, about: str) -> None:
         """Declare an input, and bind it where the component is declared."""
         self.inputs[name] = value
         self.declarations.append(f"input Real {name} {about};")
 
 
-def without_numbers(path: str) -> tuple[str, dict[str, int]]:
+def without_indices(path: str) -> tuple[str, dict[str, int]]:
     """The path of a component without the numbers of those that are in arrays, and these by their own paths."""
     plain, numbers = "", dict[str, int]()
     for part in path.split("."):
@@ -48,21 +48,21 @@ def without_numbers(path: str) -> tuple[str, dict[str, int]]:
     return plain, numbers
 
 
-def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
+def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """Declare components by the copies of their classes, and give those what they take."""
     edits: list[TextEdit] = []
     for statement in cls.declarations:
         together = cls.declared_in(statement)
-        if any(c.name in held for c in together):
-            edits += _types(together, held, text)
-            edits += [e for c in together if c.name in held for e in _arguments(c, held[c.name])]
+        if any(c.name in copies for c in together):
+            edits += _types(together, copies, text)
+            edits += [e for c in together if c.name in copies for e in _arguments(c, copies[c.name])]
     return edits
 
 
-def _types(together: Sequence[ComponentDeclaration], held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
+def _types(together: Sequence[ComponentDeclaration], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """The type of each component of a statement; where there are several, each gets a statement of its own."""
     first, *others = together
-    own = {c.name: held[c.name].name if c.name in held else text_of(text, c.type_tokens) for c in together}
+    own = {c.name: copies[c.name].name if c.name in copies else text_of(text, c.type_tokens) for c in together}
     tokens = first.statement.tokens
     prefix = text[tokens[0].start : first.type_tokens[0].start]
     edits = [TextEdit(first.type_tokens[0].start, first.type_tokens[-1].end, own[first.name])]

@@ -44,7 +44,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     return Sources(files)
 
 
-def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
+def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
     """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
     loops = set[str]()
     for path in modelica_files(sources):

@@ -12,7 +12,7 @@ from aero_bayes.language.tokens import SourceLocation, find_outside, split_outsi
 
 
 @dataclass(frozen=True)
-class Join:
+class CombinationRule:
     """How several laws are put in one place.
 
     Of what the partial model has, all are ``handed`` its inputs and parameters, and are connected at the connectors
@@ -26,7 +26,7 @@ class Join:
 
 
 @dataclass(frozen=True)
-class Replaceable:
+class ReplaceableModel:
     """A replaceable model of a system.
 
     Parameters
@@ -38,7 +38,7 @@ class Replaceable:
         Full name of the class that stands there.
     components : tuple of str
         Paths of the components of that class, such as ``thruster_1.rotorEffect``.
-    place : Place
+    place : SourceLocation
     join : Join, optional
         None where the source does not tell how several laws are put there.
     """
@@ -49,16 +49,16 @@ class Replaceable:
     default: str
     components: tuple[str, ...]
     place: SourceLocation
-    join: Join | None
+    combination: CombinationRule | None
 
 
-def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
+def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableModel, ...]:
     """The replaceable models that a model, or a class that it extends, declares and has components of."""
     try:
         chain = known.lineage(*known.find(model))
     except InputError:
         return ()
-    found: dict[str, Replaceable] = {}
+    found: dict[str, ReplaceableModel] = {}
     for file, cls in chain:
         for statement in cls.statements:
             read = _declared(known, file, cls, statement)
@@ -67,7 +67,7 @@ def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
     return tuple(one for one in found.values() if one.components)
 
 
-def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> Replaceable | None:
+def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
     """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
@@ -84,7 +84,7 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStateme
     before = file.text[: s.start]
     start, stop = len(before.encode()), len(file.text[: s.end].encode())
     place = SourceLocation(file.file, start, stop, before.count("\n") + 1)
-    return Replaceable(words[at], description, constraint, default, (), place, _join(known, constraint, default))
+    return ReplaceableModel(words[at], description, constraint, default, (), place, _join(known, constraint, default))
 
 
 def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], name: str) -> Iterator[str]:
@@ -110,7 +110,7 @@ def _passed(c: ComponentDeclaration, name: str) -> list[str]:
 # how several laws go into one place
 
 
-def _join(known: Sources, constraint: str, default: str) -> Join | None:
+def _join(known: Sources, constraint: str, default: str) -> CombinationRule | None:
     """From the connectors and signals of the partial model, and what the class that stands there does with them."""
     try:
         chain, there = (known.lineage(*known.find(name)) for name in (constraint, default))
@@ -127,7 +127,7 @@ def _join(known: Sources, constraint: str, default: str) -> Join | None:
     if len(rest) not in (0, 2) or len(outputs) > (signal is not None):
         return None
     handed = [name for name in inputs if signal is None or name != signal[0]]
-    return Join(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
+    return CombinationRule(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
 
 
 def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:

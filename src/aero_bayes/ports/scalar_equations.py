@@ -22,7 +22,7 @@ MAX_OPERATIONS = 1000
 Origin = tuple[int, int, int]
 
 
-def by_elements(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
+def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
     """The model with the elements of arrays as variables of their own, ``x[1]``, and vector equations row by row.
 
     Returns
@@ -141,6 +141,6 @@ def _shaped(items: Iterable[Node], like: Value) -> Value:
     return mapped(lambda _: next(rest), like)
 
 
-def swapped(tree: Expression, old: Expression, new: Expression) -> Expression:
+def substituted(tree: Expression, old: Expression, new: Expression) -> Expression:
     """The tree with one part of it, that very object, exchanged."""
-    return new if tree is old else map_children(tree, lambda t: swapped(t, old, new))
+    return new if tree is old else map_children(tree, lambda t: substituted(t, old, new))

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from aero_bayes.declared import MEMBER, Declaration, parse
+from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
-from aero_bayes.show import table_html
 from aero_bayes.simulation import archive
 from aero_bayes.simulation.description_xml import parse_description
 from aero_bayes.simulation.fmi2_description import read_fmi2_description
@@ -63,7 +63,7 @@ class Model(ModelDescription):
         Whether a communication step of co-simulation may vary.
     interpolates_inputs : bool
         Whether co-simulation takes the slope of an input over a step beside its value.
-    declared : Declaration
+    declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional
         What it was built from, where that is known.
@@ -82,7 +82,7 @@ class Model(ModelDescription):
     True
     """
 
-    declared: Declaration = field(default=Declaration(), compare=False, repr=False)
+    declared: PackageDeclaration = field(default=PackageDeclaration(), compare=False, repr=False)
     source: ModelicaSource | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -102,7 +102,7 @@ class Model(ModelDescription):
         path = Path(path)
         if not path.is_file():
             raise InputError(f"{path}: no such file (expected an FMU)")
-        names, (text, declared) = archive.read_texts(path, MEMBER)
+        names, (text, declared) = archive.read_texts(path, DECLARATION_MEMBER)
         root = parse_description(path, text)
         version = root.get("fmiVersion", "none")
         if root.tag != "fmiModelDescription" or not version.startswith(("2.", "3.")):
@@ -118,7 +118,9 @@ class Model(ModelDescription):
         if not _is_shared_library(archive.first_bytes(path, binary, 20)):
             raise InputError(f"{path}: {binary} is no shared library for Linux on x86-64")
         if declared:
-            return replace(model, declared=parse(declared.decode("utf-8", "replace"), f"{path}: {MEMBER}"))
+            return replace(
+                model, declared=parse_declaration(declared.decode("utf-8", "replace"), f"{path}: {DECLARATION_MEMBER}")
+            )
         # Another tool's FMU of a shipped system goes by its name.
         return replace(model, declared=declaration_of(model.name))
 
