@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from aero_bayes.export.causalise import ExplicitModel, causalise
     from aero_bayes.export.compilers import Compiler, export_fmu, first_compiler
     from aero_bayes.export.compose import (
-        ACTING,
-        TRUE,
+        ACTING_SUFFIX,
+        TRUE_SUFFIX,
         add_input,
         add_output,
         add_parameter,
@@ -70,8 +70,8 @@ _HOME = {
     "possible_values": "possible_values",
     "call_table": "tables",
     "refuse_dropped": "source_check",
-    "ACTING": "compose",
-    "TRUE": "compose",
+    "ACTING_SUFFIX": "compose",
+    "TRUE_SUFFIX": "compose",
     "add_input": "compose",
     "add_output": "compose",
     "add_parameter": "compose",
@@ -98,8 +98,8 @@ _HOME = {
 }
 
 __all__ = [
-    "ACTING",
-    "TRUE",
+    "ACTING_SUFFIX",
+    "TRUE_SUFFIX",
     "Builder",
     "Compiler",
     "EquationSystem",

@@ -1,4 +1,4 @@
-"""What an FMU shows of a model, and under which value references."""
+"""The variables of an FMU and their value references."""
 
 from __future__ import annotations
 

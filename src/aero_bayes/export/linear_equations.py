@@ -1,4 +1,4 @@
-"""Linear equations between expressions."""
+"""Linear equations between expressions, solved by Gaussian elimination."""
 
 from __future__ import annotations
 

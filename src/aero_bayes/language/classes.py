@@ -1,4 +1,4 @@
-"""Where the classes, declarations, sections and equations of a Modelica source stand."""
+"""Classes of a Modelica source with the positions of their declarations, sections and equations."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def dotted_name(tokens: Sequence[Token]) -> tuple[str, int]:
 
 
 def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
-    """What stands before a description or an annotation."""
+    """The tokens before a description or an annotation."""
     at = rest = find_outside(tokens, _ANNOTATION)
     while rest > 0 and (tokens[rest - 1].kind == "text" or tokens[rest - 1].word == "+"):
         rest -= 1

@@ -1,4 +1,4 @@
-"""The user's Modelica files: which class stands where, and what a name means in it."""
+"""The user's Modelica files: in which file each class is, and which class a name refers to (Modelica's lookup)."""
 
 from __future__ import annotations
 

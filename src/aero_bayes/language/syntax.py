@@ -1,4 +1,4 @@
-"""The trees of Modelica: expressions, and the statements of algorithms."""
+"""Syntax trees of Modelica: expressions, and the statements of algorithms."""
 
 from __future__ import annotations
 

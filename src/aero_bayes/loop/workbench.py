@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from aero_bayes.ahead import Ahead
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.objective import Objective
@@ -19,6 +18,7 @@ from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
+from aero_bayes.speculative import SpeculativeExecutor
 
 Progress = Callable[[str, float], None]
 
@@ -101,9 +101,9 @@ class Workbench:
         return Objective(calibration, simulator, result_cache=self.result_cache)
 
     @property
-    def ahead(self) -> Ahead:
+    def ahead(self) -> SpeculativeExecutor:
         """Helpers, one a worker, that compute results before they are needed."""
-        return Ahead(self.result_cache, self.pool, self.tally.late)
+        return SpeculativeExecutor(self.result_cache, self.pool, self.tally.late)
 
     @property
     def unseen(self) -> Unseen:

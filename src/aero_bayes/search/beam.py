@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from aero_bayes.ahead import waves
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.search.edits import Direction, Surroundings, term_directions
@@ -25,6 +24,7 @@ from aero_bayes.search.score import CommonNoise, Price, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
+from aero_bayes.speculative import doubling_batches
 
 #: Number of the best structures whose terms are tried in place of others.
 MAX_RIVALS = 10
@@ -214,7 +214,7 @@ class StructureSearch:
             self._promised[structure] = max(_most(starts[structure]), 0.0) / bases[structure].temperature
         order = sorted(starts, key=lambda s: (-self._promise(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
-        for wave in waves(order, self.settings.beam):
+        for wave in doubling_batches(order, self.settings.beam):
             fitted = [self._fits[s] for s in tried if s in self._fits]
             least = {s: self._least(fitted, len(s)) for s in wave}
             likely = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.ahead import Task
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import CommonNoise, Price
 from aero_bayes.search.structure import Structure
+from aero_bayes.speculative import Task
 
 #: Does tasks of which some are asked for next, and says how far it is.
 DoAhead = Callable[[Sequence[Task], Callable[[float], None]], None]

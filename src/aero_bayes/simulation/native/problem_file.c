@@ -1,4 +1,4 @@
-/* Reads the problem that spec.py wrote: a stream of 8-byte words, mapped and used in place. */
+/* Reads the problem that problem_file.py wrote: a stream of 8-byte words, mapped and used in place. */
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
