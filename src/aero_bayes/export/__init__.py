@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
     from aero_bayes.export.library import declaration_of, library_roots, modelica_root, needed_libraries
     from aero_bayes.export.library_view import link_packages, names_used_in, path_in_library
-    from aero_bayes.export.possible_values import possible_values
     from aero_bayes.export.rumoca_front import load_flat
     from aero_bayes.export.scope import Scope
     from aero_bayes.export.source_check import refuse_dropped
     from aero_bayes.export.tables import call_table
+    from aero_bayes.export.value_sets import possible_values
 
 #: The public names of the folder and the file of each; imported when first used, since SciPy takes long to load.
 _HOME = {
@@ -67,7 +67,7 @@ _HOME = {
     "Scope": "scope",
     "Value": "arrays",
     "scalars": "arrays",
-    "possible_values": "possible_values",
+    "possible_values": "value_sets",
     "call_table": "tables",
     "refuse_dropped": "source_check",
     "ACTING_SUFFIX": "compose",
