@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from aero_bayes.export.arrays import Value, scalars
     from aero_bayes.export.build import c_compiler, compile_kept, write_archive
-    from aero_bayes.export.causalise import ExplicitModel, causalise
+    from aero_bayes.export.causalisation import ExplicitModel, causalise
     from aero_bayes.export.compilers import Compiler, export_fmu, first_compiler
     from aero_bayes.export.compose import (
         ACTING_SUFFIX,
@@ -58,8 +58,8 @@ _HOME = {
     "FlatVariable": "flat",
     "EquationSystem": "equation_system",
     "translate": "equation_system",
-    "ExplicitModel": "causalise",
-    "causalise": "causalise",
+    "ExplicitModel": "causalisation",
+    "causalise": "causalisation",
     "Builder": "expression",
     "Node": "expression",
     "evaluate_nodes": "expression",

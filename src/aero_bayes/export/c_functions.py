@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.export.c_writer import ExpressionWriter
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.expression import Builder, Node
 
 #: Values that a function stores at most, where it is long and can be cut.

@@ -18,7 +18,7 @@ from aero_bayes.export.c_functions import (
     start_function,
     store_function,
 )
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.export.causalise import causalise
+from aero_bayes.export.causalisation import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.expression import evaluate_nodes
