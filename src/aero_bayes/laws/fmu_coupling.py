@@ -23,7 +23,7 @@ INNER, LAWS = 0, 1
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
 _SOURCES = (
     Path(__file__).parent / "native" / "coupler.c",
-    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu.h", "fmi2.h")),
+    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu_library.h", "fmi2.h")),
 )
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 

@@ -7,7 +7,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-#include "fmu.h"
+#include "fmu_library.h"
 
 #define FMI __attribute__((visibility("default")))
 #define TRY(call)                              \

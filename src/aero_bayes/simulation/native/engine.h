@@ -34,7 +34,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmu.h"
+#include "fmu_library.h"
 
 /* The numbers of interface.Outcome. */
 enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE };
