@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
 from aero_bayes.sensors import SampleTimes, whiten
+from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -175,8 +176,6 @@ class ExperimentPredictor:
 
     def open(self, problem: Problem) -> Simulator:
         """A simulator on this forecaster's workers."""
-        from aero_bayes.simulation import open_simulator
-
         return open_simulator(problem, self._engine, self._workers, self._pool)
 
     def predict(

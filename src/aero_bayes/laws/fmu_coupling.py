@@ -22,8 +22,9 @@ from aero_bayes.simulation.model import BINARY_FOLDERS, Variable
 
 INNER, LAWS = 0, 1
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
+_COUPLER = ("coupler.c", "coupling_file.c", "coupled_equations.c")
 _SOURCES = (
-    Path(__file__).parent / "native" / "coupler.c",
+    *(Path(__file__).parent / "native" / name for name in (*_COUPLER, "coupler.h")),
     *(_ENGINE / name for name in ("bind.c", "fmi3.c", "engine.h", "fmi2.h")),
 )
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
@@ -52,8 +53,8 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
     laws = Model.load(export_flat(coupling.flat, laws_out, quick=True))
     table = _Table(inner, laws, coupling)
     identifier = "coupled"
-    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi3.c", "-lm",
-                                      "-ldl"], "coupled.so")  # fmt: skip
+    flags = ["-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi3.c", "-lm", "-ldl"]
+    library = compile_kept(_SOURCES, flags, "coupled.so")
     folders = (BINARY_FOLDERS[inner.fmi_version], "resources")
     members = {
         f"binaries/linux64/{identifier}.so": library,
