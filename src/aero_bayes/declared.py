@@ -123,12 +123,12 @@ class PackageDeclaration:
         Its name; empty in an FMU.
     systems : tuple of str
         Models that it holds for.
-    parameters : mapping of str to Searched
+    parameters : mapping of str to DeclaredParameter
     fixed : mapping of str to str
         Parameters that are not searched, with the reason.
     ports : mapping of str to str
         Names of replaceable models, by the model's name in snake case.
-    effects : mapping of str to Effect
+    effects : mapping of str to DeclaredEffect
         By their names. Where there are any, only they and learned curves are tried.
     """
 
