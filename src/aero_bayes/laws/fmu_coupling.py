@@ -135,7 +135,8 @@ class _CoupledDescription:
         for s, rate in zip(inner.states, inner.derivatives, strict=True):
             name = state_name(s.name, read)
             known = s.start is not None
-            yield _Coupled(s, name, self.reference(INNER, s.value_reference), "output" if s.name in outputs else "local",
+            causality = "output" if s.name in outputs else "local"
+            yield _Coupled(s, name, self.reference(INNER, s.value_reference), causality,
                          initial="exact" if known else "calculated", start=s.start)  # fmt: skip
             yield _Coupled(_derivative(s), f"der({name})", self.reference(INNER, rate), "local", initial="calculated",
                          derivative_of=name)  # fmt: skip
