@@ -147,9 +147,9 @@ class _AddedOutputs:
     def run(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
-        """Each expression over the recordings, by its name, and if asked for where the model is ``left_alone``.
+        """Each expression over the recordings, by its name, and with ``undriven`` also without inputs.
 
-        Those that cannot be exported are left out.
+        Expressions that cannot be exported are left out.
         """
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "watched.fmu"

@@ -43,8 +43,8 @@ class Port:
     states : tuple of str
         Names of the states in the equation.
     signals : mapping
-        What a law is given there by the names of its partial model, as variables of the flat model, or as the
-        difference of two (:func:`signal_of`).
+        The inputs of a law by the names in its partial model: a variable of the flat model, or the difference of two
+        (:func:`signal_expression`).
     balance : Balance, optional
         The balance equation that a term enters.
     connectors : tuple of str
