@@ -1,4 +1,4 @@
-"""How objects show themselves: one short line, a small table, and lists in a sentence."""
+"""Text representations of objects: tables, units, and lists in a sentence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
-    """A table with its caption, every cell escaped; ``notes`` stand below in bold."""
+    """An HTML table with a caption. Cells are escaped; ``notes`` are below it in bold."""
     top = "".join(f'<th scope="col">{escape(title)}</th>' for title in head)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     below = "".join(f"<p><strong>{escape(note)}</strong></p>" for note in notes)
@@ -19,7 +19,7 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number with its unit behind it; none where it is dimensionless (``1``) or unknown."""
+    """A number with its unit, if it has a known one."""
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
 
 
@@ -29,7 +29,7 @@ def join_names(names: Sequence[str]) -> str:
 
 
 class SettingsDisplay:
-    """Settings show what was changed from the defaults."""
+    """Mixin for settings: ``repr`` and the HTML table show which values differ from the defaults."""
 
     def _changed(self) -> list[tuple[str, object]]:
         chosen = ((f.name, getattr(self, f.name), _default(f)) for f in fields(self))  # type: ignore[arg-type]
