@@ -6,7 +6,9 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
-from typing import Any
+from typing import Any, Self
+
+from aero_bayes.errors import InputError
 
 
 def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
@@ -38,7 +40,14 @@ def nearest(name: str, names: Iterable[str]) -> str:
 
 
 class Settings:
-    """Settings show what was changed from the defaults."""
+    """Settings show what was changed from the defaults, and refuse a name that is no setting."""
+
+    def __new__(cls, *args: object, **given: object) -> Self:
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        for name in given:
+            if name not in known:
+                raise InputError(f"{cls.__name__}: no setting {name!r}{nearest(name, known)}")
+        return super().__new__(cls)
 
     def _changed(self) -> list[tuple[str, object]]:
         chosen = ((f.name, getattr(self, f.name), _default(f)) for f in fields(self))  # type: ignore[arg-type]

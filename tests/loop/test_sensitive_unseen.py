@@ -56,4 +56,5 @@ def test_a_prediction_is_as_far_off_as_its_parameters_let_expect(tmp_path) -> No
 def test_what_is_farther_off_than_that_is_not_adequate(tmp_path) -> None:
     result = found(tmp_path, GROWTH * 1.05)
     assert result.outcome == "unexplained"
-    assert "by far" in result.sentence
+    assert "sensitive" not in result.sentence
+    assert "n (" in result.sentence

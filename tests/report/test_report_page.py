@@ -163,7 +163,7 @@ def test_a_parameter_without_an_estimate_never_shows_an_interval(runs: Path, sta
     text = page_of(tmp_path, result)
     assert "8.125" in text
     assert "7.65" not in text
-    assert ("edge of the range" in text) == (status == "at_bound")
+    assert ("on a bound" in text) == (status == "at_bound")
 
 
 def test_the_rounds_name_every_candidate_and_mark_the_chosen(runs: Path, pages: dict[str, str]) -> None:
@@ -199,7 +199,7 @@ def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: 
         "theta": {"encoder": {"step": 0.003068, "share": 0.0073}},
     }
     rows = Page(page_of(tmp_path, result)).rows
-    assert any("ripple twice a turn" in r and "0.00809 with it, 0.00503 without" in r for r in rows)
+    assert any("ripple twice a turn" in r and "0.00809 with ripple, 0.00503 without" in r for r in rows)
     assert any("encoder" in r and "0.00307" in r and "0.73 %" in r for r in rows)
 
 

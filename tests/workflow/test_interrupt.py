@@ -74,14 +74,18 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_ctrl_c_ends_in_one_line(folder: Path):
-    line = "interrupted: nothing to resume from yet, the same command begins anew"
-    assert interrupted(folder, signal.SIGINT, 1e9, "Rig.fmu") == (130, [line])
+    status, lines = interrupted(folder, signal.SIGINT, 1e9, "Rig.fmu")
+    assert (status, len(lines)) == (130, 1)
+    assert lines[0].startswith("interrupted: ")
+    assert "--resume" not in lines[0]
     assert not (folder / "out" / "result.json").exists()
 
 
 def test_what_a_batch_system_sends_keeps_the_checkpoint(folder: Path):
-    line = f"terminated: the same command with --resume goes on from {Path('out', 'checkpoint.npz')}"
-    assert interrupted(folder, signal.SIGTERM, 0.0, "checkpoint.npz") == (143, [line])
+    status, lines = interrupted(folder, signal.SIGTERM, 0.0, "checkpoint.npz")
+    assert (status, len(lines)) == (143, 1)
+    assert lines[0].startswith("terminated: ")
+    assert {"--resume", str(Path("out", "checkpoint.npz"))} <= set(lines[0].split())
     assert (folder / "out" / "checkpoint.npz").exists()
 
 

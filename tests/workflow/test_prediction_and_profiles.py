@@ -95,7 +95,7 @@ def test_a_single_recording_has_no_prediction_and_a_weak_parameter_a_profile(tmp
     assert "K_sp" not in found["profiles"]
     assert not any("a function of" in line for line in found["text"])
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Profiles of the doubtful ones" in page
+    assert "Profile likelihoods" in page
     assert "recording sees only ratios to it" in page
 
 

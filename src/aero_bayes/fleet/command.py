@@ -28,6 +28,6 @@ def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: 
         try:
             found = fleet(config, out, seed=seed, executor=executor, progress=progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"the same command goes on from {out / 'rigs.sqlite'}") from None
+            raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.sqlite'}") from None
     click.echo(found.verdict.text.replace("`", "") if found.verdict else "")
     click.echo(f"wrote {out / 'fleet.json'} and {out / 'report.html'}")

@@ -93,7 +93,7 @@ def run_all(
         try:
             future = executor.submit(_timed, attempt, sent.task)
         except RuntimeError as error:  # broken, or shut down
-            raise CannotFinishError(f"the workers are gone ({error}); the same command goes on from here") from None
+            raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
         running[future] = sent
         future.add_done_callback(ended.put)
 

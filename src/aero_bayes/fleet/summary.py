@@ -173,7 +173,7 @@ def _parameter(
 def _unlike(name: str, centre: float, away: float, found: Population, *, log: bool) -> str:
     middle = float(found.mean_quantiles(QUANTILE_LEVELS)[1])
     far = f"{math.exp(centre - middle):.3g} times" if log else f"{centre - middle:+.3g} from"
-    return f"`{name}` is {far} the fleet's typical value, {abs(away):.1f} standard deviations from the other rigs"
+    return f"`{name}` is {far} the typical value of the fleet, {abs(away):.1f} standard deviations from the other rigs"
 
 
 def _residuals(told: FleetFacts, reasons: dict[str, list[str]]) -> None:
@@ -182,7 +182,8 @@ def _residuals(told: FleetFacts, reasons: dict[str, list[str]]) -> None:
         return
     limit = max(MIN_FLOOR_RATIO, MIN_MEDIAN_RATIO * float(np.median(known)))
     for k in np.flatnonzero(told.over_floor > limit).tolist():
-        text = f"its residual is {told.over_floor[k]:.3g} times the noise floor (fleet's median {np.median(known):.3g})"
+        ratio, median = told.over_floor[k], np.median(known)
+        text = f"its residual is {ratio:.3g} times the noise floor (median of the fleet: {median:.3g})"
         reasons.setdefault(told.names[k], []).append(text)
 
 
@@ -232,7 +233,7 @@ def _verdict(result: FleetResult) -> Verdict:
     spreads = {name: p.spread.q50 for name, p in result.parameters.items() if p.log and p.spread.q50}
     if spreads:
         widest = max(spreads, key=lambda name: spreads[name] or 0.0)
-        text += f"; they differ most in `{widest}` (by {100.0 * (spreads[widest] or 0.0):.2g} %)"
+        text += f". They differ most in `{widest}` (standard deviation {100.0 * (spreads[widest] or 0.0):.2g} %)"
     text += "."
     if result.effects:
         first = result.effects[0]
@@ -242,6 +243,6 @@ def _verdict(result: FleetResult) -> Verdict:
             text += f": {100 * share.q05:.0f} to {100 * share.q95:.0f} % of the fleet"
         text += "."
     if result.standing_out:
-        text += f" {result.standing_out} stand{'s' if result.standing_out == 1 else ''} out."
+        text += f" {result.standing_out} {'is an outlier' if result.standing_out == 1 else 'are outliers'}."
     level: Level = "bad" if done < 0.5 * result.rigs else "warning" if result.failed or result.standing_out else "good"
     return Verdict(level=level, text=text)

@@ -76,7 +76,7 @@ class PaysItsPrice:
         fits, own = case.explored.fits, case.explored.price.score(case.fitted)
         rests = {t: fits.get(case.fitted.structure.minus(t)) for t in case.fitted.terms}
         free = [t for t, rest in rests.items() if rest is not None and case.explored.price.score(rest) > own]
-        reason = f"the gain is below the price: {listed(free)}" if free else ""
+        reason = f"the gain in log-evidence of {listed(free)} is too small" if free else ""
         return Verdict("PaysItsPrice", not free, reason)
 
 
@@ -91,8 +91,13 @@ class LeaveBlockOut:
             if rival is not None:
                 found = held_out_gain(case.fitted.with_noise(noise), rival.with_noise(noise))
                 if found.in_errors < MIN_STANDARD_ERRORS:
-                    weak.append(f"{id_} by {found.in_errors:.1f} standard errors over {found.blocks} {found.by}")
-        reason = f"readings that were left out are not surely predicted better: {listed(weak)}" if weak else ""
+                    weak.append(f"{id_} ({found.in_errors:.1f} standard errors over {found.blocks} {found.by})")
+        reason = (
+            f"the prediction of left-out data improves by less than {MIN_STANDARD_ERRORS:g} standard errors with "
+            f"{listed(weak)}"
+            if weak
+            else ""
+        )
         return Verdict("LeaveBlockOut", not weak, reason)
 
 
@@ -120,7 +125,7 @@ class LeftOver:
         if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
             return Verdict("LeftOver", True)
         outputs = listed(sorted({r.output for _, r in left}))
-        reason = f"more than {self.share:.0%} of the error above the noise is left in {outputs}"
+        reason = f"more than {self.share:.0%} of the squared error above the noise floor remains in {outputs}"
         return Verdict("LeftOver", False, reason)
 
     def _is_much(self, pairs: Sequence[tuple[ResidualReport, ResidualReport]]) -> bool:

@@ -32,10 +32,10 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     first, last = before.pooled("test"), after.pooled("test")
     worse = [o for o in surely_worse(after, before, recordings) if last[o] > MIN_GROWTH_RATIO * first[o]]
     if worse:
-        return f"unseen data are predicted worse ({', '.join(worse)})."
+        return f"the prediction of unseen data gets worse ({', '.join(worse)})."
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
     if those_structured(left) and not better:
-        return "unseen data are predicted hardly better."
+        return "the prediction of unseen data does not improve."
     return ""
 
 

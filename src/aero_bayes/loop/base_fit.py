@@ -81,7 +81,7 @@ def fit_as_it_stands(bench: Workbench) -> BaseFit:
     bench.progress("building models", 0.0)
     model = bench.family.plain()
     bench.tally.lap("models")
-    bench.progress("fitting the model as it stands", 0.05)
+    bench.progress("fitting the model as given", 0.05)
     close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
@@ -132,7 +132,7 @@ def _shared(bench: Workbench, model: Model) -> ParameterSet:
     free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
     if not free:
         known = ", ".join(v.name for v in model.parameters)
-        raise InputError(f"model {model.name} declares no parameters to fit: say which are free; it has {known}")
+        raise InputError(f"model {model.name} declares no parameters to fit: name the free ones; it has {known}")
     held = {name: replace(overrides.get(name, Override()), auto=True) for name in bench.settings.undecided}
     return parameters_from_model(model, free=(*free, *held), overrides={**overrides, **held})
 
@@ -182,7 +182,7 @@ def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[s
             off = abs(value - p.prior.mean) / p.prior.sd
             if off > MAX_READING_DEVIATIONS:
                 said.append(
-                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations off its reading: it may "
-                    "imitate what is missing."
+                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations from its reading. It "
+                    "may compensate for a missing effect."
                 )
     return tuple(said)

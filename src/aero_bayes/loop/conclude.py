@@ -87,7 +87,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = refusal(before, extended.after, bench.recordings, extended.reports)
         if reason:
-            why = f"{_explain(chosen)}, but {reason} The missing physics is something else."
+            why = f"{_explain(chosen)}, but {reason} The missing effect is a different one."
             return _unexplained(base, explored, chosen, steps, why, before)
     sentence = _added(bench, explored, chosen, extended, before)
     return Conclusion(
@@ -114,21 +114,21 @@ def _nothing_named(
     best = choice.refused[0][0] if choice.refused else choice.fitted
     steps = steps_of(explored, best, within)
     structured = those_structured(base.reports)
-    last = steps[-1].why if steps else "nothing was tried"
+    last = steps[-1].why if steps else "no candidate was tried"
     far = far_off(bench, base, before)
     if not structured and not choice.refused:
         sentence = f"The model is adequate for these recordings: {last}."
         if far.beyond:
             sentence = (
-                "The fitted readings ask for no more, but unseen data are missed by far: "
-                f"{_in_words(far.beyond)}. The fitted readings do not show what is missing, or do not fix the "
+                "The model fits the training data, but its error on unseen data is far larger: "
+                f"{_in_words(far.beyond)}. The training data do not show the missing effect, or do not determine the "
                 "parameters well enough."
             )
             return _unexplained(base, explored, choice.fitted, steps, sentence, before)
         if far.sensitive:
             sentence += (
-                f" Unseen data are sensitive to the parameters: {_in_words(far.sensitive)}, as their uncertainty lets "
-                "expect."
+                f" The error on unseen data is larger: {_in_words(far.sensitive)}. The uncertainty of the parameters "
+                "explains this, because the unseen data are sensitive to them."
             )
         return Conclusion(
             base, explored, choice.fitted, steps, "adequate", sentence, before, before, None, (), base.plain, base.fit,
@@ -144,22 +144,22 @@ def _why_not(base: BaseFit, explored: Explored, choice: Choice, structured: Sequ
     if moment is not None:
         recording, start, stop = moment
         return (
-            f"Most of what is left in {recording} belongs to one moment, from {start:.3g} s to {stop:.3g} s: a "
-            "disturbance that is not made into physics."
+            f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
+            "disturbance, so the model gets no new effect."
         )
     parameters, samples = len(explored.first_model.optimum.free), explored.noise.total_samples
     if samples < MIN_SAMPLES_PER_PARAMETER * parameters:
         return (
-            f"The readings count for {samples:.0f} independent ones, too few beside {parameters} free parameters to "
-            "tell what is missing."
+            f"The readings are correlated and count as {samples:.0f} independent ones. With {parameters} free "
+            "parameters these are too few to find a missing effect."
         )
     if choice.refused:
         best, verdict = choice.refused[0]
-        return f"{_explain(best)}, but is not named: {verdict.reason}."
+        return f"{_explain(best)}, but {_they(best)} not accepted: {verdict.reason}."
     worst = max(structured, key=lambda r: r.ratio)
     return (
-        f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor; it "
-        f"{_how(worst)}), but no term of the library explains it: {last}."
+        f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_how(worst)}), "
+        f"but no effect of the library explains it: {last}."
     )
 
 
@@ -179,11 +179,15 @@ def _unexplained(
 
 def _explain(fitted: FittedModel) -> str:
     verb = "explain" if len(fitted.terms) > 1 else "explains"
-    return f"The residual is structured; {listed(list(fitted.terms))} {verb} part of it where it was fitted"
+    return f"The residual is structured. In the fitted data {listed(list(fitted.terms))} {verb} part of it"
 
 
 def _them(fitted: FittedModel) -> str:
     return "them" if len(fitted.terms) > 1 else "it"
+
+
+def _they(fitted: FittedModel) -> str:
+    return "they are" if len(fitted.terms) > 1 else "it is"
 
 
 def _added(bench: Workbench, explored: Explored, chosen: FittedModel, extended: ExtendedFit, before: Prediction) -> str:
@@ -191,11 +195,11 @@ def _added(bench: Workbench, explored: Explored, chosen: FittedModel, extended: 
     told = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     same = {t: equivalents(explored, chosen, t, bench.settings.structures.equivalence) for t in chosen.terms}
     given, lacking = ([_named(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False))
-    said = [f"was given {listed(given)}, as required"] if given else []
+    said = [f"was extended by {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
     sentence = f"The model {', and '.join(said)}: {gain_text(before, extended.after, bench.units)}"
     structured = those_structured(extended.reports)
-    return sentence + (f" Some structure is left in {', '.join(_left(structured))}." if structured else "")
+    return sentence + (f" Structure remains in the residual of {', '.join(_left(structured))}." if structured else "")
 
 
 def _named(effect: FoundEffect, same: Sequence[str]) -> str:
@@ -205,8 +209,8 @@ def _named(effect: FoundEffect, same: Sequence[str]) -> str:
         if not others:
             return effect.id
         instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
-        return f"{effect.id} (or {instead}, which the data cannot tell from it)"
-    return f"something at {effect.port} that no listed law describes, learned as a curve over {effect.over}"
+        return f"{effect.id} (or {instead}: the data cannot tell them apart)"
+    return f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over})"
 
 
 def _left(structured: Sequence[ResidualReport]) -> list[str]:
@@ -220,15 +224,15 @@ def _left(structured: Sequence[ResidualReport]) -> list[str]:
 
 
 def _ratio(ratio: float) -> str:
-    return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than a hundred"
+    return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than 100"
 
 
 def _how(report: ResidualReport) -> str:
-    """What tells that a residual is no noise."""
+    """How a residual near the noise floor differs from noise, by the test with the least p-value."""
     if report.ratio > MAX_FLOOR_RATIO or not report.tests:
-        return "is far from it"
-    plainest = min(report.tests, key=lambda t: t.p_value).name
-    return {"autocorrelation": "is not white", "slow": "drifts"}.get(plainest, f"depends on {plainest}")
+        return ""
+    clearest = min(report.tests, key=lambda t: t.p_value).name
+    return {"autocorrelation": ", not white", "slow": ", drifting"}.get(clearest, f", correlated with {clearest}")
 
 
 def _in_words(far: Mapping[tuple[str, str], float]) -> str:
@@ -236,4 +240,4 @@ def _in_words(far: Mapping[tuple[str, str], float]) -> str:
     worst: dict[str, float] = {}
     for (_, output), ratio in far.items():
         worst[output] = max(ratio, worst.get(output, 0.0))
-    return ", ".join(f"{output} ({ratio:.2g} times what the fit leaves)" for output, ratio in worst.items())
+    return ", ".join(f"{output} ({ratio:.2g} times the error of the fit)" for output, ratio in worst.items())

@@ -22,8 +22,8 @@ def tell_time(bench: Workbench, first: FittedModel, terms: int) -> None:
     if 60.0 * minutes < LONG:
         return
     bench.progress(
-        f"the search may take {minutes:.2g} min ({terms} terms, {1e3 * run:.2g} ms a run of the model); [loop] ports, "
-        f"laws or exclude leave out terms, max_minutes = {limit:g} ends it before.",
+        f"the search may take {minutes:.2g} min ({terms} candidates, {1e3 * run:.2g} ms per simulation). [loop] ports, "
+        f"laws and exclude leave out candidates; max_minutes = {limit:g} is the time limit.",
         0.15,
     )
 

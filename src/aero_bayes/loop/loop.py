@@ -126,7 +126,7 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     library = Library(family.groups(), family.finer(), curves)
     fit = replace(settings.climb, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
-    bench.progress("trying every term", 0.15)
+    bench.progress("trying each candidate", 0.15)
     model = cache.of(Structure(), library.groups[0])
     root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
     tell_time(bench, root, len(library.terms))

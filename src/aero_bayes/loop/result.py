@@ -290,7 +290,7 @@ class LoopResult:
         from aero_bayes.plots import rounds_figure
         from aero_bayes.plots.view import loop_part
 
-        return rounds_figure(loop_part(self), figure=ax or figure, dark=dark)
+        return rounds_figure(loop_part(self), self.words, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.

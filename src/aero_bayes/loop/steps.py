@@ -113,19 +113,21 @@ def step_of(explored: Explored, base: Structure, id_: str | None, number: int, w
     if id_ is not None and id_ in gains:
         near = (t for t in ranked if t != id_ and gains[t] > gains[id_] - within)
         same = (id_, *(t for t in near if explored.refines.get(t) != id_))
-        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed {price:.1f})"
-        why += f"; {', '.join(same[1:])} within {within:g} of it" if len(same) > 1 else ""
+        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed: {price:.1f})"
+        why += f"; the data cannot tell it from {', '.join(same[1:])}" if len(same) > 1 else ""
         return Step(number, rivals, price, id_, same, why, nothing, UNLISTED_PROBABILITY)
     if not ranked:
-        return Step(number, (), price, None, (), "no candidate promises a gain", nothing, UNLISTED_PROBABILITY)
-    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:.1f}"
+        return Step(
+            number, (), price, None, (), "no candidate is expected to gain log-evidence", nothing, UNLISTED_PROBABILITY
+        )
+    best = f"{ranked[0]}, the best, gains {gains[ranked[0]]:.1f}"
     return Step(
         number,
         rivals,
         price,
         None,
         (),
-        f"no candidate gains {price:.1f} in log-evidence: {best}",
+        f"no candidate gains the needed {price:.1f} in log-evidence ({best})",
         nothing,
         UNLISTED_PROBABILITY,
     )

@@ -116,7 +116,8 @@ def _doubted(doubted: Sequence[Doubt]) -> str:
     d = min(doubted, key=lambda doubt: doubt.behind)
     value = with_unit(f"{d.value:.3g}", d.unit)
     return (
-        f" Or {d.parameter} is {value}, not the {d.held:.3g} at which it is held: that explains as much as {d.effect}."
+        f" Alternatively, {d.parameter} is {value} instead of its fixed {d.held:.3g}: this explains as much as "
+        f"{d.effect}."
     )
 
 
@@ -124,17 +125,17 @@ def _ended(settings: LoopSettings, where: str) -> str:
     """Where the search ended before its end, and why; empty where it came to its end."""
     if not where:
         return ""
-    return f" The search had {settings.max_minutes:g} min, which were over in {where}: there may be more to find."
+    return (
+        f" The search reached its time limit of {settings.max_minutes:g} min at {where}, so it may have missed effects."
+    )
 
 
 def _choices(settings: LoopSettings) -> tuple[str, ...]:
-    """What the engineer decided before the search."""
+    """What the configuration allows and excludes."""
     only = [*(settings.effects or ()), *(settings.laws or ())]
-    lines = [f"Only {', '.join(only)} may be named, by the engineer's choice."] if only else []
-    lines += (
-        [f"Only the port {' or '.join(settings.ports)} counts, by the engineer's choice."] if settings.ports else []
-    )
-    lines += [f"Refused by the engineer: {', '.join(settings.exclude)}."] if settings.exclude else []
+    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
+    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
+    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
     return tuple(lines)
 
 
@@ -142,18 +143,18 @@ def _story(bench: Workbench, conclusion: Conclusion, sentence: str) -> tuple[str
     explored, base = conclusion.explored, conclusion.base
     worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
-        f"Fitted as it stands, {bench.family.title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
-        f" ({worst.recording}); its residual is {worst.verdict}.",
+        f"{bench.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
+        f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
         *base.far_starts,
         _readings(bench),
         _compared(conclusion),
     ]
     lines += [f"Step {s.number}: {s.why}." for s in conclusion.steps]
     if explored.skipped:
-        lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(explored.skipped)}.")
+        lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(explored.skipped)}.")
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
+        lines.append(f"Added at port {effect.port}: {effect.id} ({values}).")
     return (*lines, sentence)
 
 
@@ -163,19 +164,16 @@ def _readings(bench: Workbench) -> str:
     fitted = listed([r.name for r in recordings.train])
     if recordings.held_from:
         ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.held_from.items())
-        return f"Fitted and chosen on the beginning of {fitted}; the end ({ends}) was looked at once, after the choice."
+        return f"Fit and choice used the first part of {fitted}. The rest ({ends}) was used once, to test the choice."
     unseen = listed([r.name for r in recordings.test])
-    return f"Fitted and chosen on {fitted}; {unseen} was looked at once, after the choice."
+    return f"Fit and choice used {fitted}. Only the final test used {unseen}."
 
 
 def _compared(conclusion: Conclusion) -> str:
     """What the evidence rests on."""
     explored = conclusion.explored
     counts = ", ".join(f"{n:.0f} of {o}" for o, n in explored.noise.effective_samples.items())
-    return (
-        f"{len(explored.fits)} structures were compared under one noise; the readings count for {counts} independent "
-        "ones."
-    )
+    return f"{len(explored.fits)} model structures were compared. The readings count as {counts} independent ones."
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,10 +221,10 @@ def _separating_experiments(
         except (InputError, CannotFinishError):
             continue
         if apart.log_evidence < 1.0:
-            lines.append(f"None of the experiments tried would tell {pair}.")
+            lines.append(f"No experiment that was tried would tell {pair}.")
         else:
             lines.append(
-                f"To tell {pair}: {apart.in_words} (expected difference in log-evidence {apart.log_evidence:.0f}); "
-                "`aero-bayes design --loop` writes the signal."
+                f"An experiment to tell {pair}: {apart.in_words} (expected difference in log-evidence "
+                f"{apart.log_evidence:.0f}); `aero-bayes design --loop` writes the signal."
             )
     return tuple(lines)

@@ -1,6 +1,8 @@
-"""The rounds of a closed loop: what each candidate would gain, and what was chosen."""
+"""The steps of a closed loop: what each candidate would gain, and what was chosen."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -9,12 +11,23 @@ from matplotlib.figure import Figure
 from aero_bayes.errors import InputError
 from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
-from aero_bayes.report.loop_figures import gain_text, rounds
+from aero_bayes.report.loop_figures import gain_text, rounds, short_label
 from aero_bayes.schema import LoopPart
 
 
-def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """A row for each candidate, a column for each round, bars of log-evidence gained.
+def rounds_figure(
+    loop: LoopPart, words: Mapping[str, str], *, figure: Figure | Axes | None = None, dark: bool = False
+) -> Figure:
+    """Draw the gain in log-evidence as bars: a row for each candidate, a column for each step.
+
+    Parameters
+    ----------
+    loop : LoopPart
+    words : mapping of str to str
+        What each candidate is, by id; one without words is shown by its id.
+    figure : matplotlib.figure.Figure or matplotlib.axes.Axes, optional
+        To draw into.
+    dark : bool
 
     Raises
     ------
@@ -23,7 +36,7 @@ def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: 
     """
     steps, _, ids = rounds(loop)
     if not steps:
-        raise InputError("the loop tried no candidate: there are no rounds to draw")
+        raise InputError("the loop tried no candidate, so there are no steps to draw")
     colours = palette(dark)
     with matplotlib.rc_context(settings(colours) | {"axes.grid": False}):
         figure = ground(figure, WIDTH, 1.1 + 0.24 * len(ids), dark)
@@ -44,8 +57,8 @@ def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: 
                 axes.axvline(step.threshold, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
             axes.set_xscale("symlog", linthresh=10.0)
             axes.set_xlim(0, 12.0 * max([10.0, *(c.delta_evidence or 0.0 for c in step.candidates)]))
-            axes.set_title(f"round {step.round}: {step.chosen or 'nothing'} chosen", color=colours["ink"])
+            axes.set_title(f"step {step.round}: {step.chosen or 'nothing'} chosen", color=colours["ink"])
             axes.set_xlabel("gain in log-evidence (nats)")
-        grid[0].set_yticks(range(len(ids)), ids)
+        grid[0].set_yticks(range(len(ids)), [short_label(id_, words) for id_ in ids])
         grid[0].invert_yaxis()
     return figure

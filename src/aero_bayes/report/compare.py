@@ -94,7 +94,7 @@ def interval_plate(runs: Runs) -> Plate | None:
     if not rows:
         return None
     alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
-    caption = "Every row has a scale of its own, from the least to the greatest end of its intervals."
+    caption = "Each row has its own scale, from the smallest to the largest end of its intervals."
     wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, Markup(caption))
 
@@ -136,7 +136,7 @@ def parameter_table(runs: Runs) -> Markup | None:
             (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
         )
     heads = [Column(run, "right") for run in runs]
-    last = Column("largest difference, in joint standard deviations", "right")
+    last = Column("largest difference, in combined standard deviations", "right")
     return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
 
 
@@ -184,7 +184,7 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
                  trend=True, rms=True, source=_of_run(source, k))
             for k, (values, source) in left.items()
         )  # fmt: skip
-        title = f"what is left of {signal_title(output, unit, result.description(output))}"
+        title = f"residual of {signal_title(output, unit, result.description(output))}"
         panels.append(Panel(title, lines, 120, ticks=3, factor=factor))
     alt = f"Recording {recording}: residuals of {', '.join(seen)} over each other."
     return plate(panels, alt, "time (s)", link=recording) if panels else None
@@ -195,7 +195,7 @@ def _of_run(source: Source, run: str) -> Source:
 
 
 def error_table(runs: Runs) -> Markup | None:
-    """RMS of what is left, by recording and output."""
+    """RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
         (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)
@@ -206,7 +206,7 @@ def error_table(runs: Runs) -> Markup | None:
         if any(size is not None for size in sizes):
             rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
     heads = [Column(run, "right") for run in runs]
-    return html_table(("recording", "output", "unit", *heads), rows, "RMS of what is left") if rows else None
+    return html_table(("recording", "output", "unit", *heads), rows, "RMS of the residual") if rows else None
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:

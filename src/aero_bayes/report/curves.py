@@ -16,9 +16,9 @@ from aero_bayes.report.text import plain_name, role_words, scaled_unit, signal_t
 #: The model as it stood, and the one that came out.
 BASE_SERIES, FINAL_SERIES = "before", "fitted"
 MEANING = (
-    "Grey: measured, from the least to the greatest value of every pixel column, so that no spike is lost. "
-    "Below each output what the model leaves: measured minus model; dashed: twice the noise floor, between which noise "
-    "alone leaves 95 % of samples; the line is a running mean."
+    "Grey: measured data, drawn from the smallest to the largest value in each pixel column, so that all spikes show. "
+    "Below each output: its residual, measured minus model, with a running mean as a line. Dashed: twice the noise "
+    "floor. If only noise is left, 95 % of the samples lie between the dashed lines."
 )
 
 
@@ -98,7 +98,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
     whole = run.span(scene.recording) == scene.stretch
     where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
-    alt = f"{plain_name(scene.output)}, measured and modelled, and what the model leaves; recording {where}, {unseen}."
+    alt = f"{plain_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
     return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
 
 
@@ -107,7 +107,7 @@ def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Pla
     outputs = _outputs(run, recording, without)
     if not outputs or len(run.time(recording)) < 2:
         return None
-    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
+    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and their residuals."
     panels = recording_panels(run, recording, without)
     return plate(panels, alt, "time (s)", legend=legend(run, recording), link=recording)
 
@@ -139,7 +139,7 @@ def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
         (MEASURED, "measured", True),
         (WARM_COLOUR, "before", bool(base)),
         (ACCENT, "after" if base else "fitted", bool(fitted)),
-        (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording))),
+        (ACCENT, "shaded: 90 % prediction interval of a reading", bool(run.signals("lower", recording))),
     ]
     return tuple((colour, label) for colour, label, there in entries if there)
 

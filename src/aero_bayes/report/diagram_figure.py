@@ -48,7 +48,7 @@ def diagram_plate(diagram: Diagram) -> Plate | None:
     ]  # fmt: skip
     caption = Markup("<strong>{}</strong>. {}").format(
         diagram.title,
-        f"Marked: where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
+        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
     )
     return Plate(
         canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)

@@ -62,7 +62,7 @@ def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
     length = f"{duration(plan.duration)}, {plan.family}"
     if plan.kind == "separate":
         first, second = plan.effects
-        lead = Markup("The input that would best tell {} from {}: {}.").format(
+        lead = Markup("This input would best tell {} from {}: {}.").format(
             named_effect(first, words), named_effect(second, words), length
         )
         if plan.common:
@@ -71,7 +71,7 @@ def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
         return lead
     aimed = [name for name, entry in plan.parameters.items() if entry.target]
     names = Markup(", ").join(symbol(name) for name in aimed)
-    return Markup("The input that would tell most about {}: {}.").format(names, length)
+    return Markup("This input would narrow the intervals of {} most: {}.").format(names, length)
 
 
 def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
@@ -90,7 +90,7 @@ def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
         (SERIES[k % len(SERIES)], "expected, with its 90 % band" if model == "expected" else f"if {model} is true")
         for k, model in enumerate(models)
     )
-    caption = "Outputs without sensor noise." + (" Dashed: limits of travel." if plan.limits.travel else "")
+    caption = "Outputs without sensor noise." + (" Dashed: limits of the outputs." if plan.limits.travel else "")
     return plate(panels, alt, "time (s)", caption, legend=legend, link="plan")
 
 
@@ -133,9 +133,9 @@ def _gains(plan: DesignResult) -> Markup | None:
         ))  # fmt: skip
     columns = (
         "parameter", Column("value", "right"), "unit", Column("now", "right"), Column("expected after", "right"),
-        Column("in simulation", "right"), Column("same input again", "right"), "", Column("times narrower", "right"),
+        Column("in simulation", "right"), Column("old input again", "right"), "", Column("times narrower", "right"),
     )  # fmt: skip
-    caption = "Standard deviations in per cent of the value (marked: what the signal is for)"
+    caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
     return html_table(columns, rows, caption, marked) if rows else None
 
 
@@ -148,7 +148,7 @@ def _times(gain: float | None) -> str:
 
 
 def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
-    """The two effects as the recordings at hand have them."""
+    """The two effects as they fit the present recordings."""
     rows = []
     for entry in plan.models:
         for name, stated in entry.parameters.items():
@@ -156,15 +156,19 @@ def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
             interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
             rows.append((named_effect(entry.id, words), symbol(name), shown.value, interval, shown.unit))
     columns = ("effect", "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit")
-    return html_table(columns, rows, "The two effects, fitted to the recordings at hand") if rows else None
+    return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
 
 
 def _gain_check(plan: DesignResult) -> Markup:
     repeats, failures = plan.check.repeats, plan.check.failures
-    verdict = "The expected gain comes true." if plan.check.agrees else "The expected gain does not quite come true."
+    verdict = (
+        "The simulation confirms the expected gain."
+        if plan.check.agrees
+        else "The simulation does not fully confirm the expected gain."
+    )
     return Markup(
-        "{} {} simulated repetitions: a truth drawn from what is known, its recording with noise, a fit to it. "
-        "The errors that were left are in the column <em>in simulation</em>, each uncertain by about {} %{}."
+        "{} It ran {} repetitions. Each draws true values from the present estimate, simulates a recording with noise "
+        "and fits it. The column <em>in simulation</em> has the errors of these fits, each uncertain by about {} %{}."
     ).format(
         verdict, count(repeats - failures), f"{100 / (2 * max(repeats - failures, 1)) ** 0.5:.0f}",
         f"; {count(failures)} more failed" if failures else "",
@@ -172,16 +176,16 @@ def _gain_check(plan: DesignResult) -> Markup:
 
 
 def _already(plan: DesignResult, words: dict[str, str]) -> Markup:
-    """What the recordings at hand say of the two effects."""
+    """Which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
         return Markup("")
     if abs(first - second) < (plan.check.decisive or 0.0):
-        return Markup("The recordings at hand do not tell them apart (difference in log-posterior {}). ").format(
+        return Markup("The present recordings do not tell them apart (difference in log-posterior {}). ").format(
             significant(abs(first - second), 2)
         )
     better = plan.effects[0] if first > second else plan.effects[1]
-    return Markup("The recordings at hand already favour {}, by {} in log-posterior. ").format(
+    return Markup("The present recordings already favour {}, by {} in log-posterior. ").format(
         named_effect(better, words), significant(abs(first - second))
     )
 
@@ -190,9 +194,9 @@ def _separation_check(plan: DesignResult, words: dict[str, str]) -> Markup:
     check = plan.check
     share = 100 * (check.told_apart or 0.0)
     return _already(plan, words) + Markup(
-        "Expected difference in log-evidence: {} if the first is true, {} if the second is. In {} simulated "
-        "repetitions, half of them with either: {} and {} on average; {} % of them put the true one ahead by more "
-        "than {} (odds of twenty to one){}. The expectation is linear in what is not known; the repetitions are not."
+        "Expected difference in log-evidence: {} if the first effect is true, {} if the second is. In {} simulated "
+        "repetitions, half of them with each effect, it was {} and {} on average. In {} % of them the true effect was "
+        "ahead by more than {} (odds of 20 to 1){}. The expectation uses a linearised model; the repetitions do not."
     ).format(
         significant(plan.first_true), significant(plan.second_true), count(check.repeats - check.failures),
         significant(check.first_true), significant(check.second_true), f"{share:.0f}", tidy(check.decisive),
@@ -213,7 +217,7 @@ def _families(plan: DesignResult) -> Markup | None:
         for name, value in sorted(worth.items(), key=lambda item: -item[1])
     ]
     head = "difference in log-evidence" if separate else "times narrower"
-    return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of every kind tried")
+    return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of each kind")
 
 
 def _limits(run: RunDirectory, plan: DesignResult) -> Markup | None:
@@ -226,4 +230,4 @@ def _limits(run: RunDirectory, plan: DesignResult) -> Markup | None:
         reached = plan.travel.get(name)
         rows.append((symbol(name), significant(reached), significant(limit), pretty_unit(run.result.unit(name))))
     columns = ("", Column("largest", "right"), Column("limit", "right"), "unit")
-    return html_table(columns, [(a, minus(b), minus(c), d) for a, b, c, d in rows], "What the rig is asked for")
+    return html_table(columns, [(a, minus(b), minus(c), d) for a, b, c, d in rows], "Demands on the rig")

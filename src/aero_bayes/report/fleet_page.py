@@ -117,9 +117,9 @@ def _figures(columns: FleetColumns) -> Iterator[Ranked]:
             one.curve, shared.log,
         )  # fmt: skip
     for key, values, title, label, level in (
-        ("over_floor", columns.over_floor, "what is left of the recordings, rigs sorted",
-         "largest residual over the noise floor", 1.0),
-        ("seconds", columns.seconds, "time a rig took, rigs sorted", "time (s)", None),
+        ("over_floor", columns.over_floor, "residual of each rig, sorted",
+         "largest residual, in noise floors", 1.0),
+        ("seconds", columns.seconds, "computing time of each rig, sorted", "time (s)", None),
     ):  # fmt: skip
         positive = np.where(values > 0.0, values, np.nan)
         if np.isfinite(positive).any():
@@ -179,9 +179,9 @@ def _parameter_table(parameters: Mapping[str, FleetParameter]) -> Markup | None:
         rows.append((symbol(name), mean, spread, following, pretty_unit(entry.unit), count(entry.rigs)))
     heads = (
         "parameter", Column("typical value", "right"), Column("spread, one standard deviation", "right"),
-        Column("the next rig", "right"), "unit", Column("rigs that tell", "right"),
+        Column("the next rig", "right"), "unit", Column("rigs used", "right"),
     )  # fmt: skip
-    return html_table(heads, rows, "What the rigs share, with 90 % intervals") if rows else None
+    return html_table(heads, rows, "Distribution over the rigs, with 90 % intervals") if rows else None
 
 
 def _interval(found: Range, unit: str, factor: float = 1.0) -> Markup | str:
@@ -216,7 +216,7 @@ def _effects_drawing(result: FleetResult, width: float, alt: str) -> Markup:
         canvas.text(across(tick), foot + 16, f"{100 * tick:.0f} %", MUTED, 11.5, "middle" if tick or label else "start")
     for row, effect in enumerate(shown):
         y = step * (row + 1) - 0.5 * line
-        canvas.text(0, y + 4 if label else y - 11, f"{effect.id}  (named in {effect.named})", INK, 12)
+        canvas.text(0, y + 4 if label else y - 11, f"{effect.id}  (found in {effect.named})", INK, 12)
         low, middle, high = (across(q or 0.0) for q in (effect.share.q05, effect.share.q50, effect.share.q95))
         canvas.curve([low, high], [y, y], ACCENT, 4.0)
         canvas.dots(np.array([middle]), np.array([y]), ACCENT, 10.0, 1.0)
@@ -236,8 +236,8 @@ def _effect_table(result: FleetResult, words: Mapping[str, str]) -> Markup | Non
         for e in result.effects[:MAX_EFFECTS]
     ]
     heads = (
-        "effect", Column("rigs whose loop names it", "right"), Column("of all rigs, 90 % interval", "right"),
-        Column("noticed where it is, %", "right"),
+        "effect", Column("rigs whose loop found it", "right"), Column("share of all rigs, 90 % interval", "right"),
+        Column("found where present, %", "right"),
     )  # fmt: skip
     return html_table(heads, rows, "Effects") if rows else None
 
@@ -249,7 +249,12 @@ def _matrix_plate(result: FleetResult, columns: FleetColumns) -> Plate | None:
         return None
     alt = f"How probable each of {len(shown)} effects is in each of {count_} rigs."
     wide, narrow = (_matrix_drawing(columns, [e.id for e in shown], width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
-    return Plate(wide, narrow, alt, Markup("A full spot is certain; rigs in the order of their names."))
+    return Plate(
+        wide,
+        narrow,
+        alt,
+        Markup("The area of a spot is the probability of the effect. Rigs are in the order of their names."),
+    )
 
 
 def _matrix_drawing(columns: FleetColumns, ids: Sequence[str], width: float, alt: str) -> Markup:
@@ -271,8 +276,8 @@ def _matrix_drawing(columns: FleetColumns, ids: Sequence[str], width: float, alt
 
 def _outcomes(result: FleetResult) -> list[tuple[str, str]]:
     words = {
-        "adequate": "nothing is missing", "extended": "an effect was added",
-        "unexplained": "something is missing and remains unexplained",
+        "adequate": "the model is adequate", "extended": "an effect was added",
+        "unexplained": "an effect is missing, and no candidate explains it",
     }  # fmt: skip
     return [(words.get(key, key), count(number)) for key, number in sorted(result.outcomes.items())]
 
@@ -288,7 +293,7 @@ def _reasons(rigs: Sequence[RigReason], words: Mapping[str, str], *, linked: boo
 def _provenance(result: FleetResult) -> list[tuple[str, str]]:
     cost = result.cost
     return [
-        ("work", result.work), ("seed", str(result.seed)), ("time, all rigs", duration(cost.seconds)),
-        ("processor time of the workers", duration(cost.cpu_seconds)), ("rigs sent more than once", count(cost.tries)),
+        ("work", result.work), ("seed", str(result.seed)), ("computing time of all rigs", duration(cost.seconds)),
+        ("processor time of the workers", duration(cost.cpu_seconds)), ("rigs started more than once", count(cost.tries)),
         ("table", result.table_sha256[:16]), *((f"version of {k}", v) for k, v in result.versions.items()),
     ]  # fmt: skip

@@ -25,8 +25,8 @@ MIN_PRINTED_ODDS = 1e-3
 TICK = 6.0
 #: Candidates that are seen at once; the others are folded.
 SHOWN = 5
-#: Width of a letter beside a bar.
-LETTER = 6.3
+#: Width of a letter beside a bar, and letters of a candidate's label.
+LETTER, LABEL_LETTERS = 6.3, 52
 
 
 def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
@@ -51,11 +51,11 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
         f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
-        "Log-evidence that each candidate gains in each step, all parameters refitted, on a logarithmic scale. "
-        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts."
+        "Gain in log-evidence of each candidate in each step, with all parameters fitted again; logarithmic scale. "
+        "Orange: chosen. Outlined: the data cannot tell it from the chosen one. Dashed: the smallest gain that counts."
     )
     left_out = len(ids) - len(shown)
-    rest = Markup.escape(f"{left_out} candidates that gain nothing are left out." if left_out else "")
+    rest = Markup.escape(f"{left_out} candidates without any gain are not shown." if left_out else "")
     plates: list[Plate] = []
     for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
         if part:
@@ -86,8 +86,8 @@ def _rounds_drawing(
     for index, id_ in enumerate(ids):
         y = _TOP + row * index
         canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
-        text, fits = words.get(id_, id_), 52 - (len(ports.get(id_, "")) if wide else 0)
-        canvas.text(0, y + 13, text if len(text) <= fits else f"{text[: fits - 1]}…", INK, 11.5)
+        fits = LABEL_LETTERS - (len(ports.get(id_, "")) if wide else 0)
+        canvas.text(0, y + 13, short_label(id_, words, fits), INK, 11.5)
         if wide:
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):
@@ -110,6 +110,12 @@ def _rounds_drawing(
                 length = max(across(by_id[id_].delta_evidence or 0.0), 1.5)
                 _bar(canvas, by_id[id_], step, (left, y, length), _beside(by_id[id_], odds=with_odds))
     return canvas.svg()
+
+
+def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS) -> str:
+    """What a candidate is, by its words or else its id, cut to a number of letters."""
+    text = words.get(id_) or id_
+    return text if len(text) <= letters else f"{text[: letters - 1]}…"
 
 
 def _bar(
@@ -141,8 +147,8 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
         rows.append(
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
-    heads = [Column(f"round {step.round}", "right") for step in steps]
-    return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, step by step")
+    heads = [Column(f"step {step.round}", "right") for step in steps]
+    return html_table(("candidate", "port", *heads), rows, "Candidates: gain in log-evidence in each step")
 
 
 def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
@@ -150,7 +156,7 @@ def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
         return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
-        "" if found.refitted else "promised too little to be refitted",
+        "" if found.refitted else "not fitted, its predicted gain is too small",
         "" if found.odds is None else odds_text(found.odds),
     ]
     return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
@@ -181,12 +187,16 @@ def curve_plate(effect: EffectResult) -> Plate | None:
     )
     over = plain_name(effect.over)
     title, label = (
-        f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: what acts", unit), (over, x_unit))
+        f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: learned effect", unit), (over, x_unit))
     )
-    alt = f"What was learned at {effect.port} over {over}: curve and 90 % band."
-    # A wide band is where no data went: it would make the curve flat.
+    alt = f"Learned effect at {effect.port} as a function of {over}: curve and 90 % band."
+    # The band is wide where there are no data; showing all of it would flatten the curve.
     room = 0.3 * float(np.ptp(value)) or 1.0
     limits = (float(value.min() - room) * up, float(value.max() + room) * up)
     return plate(
-        [Panel(title, layers, 220, y_limits=limits)], alt, label, "The band is wide where no data went.", width=PORT
+        [Panel(title, layers, 220, y_limits=limits)],
+        alt,
+        label,
+        "The band is wide where there are no data.",
+        width=PORT,
     )

@@ -35,10 +35,10 @@ def effects(loop: LoopPart, stated: Collection[str]) -> list[Effect]:
 
 
 def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
-    kind = "a shape learned from the data" if entry.kind == "free_form" else ""
+    kind = "a curve learned from the data" if entry.kind == "free_form" else ""
     evidence = f"log-evidence {gain_text(entry.evidence.log_evidence_gain)}"
     if entry.evidence.needed is not None:
-        evidence += f" (needed {significant(entry.evidence.needed, 2)})"
+        evidence += f" (needed: {significant(entry.evidence.needed, 2)})"
     if entry.odds is not None:
         evidence += f", odds {significant(entry.odds, 3)}"
     rows = []
@@ -49,7 +49,7 @@ def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
         interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
         rows.append((symbol(name), shown.value, interval, shown.unit, stated.description))
     columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "")
-    where = f"port {entry.port}" + (f", over {entry.over}" if entry.over else "")
+    where = f"port {entry.port}" + (f", as a function of {entry.over}" if entry.over else "")
     table = html_table(columns, rows, f"Parameters of {entry.id}") if rows else None
     return Effect(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
 
@@ -98,10 +98,10 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "parameter", Column("before", "right"), Column("after", "right"), Column("moved", "right"),
+        "parameter", Column("before", "right"), Column("after", "right"), Column("change", "right"),
         Column("in standard deviations", "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "How far the base parameters moved")
+    return html_table(columns, rows, "Change of the parameters of the base model")
 
 
 def changed_equations(loop: LoopPart) -> Markup | None:

@@ -27,7 +27,7 @@ class Reading:
 
 def verdict(result: RunResult) -> Verdict:
     """The run's verdict; a plain one where the run states none."""
-    return result.verdict or Verdict(level="warning", text="The run has finished and states no verdict of its own.")
+    return result.verdict or Verdict(level="warning", text="The run has finished without a verdict.")
 
 
 def readings(result: RunResult) -> list[Reading]:
@@ -41,7 +41,7 @@ def readings(result: RunResult) -> list[Reading]:
         found.append(Reading(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
     sizes = [] if mcmc is None else [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
     if sizes:
-        found.append(Reading(Markup("effective draws"), count(min(sizes)), "of the worst parameter"))
+        found.append(Reading(Markup("effective draws"), count(min(sizes)), "of the parameter with the fewest"))
     if result.seconds is not None:
         runs = sum(result.failures.values())
         failed = runs - result.failures.get("completed", 0)
@@ -72,7 +72,7 @@ def provenance(result: RunResult) -> list[Markup]:
         ("Model", model),
         ("Run", {"command": result.command, "seed": result.seed}),
         ("Versions", result.versions),
-        ("How simulations ended", result.failures),
+        ("Simulations", result.failures),
     ):
         if node:
             rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
@@ -88,7 +88,9 @@ def warnings(result: RunResult) -> list[str]:
         found = [text for text in found if reason not in text]
     bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
     if bounds:
-        found.append(f"{', '.join(bounds)}: the best value is the edge of the range that was searched; no interval.")
+        found.append(
+            f"{', '.join(bounds)}: the best value lies on a bound of the search range, so there is no interval."
+        )
     return list(dict.fromkeys(found))
 
 
@@ -101,13 +103,13 @@ def _residual_reading(result: RunResult, output: str) -> Reading:
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)
     label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
-    words = "structured: something is missing" if structured else "no structure left"
+    words = "structured: the model lacks an effect" if structured else "no structure left"
     ratio = max(ratios, default=None)
     sizes = [entry.rms for entry in entries if entry.rms is not None]
     if ratio is None and sizes:
         factor, unit = scaled_unit(max(sizes), result.unit(output))
         size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return Reading(label, size, f"RMS; noise floor unknown; {words}", level)
+        return Reading(label, size, f"RMS; the signal changes too fast to estimate the noise floor; {words}", level)
     return Reading(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
 
 

@@ -42,9 +42,9 @@ _TITLES = {
 }  # fmt: skip
 SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
 _OUTCOMES = {
-    "adequate": "nothing is missing: the residual is noise",
+    "adequate": "the model is adequate: the residual is noise",
     "extended": "the model was extended",
-    "unexplained": "something is missing and remains unexplained",
+    "unexplained": "an effect is missing, and no candidate explains it",
 }
 
 

@@ -62,8 +62,8 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
     caption = Markup(
-        "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlations. "
-        "Every cell spans the central 99.8 % of its parameter. Strongest: {} with {}, {}."
+        "Dark and light: regions that contain 50 % and 90 % of the posterior. Numbers: rank correlations. "
+        "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
     rows = [
         (symbol(name), *(minus(f"{correlation[row, column]:+.2f}") for column in range(len(names))))
@@ -102,7 +102,7 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
         title = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
         alt = f"Traces of {name}: running median of {len(draws)} ensembles."
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
-        plates.append(plate([panel], alt, "draws kept (%)", width=300))
+        plates.append(plate([panel], alt, "share of the chain (%)", width=300))
     return plates
 
 

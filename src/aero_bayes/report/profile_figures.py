@@ -40,7 +40,7 @@ def _plate(name: str, entry: Profile, level: float | None) -> Plate | None:
     if len(prior) == len(values):
         layers.append(Line(values / power, prior, MEASURED, 1.4, label="prior alone"))
     layers += [
-        Line(values[fine] / power, drop[fine], ACCENT, 1.6, label="fall of the log-posterior"),
+        Line(values[fine] / power, drop[fine], ACCENT, 1.6, label="decrease of the log-posterior"),
         Dots(values[fine] / power, drop[fine], INK, 3.0, 0.8),
     ]
     title = f"{plain_name(name)} ({shown.unit})" if shown.unit else plain_name(name)
@@ -50,7 +50,7 @@ def _plate(name: str, entry: Profile, level: float | None) -> Plate | None:
     )  # fmt: skip
     words = _interval_words(entry)
     alt = f"Profile of {name}: {words}."
-    return plate([panel], alt, "value held", Markup("{}: {}.").format(symbol(name), words), width=300)
+    return plate([panel], alt, "fixed value", Markup("{}: {}.").format(symbol(name), words), width=300)
 
 
 def _interval_words(entry: Profile) -> str:
@@ -58,7 +58,7 @@ def _interval_words(entry: Profile) -> str:
     first, last = [*entry.interval, None, None][:2]
     unit = entry.unit
     if first is None and last is None:
-        return "flat over all that was tried, no 90 % interval"
+        return "flat over the whole range, no 90 % interval"
     shown = quantity(first if first is not None else last, first, last, unit, digits=3)
     if first is None or last is None:
         side, end = ("above", shown.value) if last is None else ("below", shown.value)

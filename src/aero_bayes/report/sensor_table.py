@@ -26,17 +26,17 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "output", "what", Column("size", "right"), "unit", Column("log-evidence", "right"), "what it does to the noise",
+        "output", "what", Column("size", "right"), "unit", Column("log-evidence", "right"), "effect on the noise",
     )  # fmt: skip
-    return html_table(columns, rows, "What the sensors add (ripple: amplitude; encoder: one count)")
+    return html_table(columns, rows, "Sensor errors (ripple: amplitude; encoder: one count)")
 
 
 def _ripple(found: SensorResult, output: str, unit: str) -> Iterator[tuple[object, ...]]:
-    left_in = "" if found.ripple_subtracted else ", left in"
+    left_in = "" if found.ripple_subtracted else ", not subtracted"
     for recording, ripple in found.ripple.items():
         for order, size in ripple.orders.items():
             turn = f"ripple {_TURN.get(order, f'{order} times a turn')}{left_in}"
-            sizes = f"{significant(ripple.noise_sd_with_ripple)} with it, {significant(ripple.noise_sd)} without"
+            sizes = f"{significant(ripple.noise_sd_with_ripple)} with ripple, {significant(ripple.noise_sd)} without"
             yield (
                 symbol(output), Markup("{}<small>{}</small>").format(turn, recording), significant(size.amplitude),
                 unit, tidy(size.log_evidence, 3), sizes,

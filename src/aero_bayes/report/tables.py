@@ -24,12 +24,12 @@ from aero_bayes.schema import ParameterResult, Quantiles
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
-    "weak": "the data say little more than the prior",
+    "weak": "the data add little to the prior",
     "unidentified": "the data do not determine it",
-    "fixed": "held, not fitted",
-    "at_bound": "ended on the edge of its range",
-    "adequate": "nothing but noise is left",
-    "structured": "the model lacks something",
+    "fixed": "not fitted",
+    "at_bound": "the best value lies on a bound of its range",
+    "adequate": "the residual is noise",
+    "structured": "the residual is more than noise: the model lacks an effect",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 
@@ -103,7 +103,7 @@ def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))
     columns = (
         "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status",
-        Column("interval in bounds", "centre"), "prior",
+        Column("interval within bounds", "centre"), "prior",
     )  # fmt: skip
     return html_table(columns, rows, "Estimates")
 

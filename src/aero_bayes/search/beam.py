@@ -380,7 +380,7 @@ class StructureSearch:
                 if (found := refit(base, structure, starts, self.settings, self._settings)) is not None:
                     self._keep(found)
             if structure not in self._fits:
-                raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require names")
+                raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")
             root = structure
 
     def _late(self, what: str) -> bool:

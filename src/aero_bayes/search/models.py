@@ -258,7 +258,7 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
     if structure.other_reading:
         other = with_other_interpolation(plain)
         if other is None:
-            raise CannotFinishError("the inputs cannot be read otherwise between their samples")
+            raise CannotFinishError("the inputs have no other interpolation between their samples")
         plain = other
     if structure.freed:
         items = tuple(replace(p, auto=p.auto and p.name not in structure.freed) for p in plain.parameters)

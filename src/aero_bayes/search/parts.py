@@ -43,7 +43,7 @@ class Parts:
         """
         unknown = [name for name in leave_out if name not in PARTS]
         if unknown:
-            raise InputError(f"[loop] leave_out names {unknown[0]!r}; expected one of {', '.join(PARTS)}")
+            raise InputError(f"[loop] leave_out: unknown part {unknown[0]!r}; expected one of {', '.join(PARTS)}")
         restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (Swarm(ascent, seed), 1))
         return cls(
             tuple(e for e in EDITS if type(e).__name__ not in leave_out),

@@ -17,6 +17,7 @@ from aero_bayes.data import read_recording, summarise
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
@@ -188,15 +189,14 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     config = load_config(config_path)
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
-    section = config.data
-    named = section.inputs is not None and section.outputs is not None
-    # without a unit the file is in the model's units, whatever they are
-    known = declared.systems or (named and not any(c.unit for c in section.columns.values()))
-    model = None if known else built_model(config, name, fmu)
+    model = None if declared.systems else built_model(config, name, fmu)
     layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
     if config_path is None:
         check_default(files, layout)
-    summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
+    recordings = [read_recording(path, columns, layout=layout) for path in files]
+    if model is not None:
+        check_plausible(recordings, model)
+    summaries = [summarise(recording) for recording in recordings]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 

@@ -84,9 +84,9 @@ def verdict(
         names = ", ".join(f"`{name}`" for name in structured)
         return {
             "level": "warning",
-            "text": f"The fit is not good yet: the residual of {names} has structure that the sensors do not explain, "
-            "so the model lacks something there.",
+            "text": f"The residual of {names} is structured. Sensor noise does not explain it: the model lacks an "
+            "effect.",
         }
     sampled = ", and the posterior has converged" if mcmc is not None else ""
-    text = " ".join([f"The model explains the recordings down to their noise{sampled}.", *flat])
+    text = " ".join([f"The model explains the recordings down to the noise{sampled}.", *flat])
     return {"level": "warning" if flat else "good", "text": text}

@@ -43,7 +43,7 @@ MIN_UNIQUE_SHARE = 1e-3
 #: A temperature in K where nothing is known.
 ROOM_TEMPERATURE = 293.15
 #: Why a parameter is left to what the data tell.
-CONFOUNDED = "the outputs cannot tell it from those above"
+CONFOUNDED = "the outputs cannot distinguish it from the parameters above"
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         If ``out`` exists, or the model or the recording cannot be read; nothing is written then.
     """
     if out.exists():
-        raise InputError(f"{out}: exists already, and is not overwritten: remove it or give another --out")
+        raise InputError(f"{out}: exists already; remove it or give another --out")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: its folder does not exist")
     for path in (source, data):
@@ -100,7 +100,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         temporary.write_text(text, encoding="utf-8")
     click.echo(f"wrote {out}")
     for signal in matched.signals_left:
-        click.echo(f"no column of {data.name} was matched to {signal}: see the comment in {out}")
+        click.echo(f"no column of {data.name} matches {signal}; name one in {out}")
 
 
 def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:
@@ -167,7 +167,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
     """Everything before the parameters."""
     source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
     lines = [
-        f"# How {name} is fitted to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
+        f"# To fit {name} to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
         "",
         "[model]",
         f"sources = [{_text(source)}]",
@@ -180,7 +180,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         *_signal_lines("outputs", model.outputs, matched),
     ]
     units = {"time": "s"} | {v.name: v.unit for v in (*model.inputs, *model.outputs)}
-    lines += ["", "# Where a signal has another name or unit in the file; scale and offset can be given too.",
+    lines += ["", "# Columns with another name or unit than the signal; scale and offset are possible, too.",
               "[data.columns]"]  # fmt: skip
     for signal, column in matched.columns.items():
         plain, unit = split_unit(column)
@@ -190,13 +190,13 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
             continue
         given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) or unit == "%" else ""
         alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME_NAMES)
-        doubts = [] if alike else ["is it this?"]
-        doubts += [] if known else [f"in {unit}, and the model in {units[signal]}: see scale"]
+        doubts = [] if alike else ["is this the right column?"]
+        doubts += [] if known else [f"in {unit}, but the model has {units[signal]}: give scale"]
         doubt = f"  # {'; '.join(doubts)}" if doubts else ""
         lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
-    left = f"columns left: {', '.join(matched.columns_left)}" if matched.columns_left else "no column is left"
+    left = f"unused columns: {', '.join(matched.columns_left)}" if matched.columns_left else "no unused column"
     lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
-    lines += ["", "[fit]", "# reading, estimated, or auto: whether states start at the first reading or anywhere",
+    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": they are fitted; "auto": by the model',
               'initial_states = "estimated"', "", ""]  # fmt: skip
     return "\n".join(lines)
 
@@ -205,7 +205,7 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
     known = [v for v in variables if v.name in matched.columns]
     lines = [f"# {v.name}: {_about(v)}" for v in known]
     lines += [
-        f"# {v.name}: {_about(v)}; no column was matched: see [data.columns], and add it here"
+        f"# {v.name}: {_about(v)}; no matching column; name one in [data.columns], and add the signal here"
         for v in variables
         if v.name not in matched.columns
     ]
@@ -214,7 +214,7 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
     left = [v for v in variables if v.name not in matched.columns]
     if role == "inputs" and left:
         values = ", ".join(f"{_key(v.name)} = {_usual(v)!r}" for v in left)
-        lines.append(f"# constants = {{{values}}}  # an input without a column needs a value, in the unit above")
+        lines.append(f"# constants = {{{values}}}  # values of inputs without a column, in the units above")
     return lines
 
 
@@ -229,22 +229,22 @@ def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: st
     some = any(own.sets(v.name) for v in listed)
     for v in listed:
         if some and not own.sets(v.name):
-            reasons[v.name] = "a default of the library, which the model leaves as it is"
+            reasons[v.name] = "a library default that the model does not change"
             continue
         try:
             tunable += list(parameters_from_model(model, free=[v.name]))
         except InputError:
-            reasons[v.name] = "has no value to start from within its bounds"
+            reasons[v.name] = "no start value within its bounds"
     slopes = _slopes(model, head, data, ParameterSet(tuple(tunable))) if tunable else None
     if slopes is None:
-        return reasons | {p.name: "not tried: see [data]" for p in tunable}
+        return reasons | {p.name: "not tested: complete [data] first" for p in tunable}
     kept = np.empty((0, slopes.shape[1]))
     for p, row in zip(tunable, slopes, strict=True):
         size = float(np.linalg.norm(row))
         left = row - (row @ kept.T) @ kept
         rest = float(np.linalg.norm(left))
         if size < MIN_RELATIVE_EFFECT * np.sqrt(row.size):
-            reasons[p.name] = "the outputs do not react to it"
+            reasons[p.name] = "the outputs do not respond to it"
         elif rest < MIN_UNIQUE_SHARE * size:
             reasons[p.name] = CONFOUNDED
         else:

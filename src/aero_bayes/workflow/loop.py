@@ -102,7 +102,7 @@ def loop_settings(job: Job) -> LoopSettings:
 def _check(job: Job) -> None:
     asked = job.config.fit
     if job.engine != "native":
-        raise InputError(f"the loop runs on the native engine only, not on {job.engine}")
+        raise InputError(f"the loop needs the native engine, not {job.engine}")
     if asked.cost != "posterior":
         raise InputError(f'the loop compares log-evidences: [fit] cost is "{asked.cost}", expected "posterior"')
     if asked.method == "pso":
@@ -187,7 +187,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         value = job.fixed.get(name, variable.start)
         reason = reasons.get(name, "")
         if name in job.parameters and not reason:
-            reason = "not searched by the loop, left at its start"
+            reason = "not fitted by the loop; kept at its start value"
             value = job.parameters[name].start
         if name not in table and reason and value is not None:
             table[name] = {

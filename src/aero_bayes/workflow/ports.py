@@ -47,6 +47,11 @@ ACTS: Mapping[PortKind, str] = {
 #: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
 #: at the port. Responses from which a term counts as barely visible, and as visible.
 MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
+RESPONSE_NOTE = (
+    "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
+    "the port, less what the free parameters imitate.\n"
+    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}."
+)
 #: Share of a signal's size over which what changes with its direction changes.
 TRANSITION_SHARE = 0.1
 
@@ -62,6 +67,8 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
+    if data and not as_json:
+        click.echo(RESPONSE_NOTE)
 
 
 def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
@@ -69,7 +76,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     name, fmu = which_model(config, options)
     if fmu is not None:
         if data:
-            raise InputError(f"{fmu}: --data needs the source; the ports of an FMU are its inputs and outputs")
+            raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
         around = FmuFamily(fmu.stem, config.model.sources, options.out, config.model.libraries, fmu=fmu)
         around.check()
         return port_table(around.ports)
@@ -77,13 +84,13 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     if not family.declared.effects:
         return model_ports(family, options, data)
     if data:
-        raise InputError(f"{name}: --data is for ports that are found; those of {family.declared.package} are a list")
+        raise InputError(f"{name}: --data is not possible, because {family.declared.package} declares its ports")
     named = [c for c in family.every if c.alias]
     return [{"id": c.id, "port": family.named(c.port), "summary": in_words(c.law, c.port)} for c in named]
 
 
 def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
+    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
@@ -95,17 +102,17 @@ def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) ->
         responses = port_responses(family, found, options.out)
         for row in rows:
             row["response"] = responses.get(row["id"])
-            row["seen"] = visibility(row["response"])
+            row["visible"] = visibility(row["response"])
     return rows
 
 
 def visibility(response: float | None) -> str:
-    """``seen``, ``barely`` or ``not seen`` in these data, by a port's response; ``unknown`` without a response."""
+    """Whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response; ``unknown`` without."""
     if response is None:
         return "unknown"
     if response >= MIN_VISIBLE_RESPONSE:
-        return "seen"
-    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
+        return "yes"
+    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
 
 
 def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:

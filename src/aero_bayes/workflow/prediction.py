@@ -57,5 +57,5 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
         entry["note"] = f"not completed: {error}"
     missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
     if missing and "note" not in entry:
-        entry["note"] = f"{', '.join(missing)} not left out: the time limit of {section.max_seconds:g} s was reached"
+        entry["note"] = f"{', '.join(missing)} not predicted: the time limit of {section.max_seconds:g} s was reached"
     return {"prediction": entry}
