@@ -217,7 +217,7 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """A table a class of the schema, the whole first; types link to their tables."""
-    parts = [schema.RunResult, schema.FleetResult]
+    parts = [schema.RunJson, schema.FleetJson]
     for part in parts:
         for field in part.model_fields.values():
             parts += [p for p in _parts(field.annotation) if p not in parts]

@@ -133,14 +133,16 @@ def _options(**given: Any) -> Any:
     return RunOptions(**given)
 
 
-@main.command()
+@main.command("fmu")
 @click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
 @click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--fmi", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Version of the standard.")
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
-def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path) -> None:
+def fmu_command(
+    compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path
+) -> None:
     """Build an FMU from Modelica source."""
     from aero_bayes.export import export_fmu
 
@@ -149,20 +151,20 @@ def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[P
     click.echo(f"wrote {written}")
 
 
-@main.command()
+@main.command("fit")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def fit(data: tuple[Path, ...], **options: Any) -> None:
+def fit_command(data: tuple[Path, ...], **options: Any) -> None:
     """Fit the parameters by a particle swarm and a bounded local search."""
     from aero_bayes.workflow.commands import run_fit
 
     run_fit(data, _options(**options))
 
 
-@main.command()
+@main.command("posterior")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def posterior(data: tuple[Path, ...], **options: Any) -> None:
+def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
     from aero_bayes.workflow.commands import run_posterior
 
@@ -178,7 +180,7 @@ def posterior(data: tuple[Path, ...], **options: Any) -> None:
     help="Recording to test on.  [default: the last part of each training recording]",
 )
 @run_options
-def close_loop(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
     from aero_bayes.workflow.commands import run_close_loop
 
@@ -197,7 +199,7 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
     return limits
 
 
-@main.command()
+@main.command("design")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @click.option(
     "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
@@ -213,7 +215,7 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
               help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
-def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
+def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
     from aero_bayes.workflow.design import DesignOptions, run_design
 
@@ -225,98 +227,98 @@ def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: in
 @click.option("--data", type=FILE, multiple=True, help="Recording to learn from.  [default: simulated]")
 @click.option("--test", type=FILE, multiple=True, help="Recording to test on.")
 @run_options
-def everything(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """What plain `make` runs: FMU, fit, posterior, the paper's table, the closed loop, one page."""
     from aero_bayes.workflow.commands import run_all
 
     run_all(data, test, _options(**options))
 
 
-@main.command()
+@main.command("replay")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--quiet", is_flag=True, help="No progress bars.")
-def replay(out: Path, seed: int, quiet: bool) -> None:
+def replay_command(out: Path, seed: int, quiet: bool) -> None:
     """The paper's Table 1 and Fig. 6, on the simulated bench."""
     from aero_bayes.workflow.commands import run_replay
 
     run_replay(out, seed, quiet)
 
 
-@main.command()
+@main.command("init")
 @click.argument("source", type=FILE, metavar="RIG.MO")
 @click.argument("data", type=FILE, metavar="RUN.CSV")
 @click.option("--model", help="Modelica class.  [default: the one that no other in the file uses]")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--out", type=FILE, default=Path("rig.toml"), show_default=True, help="The file to write.")
-def init(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
+def init_command(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
     """Write the configuration for a model and a recording: columns matched by name, every parameter listed."""
     from aero_bayes.workflow.init import run_init
 
     run_init(source, data, out, model=model, libraries=libraries)
 
 
-@main.command()
+@main.command("ports")
 @click.option("--model", help=f"Modelica class.  [default: {DEFAULT_MODEL}]")
 @click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
 @click.option("--data", type=FILE, multiple=True, help="Recording; shows which ports are visible in it.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def ports(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
+def ports_command(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
     """List where an effect may be missing in a model, and the laws that fit there."""
     from aero_bayes.workflow.ports import run_ports
 
     run_ports(model, config, data, as_json=as_json)
 
 
-@main.command()
+@main.command("report")
 @click.argument("directory", type=FOLDER)
-def report(directory: Path) -> None:
+def report_command(directory: Path) -> None:
     """Draw the page of a finished run again."""
-    from aero_bayes.report import write_report
+    from aero_bayes.report import write_run_page
 
-    click.echo(f"wrote {write_report(directory)}")
+    click.echo(f"wrote {write_run_page(directory)}")
 
 
-@main.command()
+@main.command("compare")
 @click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIR DIR [DIR ...]")
 @click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="The page to write.")
-def compare(directories: tuple[Path, ...], out: Path) -> None:
+def compare_command(directories: tuple[Path, ...], out: Path) -> None:
     """Compare finished runs on one page: parameters, residuals, different settings."""
     from aero_bayes.report import write_comparison
 
     click.echo(f"wrote {write_comparison(directories, out)}")
 
 
-@main.command()
+@main.command("check")
 @click.argument("recordings", type=FILE, nargs=-1, required=True)
 @click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
-def check(recordings: tuple[Path, ...], config: Path | None) -> None:
+def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
     """Read, check and summarise recordings."""
     from aero_bayes.workflow.commands import run_check
 
     run_check(recordings, config)
 
 
-@main.command()
+@main.command("bench")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option("--fleet", "rigs", type=click.IntRange(min=1), help="A fleet of so many rigs, with its fleet.toml.")
 @click.option("--kind", default="cart", show_default=True, help="Kind of the fleet's rigs.")
-def bench(out: Path, seed: int, rigs: int | None, kind: str) -> None:
+def bench_command(out: Path, seed: int, rigs: int | None, kind: str) -> None:
     """Write recordings of the simulated AERO, or of a fleet of simpler rigs (they are not measurements)."""
     from aero_bayes.workflow.commands import run_bench, run_bench_fleet
 
     run_bench(out, seed) if rigs is None else run_bench_fleet(out, kind, rigs, seed)
 
 
-@main.command()
+@main.command("fleet")
 @click.option("--config", type=FILE, required=True, help="TOML file with [fleet] and the rigs.")
 @click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.sqlite, fleet.json, report.html.")
 @click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: all cores here]")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result.")
 @click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one per core]")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
-def fleet(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
+def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
     from aero_bayes.fleet.command import run_fleet
 

@@ -12,7 +12,7 @@ from aero_bayes.arguments import Paths, paths_of
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.language.sources import main_class
-from aero_bayes.report import write_report as draw_report
+from aero_bayes.report import write_run_page
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -134,7 +134,7 @@ def write_report(found: Fit | Posterior | str | Path, path: str | Path | None = 
     from aero_bayes.workflow.commands import write_page
 
     if isinstance(found, str | Path):
-        return draw_report(found)
+        return write_run_page(found)
     if not isinstance(found, Fit | Posterior):
         raise InputError(f"expected a Fit, a Posterior or the folder of a run, got {type(found).__name__}")
     if path is None:

@@ -24,7 +24,7 @@ from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.search import Parts, Structure
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Explored, Library
-from aero_bayes.search.models import ModelCache, ModelSource, Noise
+from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.simulation import WorkerPool
 
 CART = ROOT / "examples" / "cart"
@@ -53,7 +53,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
         fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
-        root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), fit)
+        root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), fit)
         yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
         cache.close()
 
@@ -89,5 +89,5 @@ def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
     settings = page["settings"]
     parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
     names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
-    assert {"DropTerm", "AddTerm", "Swarm"} <= names
+    assert {"DropTerm", "AddTerm", "SwarmRestart"} <= names
     assert not names & {"AddPair", "GrowingHorizon"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from aero_bayes.fleet.prevalence import Named, prevalence, shared_out
+from aero_bayes.fleet.prevalence import NamedEffect, prevalence, shared_out
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 
@@ -44,8 +44,8 @@ def test_intervals_hold_the_share_as_often_as_they_say(distance: float, differs:
 
 
 def test_a_rig_that_cannot_tell_learns_from_those_that_can() -> None:
-    sure = [[Named("stiction@v", (), 3.0)]] * 6
-    unsure = [Named("lag@u", ("stiction@v",), 1.0)]
+    sure = [[NamedEffect("stiction@v", (), 3.0)]] * 6
+    unsure = [NamedEffect("lag@u", ("stiction@v",), 1.0)]
     *_, (share,) = shared_out([*sure, unsure])
     assert share["stiction@v"] > 0.9
     assert sum(share.values()) == pytest.approx(1.0)

@@ -15,7 +15,7 @@ from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
 from aero_bayes.laws.family import CandidateTerm
 from aero_bayes.search import Structure
-from aero_bayes.search.models import CandidateModel, Noise
+from aero_bayes.search.models import CandidateModel, FitNoise
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -45,7 +45,7 @@ def study(times, measured, design, parameters, term, temperature=1.0):
     own = tuple(j for j in range(len(parameters)) if j != term)
     candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
-    noise = Noise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
+    noise = FitNoise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
     structures = Structure(("wave",)), Structure()
     return [model.fit(s, model.at({}, ()), noise, EXACT) for s in structures]
 

@@ -21,8 +21,8 @@ from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions
 from aero_bayes.search.explored import Library, Work
-from aero_bayes.search.models import CandidateModel, Noise
-from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
+from aero_bayes.search.models import CandidateModel, FitNoise
+from aero_bayes.search.score import Price, common_noise, odds, residual_correlation_time
 from aero_bayes.search.starts import START_RULES, starting_points
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
@@ -96,7 +96,7 @@ class OneModel:
         return self.model
 
     def root(self, values=None, noise=NOISE):
-        return self.model.fit(Structure(), self.model.at(values or {}, ()), Noise({"y": noise}), EXACT)
+        return self.model.fit(Structure(), self.model.at(values or {}, ()), FitNoise({"y": noise}), EXACT)
 
 
 FLOORS = {("run 0", "y"): 0.36}
@@ -165,7 +165,7 @@ def test_a_pair_that_does_little_alone_is_foretold_in_closed_form():
     assert set(likely_pairs(term_directions(root))[0]) == {"sine", "square"}
     both = Structure(("sine", "square"))
     (best, *_) = starting_points(START_RULES, root, both)
-    end = cache.model.fit(both, best.point, Noise({"y": NOISE}), EXACT)
+    end = cache.model.fit(both, best.point, FitNoise({"y": NOISE}), EXACT)
     assert best.expected_gain == pytest.approx(end.optimum.log_likelihood - root.optimum.log_likelihood, rel=0.02)
     assert searched(cache).best.terms == ("sine", "square")
 
@@ -213,7 +213,7 @@ def test_the_autocorrelation_time_of_a_first_order_process_is_known(rho):
     """Of ``x' = rho x + e`` it is ``(1 + rho) / (1 - rho)``; the sum ends at a twentieth."""
     rng = np.random.default_rng(7)
     x = lfilter([1.0], [1.0, -rho], rng.standard_normal((4, 40_000)))
-    assert autocorrelation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
+    assert residual_correlation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
 
 
 def test_noise_with_structure_left_counts_effective_samples():
@@ -225,7 +225,7 @@ def test_noise_with_structure_left_counts_effective_samples():
     assert left.effective_samples["y"] < 100.0
     assert left.noise.outputs["y"].sd == pytest.approx(root.rms()["y"])
     assert left.noise.temperature > 6.0
-    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, Noise({"y": NOISE}), EXACT)
+    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, FitNoise({"y": NOISE}), EXACT)
     assert common_noise(right, FLOORS).effective_samples["y"] == 600.0
 
 

@@ -21,7 +21,7 @@ ENDLESS = "[posterior]\ness = 1e9\nmax_steps = 1000000\n[fit]\nmethod = 'local'\
 #: The program as a terminal starts it (a shell script's background job would not hear of Ctrl-C), which writes a
 #: checkpoint of its searches so often.
 PROGRAM = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-PROGRAM += "import aero_bayes.checkpoint as c; c.EVERY = {every}; from aero_bayes.cli import main; main()"
+PROGRAM += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = {every}; from aero_bayes.cli import main; main()"
 
 
 def interrupted(folder: Path, sent: signal.Signals, every: float, until: str) -> tuple[int, list[str]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.fleet.table import Row
-from aero_bayes.schema import LoopPart, ParameterResult, RunResult
+from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
@@ -20,13 +20,13 @@ EFFECT_PRICE = 4.0
 MIN_LIKELIHOOD_SHARE = 0.05
 
 
-def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
+def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
     """The row of a finished rig.
 
     Parameters
     ----------
     name : str
-    result : RunResult
+    result : RunJson
     priors : iterable of Parameter
         Those that were searched, with the priors that the rig's posterior holds and the fleet's must not hold again.
 
@@ -60,12 +60,12 @@ def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
     }
 
 
-def _words(result: RunResult) -> dict[str, str]:
+def _words(result: RunJson) -> dict[str, str]:
     words = result.effect_words()
     return {effect.id: words.get(effect.id, "") for effect in result.loop.effects} if result.loop else {}
 
 
-def _parameter(entry: ParameterResult, item: Parameter | None) -> dict[str, Any]:
+def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
     found = {"value": entry.value, "sd": entry.sd, "unit": entry.unit, "status": entry.status}
     low, middle, high = entry.q05, entry.q50, entry.q95
     if low is None or middle is None or high is None or not high > low:
@@ -98,7 +98,7 @@ def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: boo
     return centre - slope / precision, precision**-0.5
 
 
-def _over_floor(result: RunResult) -> dict[str, float]:
+def _over_floor(result: RunJson) -> dict[str, float]:
     """By output the largest residual over the noise floor among the recordings."""
     found: dict[str, float] = {}
     for outputs in result.residual.values():
@@ -108,7 +108,7 @@ def _over_floor(result: RunResult) -> dict[str, float]:
     return found
 
 
-def _named(loop: LoopPart) -> list[dict[str, Any]]:
+def _named(loop: LoopJson) -> list[dict[str, Any]]:
     """Effects that the loop named, those that its data cannot tell from each, and how far its gain is above the bar."""
     found = []
     for effect in loop.effects:

@@ -42,7 +42,7 @@ class _Sent(Generic[Task]):
     tries: int = 1
 
 
-def run_all(
+def run_tasks(
     tasks: Iterable[Task],
     attempt: Callable[[Task], Row],
     table: Table,

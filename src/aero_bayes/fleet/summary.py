@@ -12,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.fleet.population import MIN_RIGS, Population, population, stand_out
-from aero_bayes.fleet.prevalence import Named, Prevalence, prevalence, shared_out
+from aero_bayes.fleet.prevalence import NamedEffect, Prevalence, prevalence, shared_out
 from aero_bayes.fleet.table import Table
 from aero_bayes.report.fleet_page import FleetColumns, OneParameter
-from aero_bayes.schema import FleetCost, FleetEffect, FleetParameter, FleetResult, Range, RigReason, Verdict
+from aero_bayes.schema import (
+    FleetCostJson,
+    FleetEffectJson,
+    FleetJson,
+    FleetParameterJson,
+    RangeJson,
+    RigReasonJson,
+    VerdictJson,
+)
 from aero_bayes.schema.base import Level
 
 FloatArray = NDArray[np.float64]
@@ -38,12 +46,14 @@ class FleetFacts:
     over_floor: FloatArray
     levels: list[str]
     outcomes: list[str]
-    effects: list[list[Named]]
+    effects: list[list[NamedEffect]]
     words: dict[str, str]
     failures: list[tuple[str, str]]
 
 
-def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]) -> tuple[FleetResult, FleetColumns]:
+def summarise_fleet(
+    table: Table, *, work: str, seed: int, versions: Mapping[str, str]
+) -> tuple[FleetJson, FleetColumns]:
     """What rigs share, how common effects are, which rigs stand out.
 
     Parameters
@@ -56,7 +66,7 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
 
     Returns
     -------
-    FleetResult
+    FleetJson
         As ``fleet.json`` holds it.
     FleetColumns
         A number a rig for everything that the page draws.
@@ -70,7 +80,7 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
         parameters[name], drawn[name] = _parameter(name, entry, told.names, len(told.parameters), reasons, unlikely)
     _residuals(told, reasons)
     effects, present = _effects(told)
-    result = FleetResult(
+    result = FleetJson(
         work=work,
         seed=seed,
         simulated=told.simulated,
@@ -83,10 +93,10 @@ def summarise(table: Table, *, work: str, seed: int, versions: Mapping[str, str]
         effects=effects,
         standing_out=len(reasons),
         stand_out=[
-            RigReason(rig=rig, reasons=reasons[rig], p_value=unlikely.get(rig))
+            RigReasonJson(rig=rig, reasons=reasons[rig], p_value=unlikely.get(rig))
             for rig in sorted(reasons, key=lambda rig: (unlikely.get(rig, 1.0), rig))[:MAX_LISTED_RIGS]
         ],
-        failures=[RigReason(rig=rig, reasons=[reason]) for rig, reason in told.failures[:MAX_LISTED_RIGS]],
+        failures=[RigReasonJson(rig=rig, reasons=[reason]) for rig, reason in told.failures[:MAX_LISTED_RIGS]],
         cost=cost,
         table_sha256=table.digest(),
     )
@@ -115,12 +125,12 @@ def _read(table: Table) -> FleetFacts:
         over.append(row["over_floor"] if row["over_floor"] is not None else math.nan)
         levels.append(row["level"])
         outcomes.append(row["outcome"])
-        effects.append([Named(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
+        effects.append([NamedEffect(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
         words |= row["words"]
     return FleetFacts(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
 
 
-def _cost(table: Table, names: list[str]) -> tuple[FleetCost, FloatArray]:
+def _cost(table: Table, names: list[str]) -> tuple[FleetCostJson, FloatArray]:
     total, workers, again, seconds = [0.0, 0.0], set(), 0, {}
     for key, cost in table.costs():
         total[0] += cost.get("seconds", 0.0)
@@ -128,7 +138,7 @@ def _cost(table: Table, names: list[str]) -> tuple[FleetCost, FloatArray]:
         workers.add(cost.get("worker", ""))
         again += cost.get("tries", 1) > 1
         seconds[key] = cost.get("seconds", math.nan)
-    found = FleetCost(seconds=total[0], cpu_seconds=total[1], workers=len(workers - {""}), tries=again)
+    found = FleetCostJson(seconds=total[0], cpu_seconds=total[1], workers=len(workers - {""}), tries=again)
     return found, np.array([seconds[name] for name in names])
 
 
@@ -139,7 +149,7 @@ def _parameter(
     parameters: int,
     reasons: dict[str, list[str]],
     unlikely: dict[str, float],
-) -> tuple[FleetParameter, OneParameter]:
+) -> tuple[FleetParameterJson, OneParameter]:
     """One parameter over the fleet; rigs that stand out are added to ``reasons`` and ``unlikely``."""
     log = bool(entry["log"]) and entry["log"].most_common(1)[0][0]
     used = [row for row in entry["rows"] if row[3] == log]
@@ -149,7 +159,7 @@ def _parameter(
     values, shrunk, halves = (np.full(len(names), math.nan) for _ in range(3))
     values[at], halves[at] = out(centres), widths
     if len(at) < MIN_RIGS:
-        shared = FleetParameter(unit=entry["unit"], log=log, rigs=len(at))
+        shared = FleetParameterJson(unit=entry["unit"], log=log, rigs=len(at))
         return shared, OneParameter(values, halves, shrunk, None, shared)
     found = population(centres, widths)
     shrunk[at] = out(found.shrunken(centres, widths)[0])
@@ -158,7 +168,7 @@ def _parameter(
         rig = names[at[k]]
         reasons.setdefault(rig, []).append(_unlike(name, centres[k], float(away[k]), found, log=log))
         unlikely[rig] = min(unlikely.get(rig, 1.0), float(p_values[k]))
-    shared = FleetParameter(
+    shared = FleetParameterJson(
         unit=entry["unit"],
         log=log,
         rigs=len(at),
@@ -187,7 +197,7 @@ def _residuals(told: FleetFacts, reasons: dict[str, list[str]]) -> None:
         reasons.setdefault(told.names[k], []).append(text)
 
 
-def _effects(told: FleetFacts) -> tuple[list[FleetEffect], FloatArray]:
+def _effects(told: FleetFacts) -> tuple[list[FleetEffectJson], FloatArray]:
     """Effects that some rig's loop named, the commonest first; and how probable each is in each rig, (n, k).
 
     A rig whose residual stays unexplained says nothing of effects that it does not name.
@@ -211,22 +221,22 @@ def _effects(told: FleetFacts) -> tuple[list[FleetEffect], FloatArray]:
         for rig, (_, weight) in sure.items():
             present[rig, column] = weight
         summary = told.words.get(id_, "")
-        found.append(_effect(FleetEffect(id=id_, summary=summary, named=named[id_]), common, told=bool(used)))
+        found.append(_effect(FleetEffectJson(id=id_, summary=summary, named=named[id_]), common, told=bool(used)))
     return found, present
 
 
-def _effect(effect: FleetEffect, common: Prevalence, *, told: bool) -> FleetEffect:
+def _effect(effect: FleetEffectJson, common: Prevalence, *, told: bool) -> FleetEffectJson:
     if not told:
         return effect
     return effect.model_copy(update={"share": _range(common.quantiles(QUANTILE_LEVELS)), "noticed": common.seen})
 
 
-def _range(values: FloatArray) -> Range:
+def _range(values: FloatArray) -> RangeJson:
     low, middle, high = (float(v) for v in values)
-    return Range(q05=low, q50=middle, q95=high)
+    return RangeJson(q05=low, q50=middle, q95=high)
 
 
-def _verdict(result: FleetResult) -> Verdict:
+def _verdict(result: FleetJson) -> VerdictJson:
     """The fleet in a few sentences."""
     done = result.rigs - result.failed
     text = f"{done} of {result.rigs} rigs were fitted" if result.failed else f"All {result.rigs} rigs were fitted"
@@ -245,4 +255,4 @@ def _verdict(result: FleetResult) -> Verdict:
     if result.standing_out:
         text += f" {result.standing_out} {'is an outlier' if result.standing_out == 1 else 'are outliers'}."
     level: Level = "bad" if done < 0.5 * result.rigs else "warning" if result.failed or result.standing_out else "good"
-    return Verdict(level=level, text=text)
+    return VerdictJson(level=level, text=text)

@@ -12,13 +12,13 @@ from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.fleet.parcels import Parcel, local_folder
 from aero_bayes.fleet.rigs import Rig, Work
-from aero_bayes.fleet.row import row_of
+from aero_bayes.fleet.row import fleet_row
 from aero_bayes.fleet.runner import failure
 from aero_bayes.fleet.table import Row
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.commands import run_all, run_close_loop, run_fit, run_posterior
-from aero_bayes.workflow.job import RunOptions, parameters_of
+from aero_bayes.workflow.job import RunOptions, fit_parameters
 
 #: Folder of the rigs' run directories, and what each says while it runs.
 RUNS, LOG = "rigs", "log.txt"
@@ -100,7 +100,7 @@ def attempt(task: RigTask) -> Row:
         return failure(task.key, str(error))
     run = RunDirectory.read(folder)
     model = Model.load(task.model.here()) if task.model is not None else None
-    return row_of(task.key, run.result, parameters_of(model, config) if model is not None else ())
+    return fleet_row(task.key, run.result, fit_parameters(model, config) if model is not None else ())
 
 
 def _said_to(log: object) -> contextlib.ExitStack:

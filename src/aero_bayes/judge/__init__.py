@@ -1,5 +1,13 @@
 """What to make of a structure: what it leaves, what it predicts, and whether its terms may be named."""
 
-from aero_bayes.judge.checks import Case, Check, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, Verdict
+from aero_bayes.judge.checks import (
+    Check,
+    CheckInput,
+    CheckResult,
+    EnoughEvidence,
+    EnoughReadings,
+    LeaveBlockOut,
+    LeftOver,
+)
 
-__all__ = ["Case", "Check", "EnoughReadings", "LeaveBlockOut", "LeftOver", "PaysItsPrice", "Verdict"]
+__all__ = ["Check", "CheckInput", "CheckResult", "EnoughEvidence", "EnoughReadings", "LeaveBlockOut", "LeftOver"]

@@ -24,7 +24,7 @@ MIN_VISIBLE_FLOOR_RATIO = 1.1
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckResult:
     """What a check says of a structure: whether it passed, and in words why not."""
 
     check: str
@@ -33,7 +33,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class CheckInput:
     """A structure before the checks.
 
     Parameters
@@ -54,7 +54,7 @@ class Case:
 class Check(Protocol):
     """Judges a structure on the fitted readings."""
 
-    def judge(self, case: Case) -> Verdict:
+    def judge(self, given: CheckInput) -> CheckResult:
         """Whether its terms may be named."""
         ...
 
@@ -62,34 +62,34 @@ class Check(Protocol):
 class EnoughReadings:
     """There have to be several readings for each free parameter."""
 
-    def judge(self, case: Case) -> Verdict:
-        readings, parameters = case.fitted.optimum.whitened.readings, len(case.fitted.optimum.free)
+    def judge(self, given: CheckInput) -> CheckResult:
+        readings, parameters = given.fitted.optimum.whitened.readings, len(given.fitted.optimum.free)
         few = readings < MIN_READINGS_PER_PARAMETER * parameters
         reason = f"{readings} readings are too few for {parameters} free parameters" if few else ""
-        return Verdict("EnoughReadings", not few, reason)
+        return CheckResult("EnoughReadings", not few, reason)
 
 
-class PaysItsPrice:
+class EnoughEvidence:
     """Each term has to gain what it pays for having been looked for."""
 
-    def judge(self, case: Case) -> Verdict:
-        fits, own = case.explored.fits, case.explored.price.score(case.fitted)
-        rests = {t: fits.get(case.fitted.structure.minus(t)) for t in case.fitted.terms}
-        free = [t for t, rest in rests.items() if rest is not None and case.explored.price.score(rest) > own]
+    def judge(self, given: CheckInput) -> CheckResult:
+        fits, own = given.explored.fits, given.explored.price.score(given.fitted)
+        rests = {t: fits.get(given.fitted.structure.minus(t)) for t in given.fitted.terms}
+        free = [t for t, rest in rests.items() if rest is not None and given.explored.price.score(rest) > own]
         reason = f"the gain in log-evidence of {listed(free)} is too small" if free else ""
-        return Verdict("PaysItsPrice", not free, reason)
+        return CheckResult("PaysItsPrice", not free, reason)
 
 
 class LeaveBlockOut:
     """Each term has to improve the prediction of readings that are left out by two standard errors."""
 
-    def judge(self, case: Case) -> Verdict:
-        fits, noise = case.explored.fits, case.explored.noise.noise
+    def judge(self, given: CheckInput) -> CheckResult:
+        fits, noise = given.explored.fits, given.explored.noise.noise
         weak = []
-        for id_ in case.fitted.terms:
-            rival = fits.get(case.fitted.structure.minus(id_))
+        for id_ in given.fitted.terms:
+            rival = fits.get(given.fitted.structure.minus(id_))
             if rival is not None:
-                found = held_out_gain(case.fitted.with_noise(noise), rival.with_noise(noise))
+                found = held_out_gain(given.fitted.with_noise(noise), rival.with_noise(noise))
                 if found.in_errors < MIN_STANDARD_ERRORS:
                     weak.append(f"{id_} ({found.in_errors:.1f} standard errors over {found.blocks} {found.by})")
         reason = (
@@ -98,7 +98,7 @@ class LeaveBlockOut:
             if weak
             else ""
         )
-        return Verdict("LeaveBlockOut", not weak, reason)
+        return CheckResult("LeaveBlockOut", not weak, reason)
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ class LeftOver:
 
     share: float = 0.3
 
-    def judge(self, case: Case) -> Verdict:
-        before = {(r.recording, r.output): r for r in case.before}
-        pairs = [(before[r.recording, r.output], r) for r in case.after]
+    def judge(self, given: CheckInput) -> CheckResult:
+        before = {(r.recording, r.output): r for r in given.before}
+        pairs = [(before[r.recording, r.output], r) for r in given.after]
         left = [
             (one, other)
             for one, other in pairs
@@ -123,10 +123,10 @@ class LeftOver:
         ]
         far = [pair for pair in left if pair[1].ratio > MAX_FLOOR_RATIO or pair[1].noise_floor is None]
         if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
-            return Verdict("LeftOver", True)
+            return CheckResult("LeftOver", True)
         outputs = listed(sorted({r.output for _, r in left}))
         reason = f"more than {self.share:.0%} of the squared error above the noise floor remains in {outputs}"
-        return Verdict("LeftOver", False, reason)
+        return CheckResult("LeftOver", False, reason)
 
     def _is_much(self, pairs: Sequence[tuple[ResidualReport, ResidualReport]]) -> bool:
         """Whether too much of the squared error above the floor is left.
@@ -159,7 +159,7 @@ class Choice:
     fitted: FittedModel
     before: tuple[ResidualReport, ...]
     after: tuple[ResidualReport, ...]
-    refused: tuple[tuple[FittedModel, Verdict], ...]
+    refused: tuple[tuple[FittedModel, CheckResult], ...]
     explored: Explored
 
 
@@ -181,7 +181,7 @@ def choose(
         Fits a structure without each of its terms where that was not fitted, and gives all that was found.
     """
     before = reports_of(explored.first_model, explored)
-    refused: dict[Structure, tuple[FittedModel, Verdict]] = {}
+    refused: dict[Structure, tuple[FittedModel, CheckResult]] = {}
     while True:
         left = [f for f in explored.ranked if set(required) <= set(f.terms) and f.structure not in refused]
         fitted = left[0] if left else explored.first_model
@@ -193,10 +193,10 @@ def choose(
             explored = complete(fitted)
             if all(s in explored.fits for s in rests):
                 continue
-        case = Case(fitted, explored, before, reports_of(fitted, explored))
-        failed = next((v for check in checks if not (v := check.judge(case)).passed), None)
+        given = CheckInput(fitted, explored, before, reports_of(fitted, explored))
+        failed = next((v for check in checks if not (v := check.judge(given)).passed), None)
         if failed is None:
-            return Choice(fitted, before, tuple(case.after), tuple(refused.values()), explored)
+            return Choice(fitted, before, tuple(given.after), tuple(refused.values()), explored)
         refused[fitted.structure] = fitted, failed
 
 

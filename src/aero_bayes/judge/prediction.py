@@ -121,7 +121,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
     return [output for output, extra in more.items() if extra > SIGNIFICANT_DEVIATIONS * math.sqrt(variance[output])]
 
 
-def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
+def describe_error_change(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
     """By how much the error falls, of the output where it falls most; and of which outputs it grows plainly."""
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)

@@ -32,7 +32,7 @@ Floors = Mapping[tuple[str, str], float]
 #: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
 MAX_AVERAGING_ERROR = 0.005
 #: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it counts as none.
-MIN_RELATIVE_EFFECT = 1e-12
+MIN_SENSITIVITY_RATIO = 1e-12
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
 
@@ -169,7 +169,7 @@ def _seen(study: Objective) -> tuple[int, ...]:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
     return tuple(
-        j for j, own in zip(every, size, strict=True) if own > MIN_RELATIVE_EFFECT * float(size.max(initial=0.0))
+        j for j, own in zip(every, size, strict=True) if own > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0))
     )
 
 

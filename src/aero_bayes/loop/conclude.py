@@ -10,8 +10,8 @@ from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_st
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, disturbed
-from aero_bayes.judge.prediction import Prediction, gain_text
+from aero_bayes.judge.checks import Check, Choice, EnoughEvidence, EnoughReadings, LeaveBlockOut, LeftOver, disturbed
+from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, refit_base
@@ -98,7 +98,7 @@ def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
 
 def checks_of(settings: LoopSettings) -> list[Check]:
     """What a structure has to pass."""
-    standard: tuple[Check, ...] = (EnoughReadings(), PaysItsPrice(), LeaveBlockOut(), LeftOver(settings.left_over))
+    standard: tuple[Check, ...] = (EnoughReadings(), EnoughEvidence(), LeaveBlockOut(), LeftOver(settings.left_over))
     return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
@@ -197,7 +197,7 @@ def _added(bench: Workbench, explored: Explored, chosen: FittedModel, extended: 
     given, lacking = ([_named(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False))
     said = [f"was extended by {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
-    sentence = f"The model {', and '.join(said)}: {gain_text(before, extended.after, bench.units)}"
+    sentence = f"The model {', and '.join(said)}: {describe_error_change(before, extended.after, bench.units)}"
     structured = those_structured(extended.reports)
     return sentence + (f" Structure remains in the residual of {', '.join(_left(structured))}." if structured else "")
 

@@ -33,7 +33,7 @@ from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Explored, Library, Work
-from aero_bayes.search.models import ModelCache, ModelSource, Noise
+from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
@@ -128,7 +128,7 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying each candidate", 0.15)
     model = cache.of(Structure(), library.groups[0])
-    root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
+    root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
     tell_time(bench, root, len(library.terms))
     bench.tally.lap("models")
     bench.tally.allow(60.0 * settings.max_minutes)

@@ -288,9 +288,9 @@ class LoopResult:
         >>> loop.plot_rounds().savefig("rounds.png")
         """
         from aero_bayes.plots import rounds_figure
-        from aero_bayes.plots.view import loop_part
+        from aero_bayes.plots.view import loop_json
 
-        return rounds_figure(loop_part(self), self.words, figure=ax or figure, dark=dark)
+        return rounds_figure(loop_json(self), self.words, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.

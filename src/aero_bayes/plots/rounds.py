@@ -12,17 +12,17 @@ from aero_bayes.errors import InputError
 from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
 from aero_bayes.report.loop_figures import gain_text, rounds, short_label
-from aero_bayes.schema import LoopPart
+from aero_bayes.schema import LoopJson
 
 
 def rounds_figure(
-    loop: LoopPart, words: Mapping[str, str], *, figure: Figure | Axes | None = None, dark: bool = False
+    loop: LoopJson, words: Mapping[str, str], *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
     """Draw the gain in log-evidence as bars: a row for each candidate, a column for each step.
 
     Parameters
     ----------
-    loop : LoopPart
+    loop : LoopJson
     words : mapping of str to str
         What each candidate is, by id; one without words is shown by its id.
     figure : matplotlib.figure.Figure or matplotlib.axes.Axes, optional
@@ -51,8 +51,8 @@ def rounds_figure(
                 gain = max(candidate.delta_evidence, 0.0)
                 edge = colours["ink"] if id_ in step.equivalent else "none"
                 axes.barh(row, gain, 0.62, color=colours["warm" if chosen else "measured"], edgecolor=edge)
-                words = f" {gain_text(candidate.delta_evidence)}"
-                axes.text(gain, row, words, va="center", fontsize=7.5, color=colours["ink" if chosen else "muted"])
+                label = f" {gain_text(candidate.delta_evidence)}"
+                axes.text(gain, row, label, va="center", fontsize=7.5, color=colours["ink" if chosen else "muted"])
             if step.threshold is not None:
                 axes.axvline(step.threshold, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
             axes.set_xscale("symlog", linthresh=10.0)

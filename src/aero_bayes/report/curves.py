@@ -11,7 +11,7 @@ from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel, Sour
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
-from aero_bayes.report.text import plain_name, role_words, scaled_unit, signal_title
+from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_title
 
 #: The model as it stood, and the one that came out.
 BASE_SERIES, FINAL_SERIES = "before", "fitted"
@@ -38,7 +38,7 @@ def largest(*arrays: FloatArray | None) -> float:
 
 def named(signals: Sequence[str]) -> str:
     """Signals in words for an alternative text."""
-    words = [plain_name(name) for name in signals]
+    words = [greek_name(name) for name in signals]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -98,7 +98,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
     whole = run.span(scene.recording) == scene.stretch
     where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
-    alt = f"{plain_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
+    alt = f"{greek_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
     return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
 
 
@@ -177,7 +177,7 @@ def _output_panels(
             Line(time, factor * pair[0], colour, 1.1, label=label, source=pair[1], cloud=opacity, trend=True, rms=True)
             for colour, label, opacity, pair in found
         )
-        words = f"residual of {plain_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
+        words = f"residual of {greek_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
         panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch, factor=factor))
     return panels
 

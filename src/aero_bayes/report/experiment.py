@@ -26,13 +26,13 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import DesignResult, Quantiles
+from aero_bayes.schema import DesignJson, QuantilesJson
 
 _TIME = "plan/time"
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentSection:
     """What the page shows of a proposal."""
 
     lead: Markup
@@ -45,20 +45,20 @@ class Experiment:
     limits: Markup | None
 
 
-def experiment(run: RunDirectory) -> Experiment | None:
+def experiment(run: RunDirectory) -> ExperimentSection | None:
     """The proposal of a run of ``aero-bayes design``; None for other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
         return None
     separate = plan.kind == "separate"
-    return Experiment(
+    return ExperimentSection(
         _lead(plan, words), plan.file, _signal(run, plan), None if separate else _gains(plan),
         _models(plan, words) if separate else None, _separation_check(plan, words) if separate else _gain_check(plan),
         _families(plan), _limits(run, plan),
     )  # fmt: skip
 
 
-def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
+def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:
     length = f"{duration(plan.duration)}, {plan.family}"
     if plan.kind == "separate":
         first, second = plan.effects
@@ -74,7 +74,7 @@ def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
     return Markup("This input would narrow the intervals of {} most: {}.").format(names, length)
 
 
-def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
+def _signal(run: RunDirectory, plan: DesignJson) -> Plate | None:
     time, values = run.series.get(_TIME), run.series.get(f"plan/input/{plan.input}")
     if time is None or values is None or len(time) < 2:
         return None
@@ -94,7 +94,7 @@ def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
     return plate(panels, alt, "time (s)", caption, legend=legend, link="plan")
 
 
-def _output(run: RunDirectory, plan: DesignResult, time: FloatArray, name: str, models: list[str]) -> Panel:
+def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str, models: list[str]) -> Panel:
     """An output as every model expects it; with its limit where the signal comes near."""
     keys = {m: [f"plan/{part}/{m}/{name}" for part in ("lower", "middle", "upper")] for m in models}
     most = largest(*(run.series[key] for triple in keys.values() for key in triple))
@@ -115,7 +115,7 @@ def _output(run: RunDirectory, plan: DesignResult, time: FloatArray, name: str, 
     return Panel(signal_title(name, unit), tuple(layers), 130, levels=shown, y_limits=limits, factor=factor)
 
 
-def _gains(plan: DesignResult) -> Markup | None:
+def _gains(plan: DesignJson) -> Markup | None:
     rows: list[tuple[object, ...]] = []
     marked: list[int] = []
     most = max((entry.gain or 0.0 for entry in plan.parameters.values()), default=1.0)
@@ -123,7 +123,7 @@ def _gains(plan: DesignResult) -> Markup | None:
         value, now = entry.value, entry.sd_before
         if value is None or now is None:
             continue
-        shown, _ = parameter_quantity(Quantiles(value=value, q05=value - now, q95=value + now, unit=entry.unit))
+        shown, _ = parameter_quantity(QuantilesJson(value=value, q05=value - now, q95=value + now, unit=entry.unit))
         spreads = (now, entry.sd_after, entry.sd_achieved, entry.sd_repeated)
         if entry.target:
             marked.append(len(rows))
@@ -147,7 +147,7 @@ def _times(gain: float | None) -> str:
     return NO_VALUE if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
 
 
-def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
+def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
     """The two effects as they fit the present recordings."""
     rows = []
     for entry in plan.models:
@@ -159,7 +159,7 @@ def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
     return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
 
 
-def _gain_check(plan: DesignResult) -> Markup:
+def _gain_check(plan: DesignJson) -> Markup:
     repeats, failures = plan.check.repeats, plan.check.failures
     verdict = (
         "The simulation confirms the expected gain."
@@ -175,7 +175,7 @@ def _gain_check(plan: DesignResult) -> Markup:
     )  # fmt: skip
 
 
-def _already(plan: DesignResult, words: dict[str, str]) -> Markup:
+def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
     """Which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
@@ -190,7 +190,7 @@ def _already(plan: DesignResult, words: dict[str, str]) -> Markup:
     )
 
 
-def _separation_check(plan: DesignResult, words: dict[str, str]) -> Markup:
+def _separation_check(plan: DesignJson, words: dict[str, str]) -> Markup:
     check = plan.check
     share = 100 * (check.told_apart or 0.0)
     return _already(plan, words) + Markup(
@@ -204,7 +204,7 @@ def _separation_check(plan: DesignResult, words: dict[str, str]) -> Markup:
     )  # fmt: skip
 
 
-def _families(plan: DesignResult) -> Markup | None:
+def _families(plan: DesignJson) -> Markup | None:
     """How well the best signal of each kind would do."""
     scores = {name: score for name, score in plan.families.items() if score is not None}
     if not scores:
@@ -220,7 +220,7 @@ def _families(plan: DesignResult) -> Markup | None:
     return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of each kind")
 
 
-def _limits(run: RunDirectory, plan: DesignResult) -> Markup | None:
+def _limits(run: RunDirectory, plan: DesignJson) -> Markup | None:
     values = run.series.get(f"plan/input/{plan.input}")
     rows = [(
         symbol(plan.input), significant(None if values is None else largest(values)),

@@ -64,11 +64,11 @@ def plate(
         if isinstance(layer, Line | Band) and layer.source for key in layer.source.keys
     )  # fmt: skip
     narrow = draw(panels, NARROW_WIDTH, alt, x_label) if width > 600 else None
-    table = numbers(panels, x_label, alt)
+    table = data_table(panels, x_label, alt)
     return Plate(draw(panels, width, alt, x_label), narrow, alt, Markup.escape(caption), legend, table, link, keys)
 
 
-def numbers(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
+def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
     """The labelled layers of a figure as a table: means over equal stretches of the x axis, RMS for residuals."""
     shown = [
         (panel, layer) for panel in panels for layer in panel.layers if isinstance(layer, Line | Band) and layer.label

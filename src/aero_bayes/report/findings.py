@@ -7,13 +7,13 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import NO_VALUE, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
-from aero_bayes.schema import McmcResult
+from aero_bayes.schema import McmcJson
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
 
 
-def residual_table(run: RunDirectory) -> Markup | None:
+def residual_floor_table(run: RunDirectory) -> Markup | None:
     """Residual size against the noise floor and the whiteness test, by recording and output."""
     rows: list[tuple[object, ...]] = []
     for recording, outputs in run.result.residual.items():
@@ -33,7 +33,7 @@ def residual_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Residual against noise floor")
 
 
-def noise_table(run: RunDirectory) -> Markup | None:
+def noise_model_table(run: RunDirectory) -> Markup | None:
     """The noise model of every output."""
     rows = [
         (
@@ -49,7 +49,7 @@ def noise_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Noise model of each output (standard deviations)") if rows else None
 
 
-def sampler_table(mcmc: McmcResult) -> Markup | None:
+def sampler_table(mcmc: McmcJson) -> Markup | None:
     """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
@@ -69,7 +69,7 @@ def sampler_table(mcmc: McmcResult) -> Markup | None:
     )
 
 
-def sampler_facts(mcmc: McmcResult) -> list[tuple[str, str]]:
+def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
     """The sampler's run in a few words and numbers; what stands at the head of the page is not said again."""
     facts = [
         ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
@@ -81,7 +81,7 @@ def sampler_facts(mcmc: McmcResult) -> list[tuple[str, str]]:
     return [(label, value) for label, value in facts if value not in {NO_VALUE, ""}]
 
 
-def rms_table(run: RunDirectory) -> Markup | None:
+def fit_error_table(run: RunDirectory) -> Markup | None:
     """RMS error of the fit by role and output, where no residual table says it by recording."""
     errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
     outputs = list(dict.fromkeys(output for found in errors.values() for output in found))

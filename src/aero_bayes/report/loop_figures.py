@@ -13,8 +13,8 @@ from aero_bayes.report.drawing import Band, Line, Panel, tick_text
 from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NO_VALUE, count, minus, plain_name, scaled_unit, significant
-from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
+from aero_bayes.report.text import NO_VALUE, count, greek_name, minus, scaled_unit, significant
+from aero_bayes.schema import CandidateJson, EffectJson, LoopJson, StepJson
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
@@ -29,7 +29,7 @@ SHOWN = 5
 LETTER, LABEL_LETTERS = 6.3, 52
 
 
-def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
+def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
     steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
     best: dict[str, float] = {}
@@ -42,7 +42,7 @@ def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
+def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
     """A row for each candidate, a column for each round, bars of log-evidence gained: the best, then all others."""
     steps, ids, shown = rounds(loop)
     if not steps:
@@ -65,9 +65,7 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
     return plates
 
 
-def _rounds_drawing(
-    steps: list[StepResult], ids: list[str], words: Mapping[str, str], width: float, alt: str
-) -> Markup:
+def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, str], width: float, alt: str) -> Markup:
     wide = width > 600
     ports = {c.id: c.port for step in steps for c in step.candidates}
     label = 350.0 if wide else 0.0
@@ -118,9 +116,7 @@ def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS
     return text if len(text) <= letters else f"{text[: letters - 1]}…"
 
 
-def _bar(
-    canvas: Canvas, found: CandidateResult, step: StepResult, place: tuple[float, float, float], text: str
-) -> None:
+def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[float, float, float], text: str) -> None:
     """A candidate's gain as a bar (left, top, length), with its text where it gains anything."""
     left, y, length = place
     chosen = found.id == step.chosen
@@ -132,13 +128,13 @@ def _bar(
         canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
 
 
-def _beside(found: CandidateResult, *, odds: bool) -> str:
+def _beside(found: CandidateJson, *, odds: bool) -> str:
     """What stands beside a bar: the gain, and the odds where they say anything."""
     stated = odds and found.odds is not None and found.odds >= MIN_PRINTED_ODDS
     return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
 
-def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:
+def _rounds_table(steps: list[StepJson], ids: list[str], words: Mapping[str, str]) -> Markup:
     cells = [{c.id: c for c in step.candidates} for step in steps]
     rows = []
     for id_ in ids:
@@ -151,7 +147,7 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
     return html_table(("candidate", "port", *heads), rows, "Candidates: gain in log-evidence in each step")
 
 
-def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
+def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
     if found is None:
         return Markup(NO_VALUE)
     notes = [
@@ -172,7 +168,7 @@ def gain_text(value: float | None) -> str:
     return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
 
 
-def curve_plate(effect: EffectResult) -> Plate | None:
+def curve_plate(effect: EffectJson) -> Plate | None:
     """A learned curve and its 90 % band over its signal."""
     found = effect.curve
     if found is None:
@@ -185,7 +181,7 @@ def curve_plate(effect: EffectResult) -> Plate | None:
         Band(x * across, low * up, high * up, ACCENT, 0.18, label="90 % band"),
         Line(x * across, value * up, ACCENT, 2.0, label="learned"),
     )
-    over = plain_name(effect.over)
+    over = greek_name(effect.over)
     title, label = (
         f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: learned effect", unit), (over, x_unit))
     )

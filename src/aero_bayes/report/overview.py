@@ -10,7 +10,7 @@ from markupsafe import Markup
 from aero_bayes.report.findings import R_HAT_LIMIT
 from aero_bayes.report.tables import Column, generic_cell, html_table
 from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
-from aero_bayes.schema import RunResult, Verdict
+from aero_bayes.schema import RunJson, VerdictJson
 
 _HASH_SHOWN = 16
 
@@ -25,12 +25,12 @@ class Reading:
     level: str = ""
 
 
-def verdict(result: RunResult) -> Verdict:
+def stated_verdict(result: RunJson) -> VerdictJson:
     """The run's verdict; a plain one where the run states none."""
-    return result.verdict or Verdict(level="warning", text="The run has finished without a verdict.")
+    return result.verdict or VerdictJson(level="warning", text="The run has finished without a verdict.")
 
 
-def readings(result: RunResult) -> list[Reading]:
+def readings(result: RunJson) -> list[Reading]:
     """The few numbers that say how far the rest can be trusted."""
     outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
     found = [_residual_reading(result, output) for output in outputs]
@@ -50,7 +50,7 @@ def readings(result: RunResult) -> list[Reading]:
     return found
 
 
-def provenance(result: RunResult) -> list[Markup]:
+def provenance(result: RunJson) -> list[Markup]:
     """Tables of where the data, the model and the software came from, and what the work cost."""
     tables = []
     files = [
@@ -80,11 +80,11 @@ def provenance(result: RunResult) -> list[Markup]:
     return tables
 
 
-def warnings(result: RunResult) -> list[str]:
+def warnings(result: RunJson) -> list[str]:
     """The run's warnings but for what the verdict says, and that of parameters on a bound."""
     found = list(result.warnings)
     reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
-    if reason and reason in verdict(result).text:  # said already
+    if reason and reason in stated_verdict(result).text:  # said already
         found = [text for text in found if reason not in text]
     bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
     if bounds:
@@ -98,7 +98,7 @@ def _signals(names: Sequence[str]) -> Markup:
     return Markup(", ").join(symbol(name) for name in names)
 
 
-def _residual_reading(result: RunResult, output: str) -> Reading:
+def _residual_reading(result: RunJson, output: str) -> Reading:
     entries = [found[output] for found in result.residual.values() if output in found]
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)

@@ -12,7 +12,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import significant, symbol, tidy
-from aero_bayes.schema import ReplayResult
+from aero_bayes.schema import ReplayJson
 
 _TIME = "replay/time"
 
@@ -48,7 +48,7 @@ def _readable(models: dict[str, FloatArray], measured: FloatArray | None) -> tup
     return (low - 1.2 * span, high + 1.2 * span) if reach > 4 * max(abs(low), abs(high)) > 0 else None
 
 
-def replay_table(found: ReplayResult) -> Markup | None:
+def replay_table(found: ReplayJson) -> Markup | None:
     """Table 1 of the paper: every model's parameters and fitness, beside the paper's fitness."""
     if not found.rows:
         return None

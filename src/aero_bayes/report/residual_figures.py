@@ -9,7 +9,7 @@ from aero_bayes.report.drawing import Band, FloatArray, Line, Panel
 from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
-from aero_bayes.report.text import plain_name, scaled_unit, significant
+from aero_bayes.report.text import greek_name, scaled_unit, significant
 
 _MIN_SAMPLES = 16
 
@@ -55,10 +55,10 @@ def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str,
     strip = Band(lag[[0, -1]], np.full(2, -white), np.full(2, white), INK, 0.14)
     reach = max(4 * white, 1.15 * float(np.abs(correlation[lags]).max()))
     low = -reach if reach < 0.3 else min(-0.2, float(correlation[lags].min()) - 0.05)
-    title = f"{plain_name(name)}: autocorrelation"
+    title = f"{greek_name(name)}: autocorrelation"
     panel = Panel(title, (strip, drawn), 120, y_limits=(low, min(1.05, reach)))
     share = significant(100 * outside, 2)
-    alt = f"Autocorrelation of the {plain_name(name)} residual, recording {recording}: {share} % of lags outside."
+    alt = f"Autocorrelation of the {greek_name(name)} residual, recording {recording}: {share} % of lags outside."
     caption = f"{share} % of lags lie outside the shaded band; for white noise 5 % would."
     return plate([panel], alt, f"lag ({unit})", caption, width=SMALL_WIDTH)
 
@@ -77,8 +77,8 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     if floor:
         grid = np.linspace(-reach, reach, 301)
         layers.append(Line(factor * grid, np.exp(-0.5 * (grid / floor) ** 2), INK, 1.3, label="noise floor alone"))
-    panel = Panel(f"{plain_name(name)}: histogram", tuple(layers), 120, (0, 1.08), ticks=0)
-    alt = f"Histogram of the {plain_name(name)} residual, recording {recording}, and the density of the noise floor."
+    panel = Panel(f"{greek_name(name)}: histogram", tuple(layers), 120, (0, 1.08), ticks=0)
+    alt = f"Histogram of the {greek_name(name)} residual, recording {recording}, and the density of the noise floor."
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
         words += (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from aero_bayes.errors import InputError
-from aero_bayes.schema import SCHEMA, RunResult
+from aero_bayes.schema import SCHEMA, RunJson
 from aero_bayes.show import table_html
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class RunDirectory:
     ----------
     path : Path
         The directory.
-    result : RunResult
+    result : RunJson
         ``result.json``.
     series : mapping of str to ndarray, shape (n,)
         ``series.npz``, keys ``group/recording/signal``; empty where there is no such file.
@@ -57,7 +57,7 @@ class RunDirectory:
     """
 
     path: Path
-    result: RunResult
+    result: RunJson
     series: Mapping[str, FloatArray]
     posterior: Mapping[str, FloatArray]
 
@@ -206,7 +206,7 @@ class RunDirectory:
             )
 
 
-def _read_result(directory: Path) -> RunResult:
+def _read_result(directory: Path) -> RunJson:
     path = directory / "result.json"
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -223,7 +223,7 @@ def _read_result(directory: Path) -> RunResult:
     if result.get("schema", SCHEMA) != SCHEMA:
         raise InputError(f"{path}: schema {result['schema']!r}, this version draws schema {SCHEMA}")
     try:
-        return RunResult.model_validate(result)
+        return RunJson.model_validate(result)
     except ValidationError as error:
         problem = error.errors()[0]
         raise InputError(f"{path}: {'.'.join(map(str, problem['loc']))}: {problem['msg'].lower()}") from None

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NO_VALUE, pretty_unit, significant, symbol, tidy
-from aero_bayes.schema import SensorResult
+from aero_bayes.schema import SensorJson
 
 _TURN = {"1": "once a turn", "2": "twice a turn"}
 
@@ -31,7 +31,7 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Sensor errors (ripple: amplitude; encoder: one count)")
 
 
-def _ripple(found: SensorResult, output: str, unit: str) -> Iterator[tuple[object, ...]]:
+def _ripple(found: SensorJson, output: str, unit: str) -> Iterator[tuple[object, ...]]:
     left_in = "" if found.ripple_subtracted else ", not subtracted"
     for recording, ripple in found.ripple.items():
         for order, size in ripple.orders.items():

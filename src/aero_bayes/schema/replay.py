@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from pydantic import JsonValue
 
-from aero_bayes.schema.base import Number, Part
+from aero_bayes.schema.base import JsonNumber, JsonTable
 
 
-class ReplayRow(Part):
+class ReplayRowJson(JsonTable):
     """A model of the paper's Table 1."""
 
     model: str
     variant: str = ""
-    parameters: dict[str, Number] = {}
-    fitness: Number = None
-    paper_fitness: Number = None
+    parameters: dict[str, JsonNumber] = {}
+    fitness: JsonNumber = None
+    paper_fitness: JsonNumber = None
     note: str = ""
-    rms: dict[str, Number] = {}
+    rms: dict[str, JsonNumber] = {}
 
 
-class ReplayResult(Part):
+class ReplayJson(JsonTable):
     """The paper, replayed."""
 
-    rows: list[ReplayRow] = []
+    rows: list[ReplayRowJson] = []
     notes: list[str] = []
     details: dict[str, JsonValue] = {}
     samples: int = 0

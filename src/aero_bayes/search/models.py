@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Noise:
+class FitNoise:
     """The noise under which structures are fitted and compared.
 
     Parameters
@@ -74,7 +74,7 @@ class CandidateModel:
         ]
         return parameters.to_search(np.array(start))
 
-    def fit(self, structure: Structure, start: FloatArray, noise: Noise, settings: LocalFitSettings) -> FittedModel:
+    def fit(self, structure: Structure, start: FloatArray, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
         """Local fit of a structure from search coordinates.
 
         Raises
@@ -103,9 +103,9 @@ class FittedModel:
         return self.structure.terms
 
     @property
-    def noise(self) -> Noise:
+    def noise(self) -> FitNoise:
         """Under which it was fitted and is compared."""
-        return Noise(self.optimum.noise, self.temperature)
+        return FitNoise(self.optimum.noise, self.temperature)
 
     @cached_property
     def log_evidence(self) -> float:
@@ -130,14 +130,14 @@ class FittedModel:
         ended = parameters.on_bound(self.optimum.coordinates)
         return sum(bool(ended[j]) for j in self.model.own if parameters.items[j].recording is None)
 
-    def with_noise(self, noise: Noise) -> FittedModel:
+    def with_noise(self, noise: FitNoise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
         optimum = self.optimum
         if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
             optimum = optimum.with_noise(self.model.objective, noise.outputs)
         return replace(self, optimum=optimum, temperature=noise.temperature)
 
-    def refitted(self, noise: Noise, settings: LocalFitSettings) -> FittedModel:
+    def refitted(self, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
         """The optimum under another noise, from here."""
         return self.model.fit(self.structure, self.optimum.coordinates, noise, settings)
 

@@ -49,7 +49,7 @@ class GrowingHorizon:
             return None
 
 
-class Swarm:
+class SwarmRestart:
     """The global search of ``fit``: a particle swarm over the whole box, then local fits from its best particles.
 
     Parameters

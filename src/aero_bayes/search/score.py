@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.structure import ResidualReport, inspect
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
-from aero_bayes.search.models import FittedModel, Noise
+from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +35,7 @@ class CommonNoise:
 
     Parameters
     ----------
-    noise : Noise
+    noise : FitNoise
     autocorrelation_time : mapping of str to float
         In samples, by output; 1 where the output is down to its noise.
     effective_samples : mapping of str to float
@@ -45,7 +45,7 @@ class CommonNoise:
         Of the residual that the noise was taken from, under the noise as estimated.
     """
 
-    noise: Noise
+    noise: FitNoise
     autocorrelation_time: Mapping[str, float]
     effective_samples: Mapping[str, float]
     structured: tuple[str, ...]
@@ -62,7 +62,7 @@ class CommonNoise:
         return not self.structured
 
 
-def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
+def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
     The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
@@ -91,7 +91,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     ----------
     fitted : FittedModel
     floors : mapping of (recording, output) to float
-        Noise floors of the readings, in the output's unit, where they are known.
+        FitNoise floors of the readings, in the output's unit, where they are known.
     """
     objective, optimum = fitted.model.objective, fitted.optimum
     calibration, parts = objective.calibration, _by_output(fitted)
@@ -103,14 +103,14 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
-    times_of = {o: autocorrelation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
+    times_of = {o: residual_correlation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
     samples = {o: counts[o] / times_of[o] for o in parts}
     shortest = min(times_of.values())
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
         noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
-    return CommonNoise(Noise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
+    return CommonNoise(FitNoise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
 
 
 def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:

@@ -22,7 +22,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.replay import Replay, replay_paper
-from aero_bayes.report import write_report
+from aero_bayes.report import write_run_page
 from aero_bayes.sample.posterior import Posterior, sample
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
@@ -35,7 +35,7 @@ from aero_bayes.workflow.curves import (
     only_measured,
     ripple_series,
 )
-from aero_bayes.workflow.describe import preamble, residual_table, verdict
+from aero_bayes.workflow.describe import fit_verdict, preamble, residual_table
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -162,7 +162,7 @@ def run_replay(out: Path, seed: int, quiet: bool) -> None:
             },
         },
     )
-    click.echo(f"wrote {write_report(out)}")
+    click.echo(f"wrote {write_run_page(out)}")
 
 
 def run_bench(out: Path, seed: int) -> None:
@@ -254,7 +254,7 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
 
 
 def _closing(result: Json) -> Json:
-    return {"verdict": verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
+    return {"verdict": fit_verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
 
 
 def _finish(
@@ -286,7 +286,7 @@ def _page(job: Job, result: Json, series: Series) -> Path:
     out = job.options.out
     write_series(out, only_measured(series))
     write_result(out, result | context_part(job, result))
-    return write_report(out)
+    return write_run_page(out)
 
 
 def write_page(found: Fit | Posterior, path: Path) -> Path:

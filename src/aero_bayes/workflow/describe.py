@@ -71,7 +71,7 @@ def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
     return reports_table(inspect(fit.calibration, fit.series, fit.optimum, floors))
 
 
-def verdict(
+def fit_verdict(
     residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
 ) -> Json:
     """What a reader may rely on, in words; ``flat`` says which parameters are known up to a common change only."""

@@ -35,7 +35,7 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
-from aero_bayes.report import write_report
+from aero_bayes.report import write_run_page
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.context import context_part
@@ -105,7 +105,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         result = merge(result, part, closing)
         result |= context_part(job, result)
         write_result(options.out, result)
-        page = write_report(options.out)
+        page = write_run_page(options.out)
         click.echo(result["verdict"]["text"].replace("`", ""))
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 

@@ -37,7 +37,7 @@ TIME_NAMES = {"time", "t", "timestamp", "zeit"}
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
 #: Change of an output, as a share of its range, by a relative change of one of a parameter, below which it has none.
-MIN_RELATIVE_EFFECT = 1e-4
+MIN_OUTPUT_CHANGE = 1e-4
 #: Share of a parameter's effect outside the span of the others' effects below which it cannot be told from them.
 MIN_UNIQUE_SHARE = 1e-3
 #: A temperature in K where nothing is known.
@@ -196,7 +196,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
     left = f"unused columns: {', '.join(matched.columns_left)}" if matched.columns_left else "no unused column"
     lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
-    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": they are fitted; "auto": by the model',
+    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": fitted; "auto": by the model',
               'initial_states = "estimated"', "", ""]  # fmt: skip
     return "\n".join(lines)
 
@@ -243,7 +243,7 @@ def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: st
         size = float(np.linalg.norm(row))
         left = row - (row @ kept.T) @ kept
         rest = float(np.linalg.norm(left))
-        if size < MIN_RELATIVE_EFFECT * np.sqrt(row.size):
+        if size < MIN_OUTPUT_CHANGE * np.sqrt(row.size):
             reasons[p.name] = "the outputs do not respond to it"
         elif rest < MIN_UNIQUE_SHARE * size:
             reasons[p.name] = CONFOUNDED

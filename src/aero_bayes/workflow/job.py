@@ -125,7 +125,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
     check_plausible((*recordings, *held_out), model)
-    parameters = parameters_of(model, config)
+    parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
@@ -206,7 +206,7 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
     }
 
 
-def parameters_of(model: Model, config: Config) -> ParameterSet:
+def fit_parameters(model: Model, config: Config) -> ParameterSet:
     """Free parameters: those that the package declares, changed by what the configuration says."""
     overrides = declared_overrides(model)
     known = {variable.name for variable in model.parameters}

@@ -23,7 +23,7 @@ from aero_bayes.workflow.settings import fit_settings
 Json = dict[str, Any]
 
 #: Residual over noise floor of a local fit from the starting values up to which the loop skips the swarm.
-MAX_FLOOR_RATIO = 1.2
+MAX_START_FLOOR_RATIO = 1.2
 
 
 def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopResult:
@@ -69,7 +69,7 @@ def loop_settings(job: Job) -> LoopSettings:
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
     ascent = replace(
         defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
-        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_FLOOR_RATIO,
+        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
     undecided = later_of(job)
