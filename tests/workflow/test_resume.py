@@ -18,7 +18,8 @@ import pytest
 CART = Path(__file__).parents[2] / "examples" / "cart"
 #: The program with a checkpoint that is written whenever there is anything new.
 EAGER = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-EAGER += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = c.MIN_INTERVAL_RATIO = 0.0; from aero_bayes.cli import main; main()"
+EAGER += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = c.MIN_INTERVAL_RATIO = 0.0; "
+EAGER += "from aero_bayes.cli import main; main()"
 FEW = '\n[loop]\nlaws = ["coulomb_friction", "cubic_stiffness", "quadratic_drag"]\n'
 
 

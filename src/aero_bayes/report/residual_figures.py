@@ -10,27 +10,15 @@ from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
 from aero_bayes.report.text import greek_name, scaled_unit, significant
+from aero_bayes.sensors.whiteness import autocovariance
 
 _MIN_SAMPLES = 16
 
 
-def autocorrelation(values: FloatArray) -> FloatArray:
-    """Autocorrelation at lags 0, 1, ... n-1; gaps (NaN) do not count.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Normalised to 1 at lag 0; the estimate divides by the number of pairs at lag 0 (biased, never above 1).
-    """
-    centred = np.where(np.isfinite(values), values - np.nanmean(values), 0.0)
-    size = 1 << (2 * len(values) - 1).bit_length()
-    power = np.abs(np.fft.rfft(centred, size)) ** 2
-    products = np.fft.irfft(power, size)[: len(values)]
-    return np.asarray(products / products[0], dtype=np.float64) if products[0] > 0 else np.zeros_like(products)
+def autocorrelation_with_gaps(values: FloatArray) -> FloatArray:
+    """Autocorrelation at lags 0 to n - 1, 1 at lag 0 (biased estimate); gaps (NaN) count as the mean."""
+    covariance = autocovariance(np.where(np.isfinite(values), values - np.nanmean(values), 0.0), mean=0.0)
+    return covariance / covariance[0] if covariance[0] > 0 else np.zeros_like(covariance)
 
 
 def statistics(run: RunDirectory, recording: str) -> list[Plate]:
@@ -43,7 +31,7 @@ def statistics(run: RunDirectory, recording: str) -> list[Plate]:
 
 
 def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str, name: str) -> Plate:
-    correlation = autocorrelation(values)
+    correlation = autocorrelation_with_gaps(values)
     step = float(np.median(np.diff(time)))
     crossing = int(np.argmax(correlation < 0)) if (correlation < 0).any() else len(values) // 8
     lags = np.arange(1, min(len(values) // 2, max(40, 4 * crossing)) + 1)
