@@ -46,8 +46,8 @@ from aero_bayes.schema.loop import (
     StepJson,
 )
 from aero_bayes.schema.model import ComponentJson, ConnectionJson, DiagramJson, ModelJson, ShapeJson, SignalJson
-from aero_bayes.schema.replay import ReplayJson, ReplayRowJson
 from aero_bayes.schema.run import SCHEMA, RunJson, undeclared
+from aero_bayes.schema.study import StudyColumnJson, StudyJson, StudyRowJson
 
 __all__ = [
     "SCHEMA",
@@ -83,8 +83,6 @@ __all__ = [
     "QuantilesJson",
     "RangeJson",
     "RecordingJson",
-    "ReplayJson",
-    "ReplayRowJson",
     "ResidualJson",
     "RigReasonJson",
     "RippleJson",
@@ -98,6 +96,9 @@ __all__ = [
     "StageJson",
     "StepJson",
     "StretchesJson",
+    "StudyColumnJson",
+    "StudyJson",
+    "StudyRowJson",
     "SwarmJson",
     "VerdictJson",
     "undeclared",

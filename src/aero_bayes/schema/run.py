@@ -22,7 +22,7 @@ from aero_bayes.schema.estimate import (
 )
 from aero_bayes.schema.loop import LoopJson
 from aero_bayes.schema.model import DiagramJson, ModelJson, SignalJson
-from aero_bayes.schema.replay import ReplayJson
+from aero_bayes.schema.study import StudyJson
 
 SCHEMA = 1
 
@@ -52,7 +52,7 @@ class RunJson(JsonTable):
     prediction: PredictionJson = PredictionJson()
     mcmc: McmcJson | None = None
     loop: LoopJson | None = None
-    replay: ReplayJson | None = None
+    study: StudyJson | None = None
     design: DesignJson | None = None
     failures: dict[str, int] = {}
     warnings: list[str] = []
