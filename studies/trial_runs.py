@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from aero_bayes.fleet import Row, Table, run_all
+from aero_bayes.fleet import Row, Table, run_tasks
 from aero_bayes.fleet.runner import Task
 
 #: Distances between which rates are given.
@@ -31,7 +31,7 @@ def run_trials(
 ) -> list[Row]:
     """Rows of all tasks, in their order, on the runner that fleets use; what the table holds is not run again."""
     with Table(path) as table, tqdm(total=len(tasks)) as bar:
-        run_all(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
+        run_tasks(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
         found = {task.key: table.get(task.key) for task in tasks}
     return [row for row in found.values() if row is not None]
 

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aero_bayes.errors import InputError
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
+from aero_bayes.plots.view import loop_json
 from aero_bayes.report.loop_figures import gain_text, rounds, short_label
-from aero_bayes.schema import LoopJson
 
 
-def rounds_figure(
-    loop: LoopJson, words: Mapping[str, str], *, figure: Figure | Axes | None = None, dark: bool = False
-) -> Figure:
+def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """Draw the gain in log-evidence as bars: a row for each candidate, a column for each step.
-
-    Parameters
-    ----------
-    loop : LoopJson
-    words : mapping of str to str
-        What each candidate is, by id; one without words is shown by its id.
-    figure : matplotlib.figure.Figure or matplotlib.axes.Axes, optional
-        To draw into.
-    dark : bool
 
     Raises
     ------
     InputError
         If the loop tried nothing.
     """
-    steps, _, ids = rounds(loop)
+    steps, _, ids = rounds(loop_json(loop))
     if not steps:
         raise InputError("the loop tried no candidate, so there are no steps to draw")
     colours = palette(dark)
@@ -59,6 +47,6 @@ def rounds_figure(
             axes.set_xlim(0, 12.0 * max([10.0, *(c.delta_evidence or 0.0 for c in step.candidates)]))
             axes.set_title(f"step {step.round}: {step.chosen or 'nothing'} chosen", color=colours["ink"])
             axes.set_xlabel("gain in log-evidence (nats)")
-        grid[0].set_yticks(range(len(ids)), [short_label(id_, words) for id_ in ids])
+        grid[0].set_yticks(range(len(ids)), [short_label(id_, loop.words) for id_ in ids])
         grid[0].invert_yaxis()
     return figure

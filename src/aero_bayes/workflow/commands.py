@@ -22,7 +22,8 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.report import write_run_page
-from aero_bayes.sample.posterior import Posterior, sample
+from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sample.sample import sample
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part

@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.simulate import as_recording, run_problem
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.predict.simulate import as_recording, run_problem
+from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
 from aero_bayes.show import table_html
 from aero_bayes.simulation.interface import Outcome
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from aero_bayes.sample.posterior import Posterior
 
 FloatArray = NDArray[np.float64]
 #: Sample times of which whole draws are kept, and blocks of time whose density is given.
@@ -102,9 +102,7 @@ class RecordingPrediction:
         --------
         >>> posterior.predict(test).plot().savefig("prediction.png")
         """
-        from aero_bayes.plots import prediction_figure
-
-        return prediction_figure(self, figure=ax or figure, dark=dark)
+        return plot_backend().prediction_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
@@ -134,22 +132,39 @@ class RecordingPrediction:
         return table_html(("output", "RMS error", "unit", "within the 90 % band"), rows, repr(self).strip("<>"))
 
 
-def predict(
-    posterior: Posterior,
+def predict_recording(
+    fit: Fit,
+    points: FloatArray,
     inputs: Recording | Mapping[str, ArrayLike],
     *,
     draws: int = 200,
     seed: int = 1,
     workers: int | None = 0,
 ) -> RecordingPrediction:
-    """Outputs with their noise for draws of a posterior; :meth:`aero_bayes.Posterior.predict` says how."""
-    fit, calibration = posterior.fit, posterior.calibration
+    """Outputs with their noise for draws of a posterior; :meth:`aero_bayes.Posterior.predict` says how.
+
+    Parameters
+    ----------
+    fit : Fit
+        What the posterior belongs to.
+    points : ndarray, shape (n, d)
+        Draws in SI units: free parameters, then noise parameters. At most ``draws`` of them are simulated.
+    inputs : Recording or mapping of str to array_like, shape (n,)
+    draws : int
+    seed : int
+    workers : int, optional
+
+    Raises
+    ------
+    CannotFinishError
+        If no draw can be simulated.
+    """
+    calibration = fit.calibration
     recording = as_recording(inputs, calibration)
-    flat = posterior.draws.reshape(-1, posterior.draws.shape[-1])
-    chosen = flat[np.unique(np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(np.int64))]
+    chosen = points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
     values = np.tile(fit.values, (len(chosen), 1))
     values[:, list(fit.free)] = chosen[:, : len(fit.free)]
-    found = run_problem(fit, recording, values, workers=workers)
+    found = run_problem(calibration, recording, values, workers=workers, engine=fit.engine)
     good = found.outcomes[:, 0] == Outcome.OK
     if not good.any():
         raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")

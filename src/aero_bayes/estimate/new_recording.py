@@ -1,4 +1,4 @@
-"""What fitted recordings tell of one that was not: its delay and its start follow theirs."""
+"""Delay and initial state of a recording that was not fitted, from those that were."""
 
 from __future__ import annotations
 

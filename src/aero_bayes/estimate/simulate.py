@@ -1,4 +1,4 @@
-"""A fitted model run on other inputs, with other parameters."""
+"""Simulate a fitted model on other inputs, with other parameters."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.result import Fit
-from aero_bayes.predict.carry import first_reading, typical
+from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, ProblemTarget, StartTarget, Trajectories
 
@@ -22,20 +21,22 @@ FloatArray = NDArray[np.float64]
 
 
 def simulate(
-    fit: Fit,
+    calibration: Calibration,
+    values: FloatArray,
     inputs: Recording | Mapping[str, ArrayLike],
     *,
     parameters: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
+    engine: str = "native",
 ) -> Recording:
-    """Run a fitted model on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
-    recording = as_recording(inputs, fit.calibration)
-    found = run_problem(fit, recording, fit.values[np.newaxis], parameters=parameters, start=start)
+    """Simulate a model with fitted values (p,) on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
+    recording = as_recording(inputs, calibration)
+    found = run_problem(calibration, recording, values[np.newaxis], parameters=parameters, start=start, engine=engine)
     outcome = Outcome(int(found.outcomes[0, 0]))
     if outcome is not Outcome.OK:
-        raise CannotFinishError(f"{fit.calibration.model.name} could not be simulated: {outcome.text}")
-    variables = {v.name: v.unit for v in (*fit.calibration.model.inputs, *fit.calibration.model.outputs)}
-    outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(fit.outputs)}
+        raise CannotFinishError(f"{calibration.model.name} could not be simulated: {outcome.text}")
+    variables = {v.name: v.unit for v in (*calibration.model.inputs, *calibration.model.outputs)}
+    outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(calibration.outputs)}
     return Recording(f"{recording.name} (simulated)", recording.time, recording.inputs, outputs, variables)
 
 
@@ -63,19 +64,20 @@ def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calib
 
 
 def run_problem(
-    fit: Fit,
+    calibration: Calibration,
     recording: Recording,
     values: FloatArray,
     *,
     parameters: Mapping[str, float] | None = None,
     start: Mapping[str, float] | None = None,
     workers: int | None = 0,
+    engine: str = "native",
 ) -> Trajectories:
-    """Outputs of a fit's model over a recording's times for many parameter vectors.
+    """Outputs of a calibration's model over a recording's times for many parameter vectors.
 
     Parameters
     ----------
-    fit : Fit
+    calibration : Calibration
     recording : Recording
         One that was fitted keeps its own delay and start; another takes the mean delay of those, and starts at its own
         first readings, off by as much as theirs were; without readings, where the model starts.
@@ -87,16 +89,17 @@ def run_problem(
         Initial values of states.
     workers : int, optional
         Worker processes; none beside this one by default.
+    engine : {"native", "fmpy"}
+        What simulates.
 
     Raises
     ------
     InputError
         For a parameter or state that the model does not have.
     """
-    calibration = fit.calibration
     own = _index(recording, calibration)
     experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
-    experiment = replace(experiment, outputs=fit.outputs, measured=None)
+    experiment = replace(experiment, outputs=calibration.outputs, measured=None)
     if own is not None:
         experiment = replace(experiment, start=calibration.experiments[own].start)
     else:
@@ -116,8 +119,8 @@ def run_problem(
     alone = replace(calibration, experiments=(experiment,), names=(recording.name,), recordings=(recording,))
     problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
     matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
-    engine: Literal["native", "fmpy"] = "fmpy" if fit.engine == "fmpy" else "native"
-    with open_simulator(problem, engine, workers) as simulator:
+    known: Literal["native", "fmpy"] = "fmpy" if engine == "fmpy" else "native"
+    with open_simulator(problem, known, workers) as simulator:
         return simulator.simulate(matrix)
 
 
