@@ -20,10 +20,8 @@ import numpy as np
 
 from aero_bayes.config import Config
 from aero_bayes.files import whole_file
-from aero_bayes.fleet import Rig, Table, open_executor, run_tasks
-from aero_bayes.fleet.parcels import Parcel
+from aero_bayes.fleet import Parcel, Rig, RigTask, Table, open_executor, run_tasks
 from aero_bayes.fleet.runner import _timed
-from aero_bayes.fleet.task import RigTask
 
 #: Processor time of one rig, fit and loop, on which limit and overhead are reckoned, in s.
 RIG_SECONDS = 8.8

@@ -26,7 +26,7 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
 from aero_bayes.default import DEFAULT_MODEL
-from aero_bayes.fleet.rigs import FleetFile
+from aero_bayes.fleet import FleetFile
 from aero_bayes.laws.law import general_laws
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.use import in_words

@@ -128,7 +128,7 @@ def _with_state_of_folder(command: Command) -> Command:
 
 
 def _options(**given: Any) -> Any:
-    from aero_bayes.workflow.job import RunOptions
+    from aero_bayes.workflow import RunOptions
 
     return RunOptions(**given)
 
@@ -156,7 +156,7 @@ def fmu_command(
 @run_options
 def fit_command(data: tuple[Path, ...], **options: Any) -> None:
     """Fit the parameters by a particle swarm and a bounded local search."""
-    from aero_bayes.workflow.commands import run_fit
+    from aero_bayes.workflow import run_fit
 
     run_fit(data, _options(**options))
 
@@ -166,7 +166,7 @@ def fit_command(data: tuple[Path, ...], **options: Any) -> None:
 @run_options
 def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
-    from aero_bayes.workflow.commands import run_posterior
+    from aero_bayes.workflow import run_posterior
 
     run_posterior(data, _options(**options))
 
@@ -182,7 +182,7 @@ def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
 @run_options
 def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
-    from aero_bayes.workflow.commands import run_close_loop
+    from aero_bayes.workflow import run_close_loop
 
     run_close_loop(train, test, _options(**options))
 
@@ -217,7 +217,7 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @run_options
 def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
-    from aero_bayes.workflow.design import DesignOptions, run_design
+    from aero_bayes.workflow import DesignOptions, run_design
 
     asked = {key: options.pop(key) for key in ("aim", "loop", "duration", "rate_hz", "amplifier", "travel")}
     run_design(data, _options(**options), DesignOptions(separate=separate or None, repeats=repeats, **asked))
@@ -229,7 +229,7 @@ def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, rep
 @run_options
 def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """What plain `make` runs: FMU, fit, closed loop, posterior, one page."""
-    from aero_bayes.workflow.commands import run_all
+    from aero_bayes.workflow import run_all
 
     run_all(data, test, _options(**options))
 
@@ -242,7 +242,7 @@ def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) 
 @click.option("--out", type=FILE, default=Path("rig.toml"), show_default=True, help="The file to write.")
 def init_command(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
     """Write the configuration for a model and a recording: columns matched by name, every parameter listed."""
-    from aero_bayes.workflow.init import run_init
+    from aero_bayes.workflow import run_init
 
     run_init(source, data, out, model=model, libraries=libraries)
 
@@ -254,7 +254,7 @@ def init_command(source: Path, data: Path, model: str | None, libraries: tuple[P
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def ports_command(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
     """List where an effect may be missing in a model, and the laws that fit there."""
-    from aero_bayes.workflow.ports import run_ports
+    from aero_bayes.workflow import run_ports
 
     run_ports(model, config, data, as_json=as_json)
 
@@ -283,7 +283,7 @@ def compare_command(directories: tuple[Path, ...], out: Path) -> None:
 @click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
 def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
     """Read, check and summarise recordings."""
-    from aero_bayes.workflow.commands import run_check
+    from aero_bayes.workflow import run_check
 
     run_check(recordings, config)
 
@@ -293,7 +293,7 @@ def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 def bench_command(out: Path, seed: int) -> None:
     """Write recordings of the simulated AERO (they are not measurements)."""
-    from aero_bayes.workflow.commands import run_bench
+    from aero_bayes.workflow import run_bench
 
     run_bench(out, seed)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from aero_bayes.report import write_run_page
 from aero_bayes.schema import SCHEMA, StudyColumnJson, StudyJson, StudyRowJson
-from aero_bayes.workflow.results import versions, write_result, write_series
+from aero_bayes.workflow import versions, write_result, write_series
 from paper_replay.result import Replay
 
 #: Prefix of the curves in series.npz, and the key of the numbers in result.json.

@@ -14,17 +14,11 @@ from test_documentation import ROOT, blocks
 
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
-from aero_bayes.judge.checks import Choice, choose
-from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge import Choice, Recordings, choose
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
-from aero_bayes.loop import LoopSettings
-from aero_bayes.loop.base_fit import fit_as_it_stands
-from aero_bayes.loop.workbench import Tally, Workbench
-from aero_bayes.search import Parts, Structure
-from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Explored, Library
-from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
+from aero_bayes.loop import LoopSettings, Tally, Workbench, fit_as_it_stands
+from aero_bayes.search import Explored, FitNoise, Library, ModelCache, ModelSource, Parts, Structure, StructureSearch
 from aero_bayes.simulation import WorkerPool
 
 CART = ROOT / "examples" / "cart"

@@ -61,8 +61,7 @@ def mark_and_sleep(task: Count) -> dict[str, Any]:
 
 def killed_with_a_pool(table: str, marks: str) -> None:
     """What a caller of a pool does that the test kills with -9."""
-    from aero_bayes.fleet import Table, run_tasks
-    from aero_bayes.fleet.executors import open_executor
+    from aero_bayes.fleet import Table, open_executor, run_tasks
 
     with Table(Path(table)) as rows, open_executor(workers=2) as executor:
         run_tasks([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)

@@ -13,9 +13,7 @@ from click.testing import CliRunner
 from aero_bayes.cli import main
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_bayes.fleet import Rig, Table, fleet, read_fleet
-from aero_bayes.fleet.task import attempt
-from aero_bayes.fleet.whole import tasks_of
+from aero_bayes.fleet import Rig, Table, attempt, fleet, read_fleet, tasks_of
 from aero_bayes.schema import FleetJson, undeclared
 from simulated_rigs import draw_fleet, write_fleet
 
@@ -116,7 +114,7 @@ def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.fleet.rigs import FleetPlan
+    from aero_bayes.fleet import FleetPlan
 
     return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
 

@@ -5,8 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.data import Recording
-from aero_bayes.judge.prediction import Error, Prediction, describe_error_change, surely_worse
-from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge import Error, Prediction, Recordings, describe_error_change, surely_worse
 
 
 def prediction(**rms: float) -> Prediction:

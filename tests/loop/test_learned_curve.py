@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
-from aero_bayes.report.loop_figures import curve_plate
+from aero_bayes.report import curve_plate
 from aero_bayes.schema import EffectJson
 
 SOURCE = """model Slide "A mass on a spring and a damper"

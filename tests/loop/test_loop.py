@@ -7,15 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.bench import effect, random_levels, real, simulate_recording, white
-from aero_bayes.bench.truth import Parameters, Truth
+from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, simulate_recording, white
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
-from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge import Recordings
 from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
-from aero_bayes.loop.base_fit import fit_as_it_stands
-from aero_bayes.loop.workbench import Tally, Workbench
+from aero_bayes.loop import LoopSettings, StructureSettings, Tally, Workbench, close_loop, fit_as_it_stands
 from aero_bayes.simulation import WorkerPool
 
 SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
-from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
 
 SOURCE = """model Culture "Cells that divide, and are fed"
   input Real feed(unit = "mol/s");

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 
-from aero_bayes.report.diagram_figure import is_all_equations
-from aero_bayes.report.loop_figures import rounds_plates
-from aero_bayes.report.loop_story import changed_equations
+from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
 from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
 
 

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from aero_bayes.schema import RunJson, undeclared
-from aero_bayes.workflow.results import write_result
+from aero_bayes.workflow import write_result
 
 
 @pytest.mark.parametrize("kind", ["loop", "posterior"])

@@ -10,23 +10,30 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import NoiseModel
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate import LocalSettings, NoiseModel, Normal, Parameter, Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import Normal
 from aero_bayes.laws.family import CandidateTerm
-from aero_bayes.search import Parts, Structure, StructureSettings
-from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.edits import likely_pairs, term_directions
-from aero_bayes.search.explored import Library, Work
-from aero_bayes.search.models import CandidateModel, FitNoise
-from aero_bayes.search.score import Price, common_noise, odds, residual_correlation_time
-from aero_bayes.search.starts import START_RULES, starting_points
+from aero_bayes.search import (
+    START_RULES,
+    CandidateModel,
+    FitNoise,
+    Library,
+    Parts,
+    Price,
+    Structure,
+    StructureSearch,
+    StructureSettings,
+    Work,
+    common_noise,
+    likely_pairs,
+    odds,
+    residual_correlation_time,
+    starting_points,
+    term_directions,
+)
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
 TIME = np.arange(600) * 0.05
 #: Response to each parameter: two of the base, three of effects (the last is a twin of the first effect).

@@ -11,8 +11,8 @@ import pytest
 from aero_bayes.export import modelica_root
 from aero_bayes.language.component_tree import grow, look_up, read_library
 from aero_bayes.schema import ComponentJson, DiagramJson
-from aero_bayes.simulation.model import Model, Variable
-from aero_bayes.workflow.diagram import model_diagrams
+from aero_bayes.simulation import Model, Variable
+from aero_bayes.workflow import model_diagrams
 
 LIBRARY = """
 within ;

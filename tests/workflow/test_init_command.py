@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from aero_bayes.cli import main
 from aero_bayes.language.sources import main_class
-from aero_bayes.workflow.init import match_columns, split_unit
+from aero_bayes.workflow import match_columns, split_unit
 
 RIG = """within ;
 partial model Base

@@ -70,7 +70,7 @@ class Population:
         return mean, sd
 
 
-def population(centres: FloatArray, widths: FloatArray) -> Population:
+def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
     """Posterior of mean and spread.
 
     Parameters

@@ -56,7 +56,7 @@ class Prevalence:
         return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARE_GRID))
 
 
-def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
+def estimate_prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
     """How common an effect is.
 
     Parameters

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.fleet.population import MIN_RIGS, Population, population, stand_out
-from aero_bayes.fleet.prevalence import NamedEffect, Prevalence, prevalence, shared_out
+from aero_bayes.fleet.population import MIN_RIGS, Population, fit_population, stand_out
+from aero_bayes.fleet.prevalence import NamedEffect, Prevalence, estimate_prevalence, shared_out
 from aero_bayes.fleet.table import Table
 from aero_bayes.report.fleet_page import FleetColumns, OneParameter
 from aero_bayes.schema import (
@@ -161,7 +161,7 @@ def _parameter(
     if len(at) < MIN_RIGS:
         shared = FleetParameterJson(unit=entry["unit"], log=log, rigs=len(at))
         return shared, OneParameter(values, halves, shrunk, None, shared)
-    found = population(centres, widths)
+    found = fit_population(centres, widths)
     shrunk[at] = out(found.shrunken(centres, widths)[0])
     p_values, away = stand_out(centres, widths, found)
     for k in np.flatnonzero(p_values < 1.0 / (OUTLIER_FLEETS * len(at) * parameters)).tolist():
@@ -216,7 +216,7 @@ def _effects(told: FleetFacts) -> tuple[list[FleetEffectJson], FloatArray]:
             if id_ in share
         }
         used = [pair for rig, pair in sure.items() if says[rig]]
-        common = prevalence(np.array([s for s, _ in used]), np.array([w for _, w in used]), int(says.sum()))
+        common = estimate_prevalence(np.array([s for s, _ in used]), np.array([w for _, w in used]), int(says.sum()))
         present[says, column] = common.unseen
         for rig, (_, weight) in sure.items():
             present[rig, column] = weight

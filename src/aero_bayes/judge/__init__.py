@@ -4,10 +4,38 @@ from aero_bayes.judge.checks import (
     Check,
     CheckInput,
     CheckResult,
+    Choice,
     EnoughEvidence,
     EnoughReadings,
     LeaveBlockOut,
     LeftOver,
+    choose,
 )
+from aero_bayes.judge.holdout import BLOCK_COUNT, HeldOutGain, blocks_of, held_out_gain
+from aero_bayes.judge.prediction import Error, Prediction, describe_error_change, rms_error, surely_worse
+from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
 
-__all__ = ["Check", "CheckInput", "CheckResult", "EnoughEvidence", "EnoughReadings", "LeaveBlockOut", "LeftOver"]
+__all__ = [
+    "BLOCK_COUNT",
+    "MAX_ERROR_RATIO",
+    "Check",
+    "CheckInput",
+    "CheckResult",
+    "Choice",
+    "EnoughEvidence",
+    "EnoughReadings",
+    "Error",
+    "HeldOutGain",
+    "LeaveBlockOut",
+    "LeftOver",
+    "Prediction",
+    "Recordings",
+    "blocks_of",
+    "choose",
+    "describe_error_change",
+    "held_out_gain",
+    "refusal",
+    "rms_error",
+    "surely_worse",
+]

@@ -1,22 +1,42 @@
 """The search over model structures: structures, edits, start rules, one score, a beam."""
 
-from aero_bayes.search.edits import Edit, Surroundings
-from aero_bayes.search.models import FittedModel
+from aero_bayes.search.beam import StructureSearch
+from aero_bayes.search.edits import EDITS, Edit, Surroundings, likely_pairs, term_directions
+from aero_bayes.search.explored import Explored, Library, Work
+from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
+from aero_bayes.search.score import Price, common_noise, odds, residual_correlation_time
 from aero_bayes.search.settings import StructureSettings
-from aero_bayes.search.starts import Start, StartRule
+from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
 
 __all__ = [
+    "EDITS",
     "PARTS",
+    "START_RULES",
+    "CandidateModel",
     "Edit",
+    "Explored",
+    "FitNoise",
     "FittedModel",
+    "Library",
+    "ModelCache",
+    "ModelSource",
     "Parts",
+    "Price",
     "Restart",
     "Start",
     "StartRule",
     "Structure",
+    "StructureSearch",
     "StructureSettings",
     "Surroundings",
+    "Work",
+    "common_noise",
+    "likely_pairs",
+    "odds",
+    "residual_correlation_time",
+    "starting_points",
+    "term_directions",
 ]

@@ -1,1 +1,103 @@
 """From command-line options to run directories: what each command does, in order."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from aero_bayes.lazy import importing
+
+if TYPE_CHECKING:
+    from aero_bayes.workflow.commands import (
+        run_all,
+        run_bench,
+        run_check,
+        run_close_loop,
+        run_fit,
+        run_posterior,
+        write_page,
+    )
+    from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
+    from aero_bayes.workflow.describe import recording_row
+    from aero_bayes.workflow.design import DesignOptions, run_design
+    from aero_bayes.workflow.diagram import model_diagrams
+    from aero_bayes.workflow.init import match_columns, run_init, split_unit
+    from aero_bayes.workflow.job import Job, RunOptions, open_job
+    from aero_bayes.workflow.loop import loop_settings
+    from aero_bayes.workflow.ports import run_ports
+    from aero_bayes.workflow.prediction import prediction_settings
+    from aero_bayes.workflow.progress import ProgressBar
+    from aero_bayes.workflow.results import plain, versions, write_result, write_series
+    from aero_bayes.workflow.settings import fit_settings, sample_settings
+
+#: Where each name lives; imported when first used, so that a command loads only what it needs.
+_HOME = {
+    "DesignOptions": "design",
+    "Job": "job",
+    "ProgressBar": "progress",
+    "RunOptions": "job",
+    "band_series": "curves",
+    "fit_settings": "settings",
+    "fitted_series": "curves",
+    "loop_settings": "loop",
+    "match_columns": "init",
+    "measured_series": "curves",
+    "model_diagrams": "diagram",
+    "only_measured": "curves",
+    "open_job": "job",
+    "plain": "results",
+    "prediction_settings": "prediction",
+    "recording_row": "describe",
+    "ripple_series": "curves",
+    "run_all": "commands",
+    "run_bench": "commands",
+    "run_check": "commands",
+    "run_close_loop": "commands",
+    "run_design": "design",
+    "run_fit": "commands",
+    "run_init": "init",
+    "run_ports": "ports",
+    "run_posterior": "commands",
+    "sample_settings": "settings",
+    "split_unit": "init",
+    "versions": "results",
+    "write_page": "commands",
+    "write_result": "results",
+    "write_series": "results",
+}
+
+__all__ = [
+    "DesignOptions",
+    "Job",
+    "ProgressBar",
+    "RunOptions",
+    "band_series",
+    "fit_settings",
+    "fitted_series",
+    "loop_settings",
+    "match_columns",
+    "measured_series",
+    "model_diagrams",
+    "only_measured",
+    "open_job",
+    "plain",
+    "prediction_settings",
+    "recording_row",
+    "ripple_series",
+    "run_all",
+    "run_bench",
+    "run_check",
+    "run_close_loop",
+    "run_design",
+    "run_fit",
+    "run_init",
+    "run_ports",
+    "run_posterior",
+    "sample_settings",
+    "split_unit",
+    "versions",
+    "write_page",
+    "write_result",
+    "write_series",
+]
+
+__getattr__ = importing(__name__, _HOME)
