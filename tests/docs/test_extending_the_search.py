@@ -17,7 +17,7 @@ from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge import Choice, Recordings, choose
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
-from aero_bayes.loop import LoopSettings, Tally, Workbench, fit_as_it_stands
+from aero_bayes.loop import LoopContext, LoopSettings, Tally, fit_base_model
 from aero_bayes.search import Explored, FitNoise, Library, ModelCache, ModelSource, Parts, Structure, StructureSearch
 from aero_bayes.simulation import WorkerPool
 
@@ -39,14 +39,14 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Exp
     family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
-        bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
-        base = fit_as_it_stands(bench)
+        bench = LoopContext(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
+        base = fit_base_model(bench)
         family.prepare(base.plain, base.fit, bench.open)
         library = Library(family.groups(), family.finer(), tuple(family.learned()))
         source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
-        fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
+        fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)
         root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), fit)
         yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
         cache.close()
@@ -81,7 +81,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 
 def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
     settings = page["settings"]
-    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    parts = Parts.of(settings.global_search, settings.seed, settings.leave_out)
     names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
     assert {"DropTerm", "AddTerm", "SwarmRestart"} <= names
     assert not names & {"AddPair", "GrowingHorizon"}

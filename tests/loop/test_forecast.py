@@ -32,11 +32,11 @@ def test_a_long_search_says_how_long(
         model=SimpleNamespace(objective=SimpleNamespace(evaluate=evaluate)),
         optimum=SimpleNamespace(coordinates=None, free=()),
     )
-    bench = SimpleNamespace(
+    context = SimpleNamespace(
         settings=SimpleNamespace(max_minutes=limit), pool=SimpleNamespace(size=workers),
         progress=lambda what, share: told.append(what),
     )  # fmt: skip
-    forecast.tell_time(bench, first, 40)  # type: ignore[arg-type]
+    forecast.announce_duration(context, first, 40)  # type: ignore[arg-type]
     assert bool(told) == bool(said)
     for line in told:
         assert said in line

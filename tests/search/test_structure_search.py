@@ -91,8 +91,8 @@ CANDIDATES = {
 class OneModel:
     """A cache of one model that has all its candidates at hand, whatever is asked for."""
 
-    undecided = ()
-    reading_is_open = False
+    free_later = ()
+    interpolation_is_free = False
 
     def __init__(self, objective, candidates=None):
         self.model = CandidateModel(objective, candidates or CANDIDATES, (0, 1), open_simulator)

@@ -143,7 +143,7 @@ class LeftOver:
         return last > self.share * first
 
 
-def reports_of(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport, ...]:
+def residual_reports(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport, ...]:
     """What a fit leaves, against its own noise."""
     return common_noise(fitted, explored.floors).reports
 
@@ -180,27 +180,27 @@ def choose(
     complete : callable, optional
         Fits a structure without each of its terms where that was not fitted, and gives all that was found.
     """
-    before = reports_of(explored.first_model, explored)
+    before = residual_reports(explored.first_model, explored)
     refused: dict[Structure, tuple[FittedModel, CheckResult]] = {}
     while True:
         left = [f for f in explored.ranked if set(required) <= set(f.terms) and f.structure not in refused]
         fitted = left[0] if left else explored.first_model
         if not left or set(fitted.terms) == set(required):
-            return Choice(fitted, before, reports_of(fitted, explored), tuple(refused.values()), explored)
+            return Choice(fitted, before, residual_reports(fitted, explored), tuple(refused.values()), explored)
         rests = [fitted.structure.minus(t) for t in fitted.terms]
         if complete is not None and any(s not in explored.fits for s in rests):
             # Without one of its terms it may be better than with it.
             explored = complete(fitted)
             if all(s in explored.fits for s in rests):
                 continue
-        given = CheckInput(fitted, explored, before, reports_of(fitted, explored))
+        given = CheckInput(fitted, explored, before, residual_reports(fitted, explored))
         failed = next((v for check in checks if not (v := check.judge(given)).passed), None)
         if failed is None:
             return Choice(fitted, before, tuple(given.after), tuple(refused.values()), explored)
         refused[fitted.structure] = fitted, failed
 
 
-def disturbed(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
+def find_disturbance(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
     """Recording, start and end in s of a disturbance: a tenth of the recording holds most of what is left."""
     structured = [r for r in those_structured(reports) if r.worst_share > share and math.isfinite(r.ratio)]
     if not structured:

@@ -108,7 +108,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
     more: dict[str, float] = {}
     variance: dict[str, float] = {}
     for k, r in enumerate((*recordings.train, *recordings.test)):
-        start = recordings.held_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
+        start = recordings.unseen_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
         for output in (o for o in recordings.outputs if (r.name, o) in one.test and o in r.outputs):
             y = r.outputs[output]
             change = (y - one.fitted[r.name, output]) ** 2 - (y - other.fitted[r.name, output]) ** 2

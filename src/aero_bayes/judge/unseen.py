@@ -78,7 +78,7 @@ class Unseen:
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._everything):
             interval = recording.interval
-            unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
+            unseen = recording.time >= self.recordings.unseen_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:
                     continue
@@ -116,7 +116,7 @@ class Unseen:
             found = simulator.simulate(np.concatenate((rows, moved, *others)))
         spread: dict[tuple[str, str], float] = {}
         for e, recording in enumerate(self._everything):
-            start = self.recordings.held_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
+            start = self.recordings.unseen_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
             unseen = recording.time >= start
             fine = found.outcomes[1:, e] == 0
             for column, output in enumerate(self.recordings.outputs):

@@ -8,22 +8,22 @@
 """
 
 from aero_bayes.estimate.local_fit import LocalFitSettings
-from aero_bayes.loop.base_fit import fit_as_it_stands
+from aero_bayes.loop.base_fit import fit_base_model
+from aero_bayes.loop.context import LoopContext, LoopStatistics
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.loop.workbench import Tally, Workbench
 from aero_bayes.search.settings import StructureSettings
 
 __all__ = [
     "FoundEffect",
     "LocalFitSettings",
+    "LoopContext",
     "LoopResult",
     "LoopSettings",
+    "LoopStatistics",
     "NewParameter",
     "StructureSettings",
-    "Tally",
-    "Workbench",
     "close_loop",
-    "fit_as_it_stands",
+    "fit_base_model",
 ]

@@ -10,17 +10,25 @@ from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_st
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.judge.checks import Check, Choice, EnoughEvidence, EnoughReadings, LeaveBlockOut, LeftOver, disturbed
+from aero_bayes.judge.checks import (
+    Check,
+    Choice,
+    EnoughEvidence,
+    EnoughReadings,
+    LeaveBlockOut,
+    LeftOver,
+    find_disturbance,
+)
 from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, refit_base
+from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.found_effect import FoundEffect
 from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
-from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.show import listed
@@ -70,27 +78,27 @@ class Conclusion:
     reports: tuple[ResidualReport, ...]
 
 
-def conclude(bench: Workbench, base: BaseFit, choice: Choice) -> Conclusion:
+def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
     """Name the structure that was chosen, unless unseen readings refuse it."""
-    settings, explored, chosen = bench.settings, choice.explored, choice.fitted
+    settings, explored, chosen = context.settings, choice.explored, choice.fitted
     within = settings.structures.equivalence
-    base = refit_base(bench, base, _first_of(explored, chosen))
-    before = bench.unseen.predict(base.plain, base.fit)
-    bench.tally.lap("judgement")
+    base = refit_base(context, base, _first_of(explored, chosen))
+    before = context.unseen.predict(base.plain, base.fit)
+    context.statistics.end_stage("judgement")
     if not chosen.terms:
-        return _nothing_named(bench, base, explored, choice, before)
+        return _without_effect(context, base, explored, choice, before)
     steps = steps_of(explored, chosen, within)
     try:
-        extended = extend(bench, base, explored, chosen)
+        extended = extend(context, base, explored, chosen)
     except CannotFinishError:
-        why = f"{_explain(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
+        why = f"{_explained(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
         return _unexplained(base, explored, chosen, steps, why, before)
     if "Validation" not in settings.leave_out and not settings.structures.require:
-        reason = refusal(before, extended.after, bench.recordings, extended.reports)
+        reason = refusal(before, extended.after, context.recordings, extended.reports)
         if reason:
-            why = f"{_explain(chosen)}, but {reason} The missing effect is a different one."
+            why = f"{_explained(chosen)}, but {reason} The missing effect is a different one."
             return _unexplained(base, explored, chosen, steps, why, before)
-    sentence = _added(bench, explored, chosen, extended, before)
+    sentence = _extended_text(context, explored, chosen, extended, before)
     return Conclusion(
         base, explored, chosen, steps, "extended", sentence, before, extended.after, extended.written,
         extended.effects, extended.calibration, extended.fit, extended.reports,
@@ -108,40 +116,44 @@ def _first_of(explored: Explored, chosen: FittedModel) -> FittedModel:
     return explored.fits.get(chosen.structure.minus(*chosen.terms), chosen)
 
 
-def _nothing_named(
-    bench: Workbench, base: BaseFit, explored: Explored, choice: Choice, before: Prediction
+def _without_effect(
+    context: LoopContext, base: BaseFit, explored: Explored, choice: Choice, before: Prediction
 ) -> Conclusion:
-    within = bench.settings.structures.equivalence
+    within = context.settings.structures.equivalence
     best = choice.refused[0][0] if choice.refused else choice.fitted
     steps = steps_of(explored, best, within)
     structured = those_structured(base.reports)
     last = steps[-1].why if steps else "no candidate was tried"
-    far = far_off(bench.unseen, base.plain, base.fit, base.reports, base.floors, before, bench.settings.times_fitted)
+    far = far_off(
+        context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.times_fitted
+    )
     if not structured and not choice.refused:
         sentence = f"The model is adequate for these recordings: {last}."
         if far.beyond:
             sentence = (
                 "The model fits the training data, but its error on unseen data is far larger: "
-                f"{_in_words(far.beyond)}. The training data do not show the missing effect, or do not determine the "
+                f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine the "
                 "parameters well enough."
             )
             return _unexplained(base, explored, choice.fitted, steps, sentence, before)
         if far.sensitive:
             sentence += (
-                f" The error on unseen data is larger: {_in_words(far.sensitive)}. The uncertainty of the parameters "
+                f" The error on unseen data is larger: {_ratios_text(far.sensitive)}. The uncertainty of the parameters "
                 "explains this, because the unseen data are sensitive to them."
             )
         return Conclusion(
             base, explored, choice.fitted, steps, "adequate", sentence, before, before, None, (), base.plain, base.fit,
             base.reports,
         )  # fmt: skip
-    sentence = _why_not(base, explored, choice, structured, last)
+    sentence = _why_none(base, explored, choice, structured, last)
     return _unexplained(base, explored, choice.fitted, steps, sentence, before)
 
 
-def _why_not(base: BaseFit, explored: Explored, choice: Choice, structured: Sequence[ResidualReport], last: str) -> str:
+def _why_none(
+    base: BaseFit, explored: Explored, choice: Choice, structured: Sequence[ResidualReport], last: str
+) -> str:
     """Why a residual with structure gets no name."""
-    moment = disturbed(base.reports)
+    moment = find_disturbance(base.reports)
     if moment is not None:
         recording, start, stop = moment
         return (
@@ -156,10 +168,10 @@ def _why_not(base: BaseFit, explored: Explored, choice: Choice, structured: Sequ
         )
     if choice.refused:
         best, verdict = choice.refused[0]
-        return f"{_explain(best)}, but {_they(best)} not accepted: {verdict.reason}."
+        return f"{_explained(best)}, but {_they(best)} not accepted: {verdict.reason}."
     worst = max(structured, key=lambda r: r.ratio)
     return (
-        f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_how(worst)}), "
+        f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_nature(worst)}), "
         f"but no effect of the library explains it: {last}."
     )
 
@@ -178,7 +190,7 @@ def _unexplained(
     )  # fmt: skip
 
 
-def _explain(fitted: FittedModel) -> str:
+def _explained(fitted: FittedModel) -> str:
     verb = "explain" if len(fitted.terms) > 1 else "explains"
     return f"The residual is structured. In the fitted data {listed(list(fitted.terms))} {verb} part of it"
 
@@ -191,19 +203,25 @@ def _they(fitted: FittedModel) -> str:
     return "they are" if len(fitted.terms) > 1 else "it is"
 
 
-def _added(bench: Workbench, explored: Explored, chosen: FittedModel, extended: ExtendedFit, before: Prediction) -> str:
-    required = bench.settings.structures.require
+def _extended_text(
+    context: LoopContext, explored: Explored, chosen: FittedModel, extended: ExtendedFit, before: Prediction
+) -> str:
+    required = context.settings.structures.require
     told = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
-    same = {t: equivalents(explored, chosen, t, bench.settings.structures.equivalence) for t in chosen.terms}
-    given, lacking = ([_named(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False))
+    same = {t: equivalents(explored, chosen, t, context.settings.structures.equivalence) for t in chosen.terms}
+    given, lacking = (
+        [_effect_text(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False)
+    )
     said = [f"was extended by {listed(given)}, as required"] if given else []
     said += [f"lacks {listed(lacking)}"] if lacking else []
-    sentence = f"The model {', and '.join(said)}: {describe_error_change(before, extended.after, bench.units)}"
+    sentence = f"The model {', and '.join(said)}: {describe_error_change(before, extended.after, context.units)}"
     structured = those_structured(extended.reports)
-    return sentence + (f" Structure remains in the residual of {', '.join(_left(structured))}." if structured else "")
+    return sentence + (
+        f" Structure remains in the residual of {', '.join(_structured_outputs(structured))}." if structured else ""
+    )
 
 
-def _named(effect: FoundEffect, same: Sequence[str]) -> str:
+def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
     """An effect, and what it may be instead: the data cannot tell."""
     if effect.kind == "catalogue":
         others = [other for other in same if other != effect.id]
@@ -214,7 +232,7 @@ def _named(effect: FoundEffect, same: Sequence[str]) -> str:
     return f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over})"
 
 
-def _left(structured: Sequence[ResidualReport]) -> list[str]:
+def _structured_outputs(structured: Sequence[ResidualReport]) -> list[str]:
     """Outputs with structure, with how far it is above the noise where it is far."""
     worst: dict[str, float] = {}
     for report in structured:
@@ -228,7 +246,7 @@ def _ratio(ratio: float) -> str:
     return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than 100"
 
 
-def _how(report: ResidualReport) -> str:
+def _nature(report: ResidualReport) -> str:
     """How a residual near the noise floor differs from noise, by the test with the least p-value."""
     if report.ratio > MAX_FLOOR_RATIO or not report.tests:
         return ""
@@ -236,7 +254,7 @@ def _how(report: ResidualReport) -> str:
     return {"autocorrelation": ", not white", "slow": ", drifting"}.get(clearest, f", correlated with {clearest}")
 
 
-def _in_words(far: Mapping[tuple[str, str], float]) -> str:
+def _ratios_text(far: Mapping[tuple[str, str], float]) -> str:
     """Outputs with the worst of their ratios."""
     worst: dict[str, float] = {}
     for (_, output), ratio in far.items():

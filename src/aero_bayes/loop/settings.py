@@ -24,7 +24,7 @@ class LoopSettings(Settings):
 
     Parameters
     ----------
-    structures, climb, ascent, calibration
+    structures, local_fit, global_search, calibration
         Settings of the search, of each local fit, of whole fits, and of the problem.
     effects : tuple of str, optional
         Ids or laws to consider; all by default.
@@ -49,7 +49,7 @@ class LoopSettings(Settings):
     seed : int
     free : tuple of str, optional
         Parameters of the base model to fit; by default those that its package declares to be searched.
-    undecided : tuple of str
+    free_later : tuple of str
         Parameters that are held until a first effect lets the data tell them.
     search_samples : int
         Samples on which candidates are compared where an input changes more than twice as often; the model that comes
@@ -76,8 +76,8 @@ class LoopSettings(Settings):
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
-    climb: LocalFitSettings = field(default_factory=LocalFitSettings)
-    ascent: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
+    local_fit: LocalFitSettings = field(default_factory=LocalFitSettings)
+    global_search: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)
@@ -96,7 +96,7 @@ class LoopSettings(Settings):
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
-    undecided: tuple[str, ...] = ()
+    free_later: tuple[str, ...] = ()
     search_samples: int = 5000
     max_minutes: float = 20.0
     left_over: float = 0.3
@@ -109,7 +109,7 @@ class LoopSettings(Settings):
         for name in ("sources", "libraries"):
             object.__setattr__(self, name, paths_of(getattr(self, name), name))
         object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
-        for name in ("free", "effects", "exclude", "ports", "laws", "undecided", "leave_out"):
+        for name in ("free", "effects", "exclude", "ports", "laws", "free_later", "leave_out"):
             given = getattr(self, name)
             object.__setattr__(self, name, given if given is None else names_of(given, name))
 

@@ -1,4 +1,4 @@
-"""The search told as steps: one for each term that was chosen, with its rivals, their gains and odds."""
+"""The search told as steps: one for each term that was chosen, with the other candidates, their gains and odds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from aero_bayes.search.structure import Structure
 
 
 @dataclass(frozen=True)
-class Rival:
+class StepCandidate:
     """A term beside those of the steps before: its gain in log-evidence, and its odds.
 
     ``refitted`` is False where its starts promised too little for a fit.
@@ -35,7 +35,7 @@ class Step:
     """
 
     number: int
-    rivals: tuple[Rival, ...]
+    candidates: tuple[StepCandidate, ...]
     threshold: float
     chosen: str | None
     equivalent: tuple[str, ...]
@@ -53,7 +53,7 @@ class Step:
                 "refitted": rival.refitted,
                 "odds": rival.odds,
             }
-            for rival in self.rivals
+            for rival in self.candidates
         ]
         return {
             "round": self.number,
@@ -128,7 +128,7 @@ def step_of(explored: Explored, base: Structure, id_: str | None, number: int, w
     priors = {t: explored.price.of_one - explored.price.of_term(t) for t in every}
     shares, nothing = odds([gains.get(t, 0.0) + priors[t] for t in every])
     rivals = tuple(
-        Rival(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
+        StepCandidate(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
         for t, share in zip(every, shares, strict=True)
     )
     price = explored.price.of_term(id_) if id_ is not None else explored.price.of_one

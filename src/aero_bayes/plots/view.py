@@ -72,8 +72,8 @@ def loop_view(loop: LoopResult) -> RunDirectory:
     series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:
-        if recording.name in given.held_from:
-            held = 1.0 - (given.held_from[recording.name] - recording.time[0]) / recording.duration
+        if recording.name in given.unseen_from:
+            held = 1.0 - (given.unseen_from[recording.name] - recording.time[0]) / recording.duration
             settings = {"loop": {"held_out": float(held)}}
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
     roles += [(r, "test") for r in given.test]

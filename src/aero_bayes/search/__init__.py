@@ -1,7 +1,7 @@
 """The search over model structures: structures, edits, start rules, one score, a beam."""
 
 from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.edits import EDITS, Edit, Surroundings, likely_pairs, term_directions
+from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
 from aero_bayes.search.explored import Explored, Library, Work
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
@@ -17,6 +17,7 @@ __all__ = [
     "START_RULES",
     "CandidateModel",
     "Edit",
+    "EditContext",
     "Explored",
     "FitNoise",
     "FittedModel",
@@ -31,7 +32,6 @@ __all__ = [
     "Structure",
     "StructureSearch",
     "StructureSettings",
-    "Surroundings",
     "Work",
     "common_noise",
     "likely_pairs",

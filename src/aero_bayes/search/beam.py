@@ -16,7 +16,7 @@ from functools import partial
 from aero_bayes.ahead import waves
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings
-from aero_bayes.search.edits import Direction, Surroundings, term_directions
+from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Explored, Library, Work, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
@@ -73,8 +73,8 @@ class StructureSearch:
         self._ended, self._unlisted = "", False
         special = frozenset((*self.library.refines, *self.library.curves))
         listed = sum(1 for t in self.library.terms if t not in special)
-        undecided = len(self.cache.undecided)
-        self._price = Price(listed, self.settings.margin, special, undecided)
+        free_later = len(self.cache.free_later)
+        self._price = Price(listed, self.settings.margin, special, free_later)
 
     def run(self, root: FittedModel) -> Explored:
         """Search from the fit of the first model.
@@ -177,9 +177,9 @@ class StructureSearch:
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
             self.work.tell(what, 0.2 * k / len(frontier))
-            here = Surroundings(
+            here = EditContext(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
-                self._rivals(), self.cache.undecided, tuple(self._directions(fitted)), self.cache.reading_is_open,
+                self._rivals(), self.cache.free_later, tuple(self._directions(fitted)), self.cache.interpolation_is_free,
                 fitted is best, self._unlisted,
             )  # fmt: skip
             for edit in self.parts.edits:

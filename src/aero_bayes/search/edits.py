@@ -28,7 +28,7 @@ MIN_SQUARED_SINE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class EditContext:
     """What an edit is told of a fit.
 
     Parameters
@@ -44,11 +44,11 @@ class Surroundings:
         Offered terms that learn a curve.
     rivals : tuple of str
         Terms of the best structures so far.
-    undecided : tuple of str
+    free_later : tuple of str
         Parameters that may be freed.
     directions : tuple of Direction
         What the magnitude of each offered term changes to first order.
-    reading_is_open : bool
+    interpolation_is_free : bool
         Whether the inputs may be read the other way.
     best : bool
         Whether it is the best structure so far.
@@ -62,9 +62,9 @@ class Surroundings:
     refines: Mapping[str, str]
     curves: tuple[str, ...]
     rivals: tuple[str, ...]
-    undecided: tuple[str, ...]
+    free_later: tuple[str, ...]
     directions: tuple[Direction, ...]
-    reading_is_open: bool
+    interpolation_is_free: bool
     best: bool
     unlisted: bool
 
@@ -76,7 +76,7 @@ class Surroundings:
 class Edit(Protocol):
     """Gives the neighbours of a structure."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         """Structures that are worth a fit, given the fit of one."""
         ...
 
@@ -88,7 +88,7 @@ class AddTerm:
     offered.
     """
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         imitated = {d.id for d in here.directions if d.imitated}
         for id_ in here.offered:
             fine = id_ in here.refines and here.adequate
@@ -100,7 +100,7 @@ class AddTerm:
 class AddCurve:
     """A curve learned at each port, where no listed law explains what is left: a curve bends to anything."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.unlisted and not here.adequate:
             for id_ in here.curves:
                 yield here.structure.plus(id_)
@@ -109,7 +109,7 @@ class AddCurve:
 class AddPair:
     """Two terms that explain much together and little alone, foretold from the linearised response."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.adequate or not here.best:
             return
         special = {*here.curves, *here.refines}
@@ -120,7 +120,7 @@ class AddPair:
 class RefineTerm:
     """Each term replaced by its finer laws."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best:
             return
         for finer, coarse in here.refines.items():
@@ -131,7 +131,7 @@ class RefineTerm:
 class DropTerm:
     """The structure without each of its terms."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.best:
             for id_ in here.structure.terms:
                 yield here.structure.minus(id_)
@@ -140,7 +140,7 @@ class DropTerm:
 class ReplaceTerm:
     """Each term replaced by a term of the best structures so far."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best or len(here.structure) < 2:
             return
         for id_ in here.structure.terms:
@@ -152,10 +152,10 @@ class ReplaceTerm:
 class FreeParameter:
     """Each parameter that the configuration frees later."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best:
             return
-        for name in here.undecided:
+        for name in here.free_later:
             if name not in here.structure.freed:
                 yield replace(here.structure, freed=(*here.structure.freed, name))
 
@@ -163,9 +163,9 @@ class FreeParameter:
 class InputInterpolation:
     """The inputs read the other way between their samples: held, or along straight lines."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
-        if here.best and here.reading_is_open:
-            other = replace(here.structure, other_reading=not here.structure.other_reading)
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
+        if here.best and here.interpolation_is_free:
+            other = replace(here.structure, other_interpolation=not here.structure.other_interpolation)
             yield other
             # Half a sample too early looks like a lag or a delay.
             for id_ in here.structure.terms:
@@ -178,7 +178,7 @@ EDITS: tuple[Edit, ...] = (
 )  # fmt: skip
 
 
-def with_term(here: Surroundings, structure: Structure, id_: str) -> Structure:
+def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:
     """A structure with a further term, which takes the place of what it refines."""
     coarse = here.refines.get(id_)
     return structure.minus(coarse).plus(id_) if coarse is not None else structure.plus(id_)

@@ -11,7 +11,7 @@ from aero_bayes.search.score import CommonNoise, Price
 from aero_bayes.search.structure import Structure
 
 #: Does tasks of which some are asked for next, and says how far it is.
-DoAhead = Callable[[Sequence[Task], Callable[[float], None]], None]
+Precompute = Callable[[Sequence[Task], Callable[[float], None]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Work:
     """
 
     late: Callable[[], bool] = lambda: False
-    ahead: DoAhead = lambda tasks, told: None
+    ahead: Precompute = lambda tasks, told: None
     tell: Callable[[str, float], None] = lambda what, share: None
 
 

@@ -170,7 +170,7 @@ class ModelSource:
         Holds a calibration against the recordings, on a simulator of its own.
     open : callable
         Opens a simulator.
-    reading_is_open : bool
+    interpolation_is_free : bool
         Whether the user leaves it to the data how inputs are read between their samples.
     """
 
@@ -179,7 +179,7 @@ class ModelSource:
     own: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
-    reading_is_open: bool
+    interpolation_is_free: bool
 
 
 class ModelCache:
@@ -219,14 +219,14 @@ class ModelCache:
         return CandidateModel(self.source.open_objective(calibration), found, own, self.source.open)
 
     @property
-    def undecided(self) -> tuple[str, ...]:
+    def free_later(self) -> tuple[str, ...]:
         """Parameters that are held until the data tell them."""
         return tuple(p.name for p in self.source.plain.parameters if p.auto)
 
     @property
-    def reading_is_open(self) -> bool:
+    def interpolation_is_free(self) -> bool:
         """Whether the inputs may be read the other way between their samples."""
-        return self.source.reading_is_open and with_other_interpolation(self.source.plain) is not None
+        return self.source.interpolation_is_free and with_other_interpolation(self.source.plain) is not None
 
     @property
     def ports(self) -> dict[str, str]:
@@ -255,7 +255,7 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
     CannotFinishError
         If the inputs cannot be read the other way.
     """
-    if structure.other_reading:
+    if structure.other_interpolation:
         other = with_other_interpolation(plain)
         if other is None:
             raise CannotFinishError("the inputs have no other interpolation between their samples")

@@ -33,7 +33,7 @@ class Parts:
     known_terms: bool = True
 
     @classmethod
-    def of(cls, ascent: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
+    def of(cls, swarm: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
         """The standard parts but for those left out.
 
         Raises
@@ -44,7 +44,7 @@ class Parts:
         unknown = [name for name in leave_out if name not in PARTS]
         if unknown:
             raise InputError(f"[loop] leave_out: unknown part {unknown[0]!r}; expected one of {', '.join(PARTS)}")
-        restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (SwarmRestart(ascent, seed), 1))
+        restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (SwarmRestart(swarm, seed), 1))
         return cls(
             tuple(e for e in EDITS if type(e).__name__ not in leave_out),
             tuple(r for r in START_RULES if type(r).__name__ not in leave_out),

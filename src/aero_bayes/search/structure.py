@@ -16,14 +16,14 @@ class Structure:
         Ids ``law@port``, sorted.
     freed : tuple of str
         Parameters of the first model that are free beside those of the configuration, sorted.
-    other_reading : bool
+    other_interpolation : bool
         Whether inputs are read the other way between their samples (straight lines in place of steps, or steps in
         place of lines).
     """
 
     terms: tuple[str, ...] = ()
     freed: tuple[str, ...] = ()
-    other_reading: bool = False
+    other_interpolation: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(sorted(set(self.terms))))
@@ -46,7 +46,7 @@ class Structure:
 
     def same_setting(self, other: Structure) -> bool:
         """Whether the free parameters of the first model and the reading of the inputs are the same."""
-        return (self.freed, self.other_reading) == (other.freed, other.other_reading)
+        return (self.freed, self.other_interpolation) == (other.freed, other.other_interpolation)
 
     def contains(self, other: Structure) -> bool:
         """Whether it has all terms of another structure, and perhaps more."""

@@ -67,16 +67,16 @@ def loop_settings(job: Job) -> LoopSettings:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
         swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
-    ascent = replace(
-        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
+    global_search = replace(
+        defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
         starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
-    undecided = later_of(job)
+    free_later = later_of(job)
     return LoopSettings(
         structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
         leave_out=section.leave_out,
-        ascent=ascent,
+        global_search=global_search,
         calibration=calibration,
         seed=job.options.seed,
         effects=section.effects,
@@ -91,11 +91,11 @@ def loop_settings(job: Job) -> LoopSettings:
         libraries=job.config.model.libraries,
         fixed={
             **{p.name: p.start for p in job.parameters if p.auto},
-            **{name: value for name, value in job.fixed.items() if name not in undecided},
+            **{name: value for name, value in job.fixed.items() if name not in free_later},
         },
-        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *undecided)},
+        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *free_later)},
         free=tuple(p.name for p in searched),
-        undecided=undecided.names,
+        free_later=free_later.names,
     )
 
 
