@@ -18,7 +18,16 @@ from aero_bayes.judge import Choice, Recordings, choose
 from aero_bayes.laws.rig_family import RigFamily
 from aero_bayes.laws.selection import Narrowed
 from aero_bayes.loop import LoopContext, LoopSettings, Tally, fit_base_model
-from aero_bayes.search import Explored, FitNoise, Library, ModelCache, ModelSource, Parts, Structure, StructureSearch
+from aero_bayes.search import (
+    FitNoise,
+    Library,
+    ModelCache,
+    ModelSource,
+    Parts,
+    SearchResult,
+    Structure,
+    StructureSearch,
+)
 from aero_bayes.simulation import WorkerPool
 
 CART = ROOT / "examples" / "cart"
@@ -33,7 +42,7 @@ def page() -> dict[str, Any]:
 
 
 @contextmanager
-def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Explored]:
+def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[SearchResult]:
     """A search on the cart with these parts, as the loop runs its own."""
     recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
     family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))

@@ -126,7 +126,8 @@ def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     context = LoopContext(
         RigFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
-        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, LoopStatistics(), ResultCache(),
+        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None,
+        LoopStatistics(), ResultCache(),
     )  # fmt: skip
     plain = fit_base_model(context).plain
     (raw,) = context.recordings.fitted

@@ -20,7 +20,7 @@ from aero_bayes.search import (
     FitNoise,
     Library,
     Parts,
-    Price,
+    Penalty,
     Structure,
     StructureSearch,
     StructureSettings,
@@ -144,7 +144,7 @@ def test_when_the_time_is_up_what_was_found_by_then_is_kept():
     ended, counts = set(), set()
     for limit in (*range(12), 1000):
         asked = iter(range(limit))
-        work = Work(late=lambda asked=asked: next(asked, None) is None)
+        work = Work(time_is_up=lambda asked=asked: next(asked, None) is None)
         explored = searched(OneModel(study([1.0, 2.0, 0.0, 0.5, 0.7], 3)), work=work)
         ended.add(explored.ended)
         counts.add(len(explored.best.terms))
@@ -181,17 +181,17 @@ def test_a_term_that_the_free_parameters_imitate_is_not_offered():
     basis = BASIS.copy()
     basis[2] = 0.3 * BASIS[0] - 2.0 * BASIS[1]
     cache = OneModel(study([1.0, 2.0, 0.0, 1.0, 0.0], 6, basis=basis))
-    assert [d.id for d in term_directions(cache.root()) if d.imitated] == ["sine"]
+    assert [d.id for d in term_directions(cache.root()) if d.confounded] == ["sine"]
     assert not any("sine" in s.terms for s in searched(cache).fits)
 
 
 def test_what_is_required_stays_whatever_it_gains_and_the_missing_term_is_found_beside_it():
     settings = StructureSettings(require=("square",))
     alone = found([1.0, 2.0, 0.0, 0.0, 0.0], 100, settings)
-    best = max((f for f in alone.fits.values() if "square" in f.terms), key=alone.price.score)
+    best = max((f for f in alone.fits.values() if "square" in f.terms), key=alone.penalty.score)
     assert best.terms == ("square",)
     beside = found([1.0, 2.0, 0.6, 0.0, 0.0], 2, settings)
-    best = max((f for f in beside.fits.values() if "square" in f.terms), key=beside.price.score)
+    best = max((f for f in beside.fits.values() if "square" in f.terms), key=beside.penalty.score)
     assert set(best.terms) in ({"square", "sine"}, {"square", "twin"})
 
 
@@ -202,9 +202,9 @@ def test_a_refinement_is_found_where_what_it_refines_shows_nothing():
 
 
 def test_a_term_pays_for_every_candidate_and_a_refinement_twice():
-    price = Price(18, 4.0, frozenset({"fine"}))
-    assert price.of_term("plain") == pytest.approx(4.0 + math.log(18.0))
-    assert price.of_term("fine") == pytest.approx(8.0 + math.log(18.0))
+    penalty = Penalty(18, 4.0, frozenset({"fine"}))
+    assert penalty.of_term("plain") == pytest.approx(4.0 + math.log(18.0))
+    assert penalty.of_term("fine") == pytest.approx(8.0 + math.log(18.0))
 
 
 def test_odds_add_up_and_go_with_the_gains():

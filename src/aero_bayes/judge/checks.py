@@ -9,7 +9,7 @@ from typing import Protocol
 
 from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
 from aero_bayes.judge.holdout import held_out_gain
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
@@ -25,7 +25,7 @@ MIN_VISIBLE_FLOOR_RATIO = 1.1
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What a check says of a structure: whether it passed, and in words why not."""
+    """Result of a check: whether the structure passed, and why not."""
 
     check: str
     passed: bool
@@ -34,19 +34,19 @@ class CheckResult:
 
 @dataclass(frozen=True, eq=False)
 class CheckInput:
-    """A structure before the checks.
+    """What a check may look at.
 
     Parameters
     ----------
     fitted : FittedModel
-    explored : Explored
+    explored : SearchResult
         All structures that were fitted.
     before, after : sequences of ResidualReport
         Of the first model and of this one.
     """
 
     fitted: FittedModel
-    explored: Explored
+    explored: SearchResult
     before: Sequence[ResidualReport]
     after: Sequence[ResidualReport]
 
@@ -60,7 +60,7 @@ class Check(Protocol):
 
 
 class EnoughReadings:
-    """There have to be several readings for each free parameter."""
+    """At least five readings for each free parameter."""
 
     def judge(self, given: CheckInput) -> CheckResult:
         readings, parameters = given.fitted.optimum.whitened.readings, len(given.fitted.optimum.free)
@@ -70,18 +70,18 @@ class EnoughReadings:
 
 
 class EnoughEvidence:
-    """Each term has to gain what it pays for having been looked for."""
+    """Each term has to gain more log-evidence than its penalty for the number of candidates."""
 
     def judge(self, given: CheckInput) -> CheckResult:
-        fits, own = given.explored.fits, given.explored.price.score(given.fitted)
+        fits, own = given.explored.fits, given.explored.penalty.score(given.fitted)
         rests = {t: fits.get(given.fitted.structure.minus(t)) for t in given.fitted.terms}
-        free = [t for t, rest in rests.items() if rest is not None and given.explored.price.score(rest) > own]
+        free = [t for t, rest in rests.items() if rest is not None and given.explored.penalty.score(rest) > own]
         reason = f"the gain in log-evidence of {listed(free)} is too small" if free else ""
-        return CheckResult("PaysItsPrice", not free, reason)
+        return CheckResult("EnoughEvidence", not free, reason)
 
 
 class LeaveBlockOut:
-    """Each term has to improve the prediction of readings that are left out by two standard errors."""
+    """Each term has to improve the prediction of left-out blocks by two standard errors (cross-validation)."""
 
     def judge(self, given: CheckInput) -> CheckResult:
         fits, noise = given.explored.fits, given.explored.noise.noise
@@ -103,7 +103,7 @@ class LeaveBlockOut:
 
 @dataclass(frozen=True)
 class LeftOver:
-    """What is left above the noise floor has to be a small share of what there was.
+    """The squared error above the noise floor has to fall to a small share of that of the first model.
 
     Parameters
     ----------
@@ -129,10 +129,10 @@ class LeftOver:
         return CheckResult("LeftOver", False, reason)
 
     def _is_much(self, pairs: Sequence[tuple[ResidualReport, ResidualReport]]) -> bool:
-        """Whether too much of the squared error above the floor is left.
+        """Whether too large a share of the squared error above the floor remains.
 
-        Nothing is left in an output that is down to its noise. A floor that is not known counts as none, and the unit
-        of that output is its estimated noise.
+        An output that is down to its noise counts as zero. An unknown floor counts as zero, and then the estimated
+        noise is the unit of the output.
         """
         first = last = 0.0
         for one, other in pairs:
@@ -143,14 +143,14 @@ class LeftOver:
         return last > self.share * first
 
 
-def residual_reports(fitted: FittedModel, explored: Explored) -> tuple[ResidualReport, ...]:
-    """What a fit leaves, against its own noise."""
+def residual_reports(fitted: FittedModel, explored: SearchResult) -> tuple[ResidualReport, ...]:
+    """Reports on the residuals of a fit, under its own noise."""
     return common_noise(fitted, explored.floors).reports
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The structure that is named, and those that were better but failed a check, with the reasons.
+    """The chosen structure, and better ones that failed a check, with the reasons.
 
     ``before`` and ``after`` are what the first model and the chosen one leave; ``explored`` are all structures, those
     among them that the checks asked for.
@@ -160,20 +160,20 @@ class Choice:
     before: tuple[ResidualReport, ...]
     after: tuple[ResidualReport, ...]
     refused: tuple[tuple[FittedModel, CheckResult], ...]
-    explored: Explored
+    explored: SearchResult
 
 
 def choose(
-    explored: Explored,
+    explored: SearchResult,
     checks: Sequence[Check],
     required: Sequence[str] = (),
-    complete: Callable[[FittedModel], Explored] | None = None,
+    complete: Callable[[FittedModel], SearchResult] | None = None,
 ) -> Choice:
-    """The best structure that passes all checks; the first model where none does.
+    """Choose the best structure that passes all checks; the first model if none does.
 
     Parameters
     ----------
-    explored : Explored
+    explored : SearchResult
     checks : sequence of Check
     required : sequence of str
         Terms that need not pass.
@@ -189,7 +189,7 @@ def choose(
             return Choice(fitted, before, residual_reports(fitted, explored), tuple(refused.values()), explored)
         rests = [fitted.structure.minus(t) for t in fitted.terms]
         if complete is not None and any(s not in explored.fits for s in rests):
-            # Without one of its terms it may be better than with it.
+            # The structure without one of its terms may turn out to be better.
             explored = complete(fitted)
             if all(s in explored.fits for s in rests):
                 continue
@@ -201,7 +201,7 @@ def choose(
 
 
 def find_disturbance(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
-    """Recording, start and end in s of a disturbance: a tenth of the recording holds most of what is left."""
+    """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
     structured = [r for r in those_structured(reports) if r.worst_share > share and math.isfinite(r.ratio)]
     if not structured:
         return None

@@ -13,8 +13,8 @@ from aero_bayes.errors import InputError
 class Recordings:
     """The recordings, and which part of them is fitted.
 
-    ``fitted`` are the training recordings, or what is left of them where their ends are held out for want of test
-    recordings; ``unseen_from`` then gives by name the time (s) from which readings count as unseen.
+    ``fitted`` are the training recordings; without test recordings only their first parts. ``unseen_from`` is then the
+    time (s), by name, from which readings count as unseen.
     """
 
     train: tuple[Recording, ...]

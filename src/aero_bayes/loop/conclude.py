@@ -29,7 +29,7 @@ from aero_bayes.loop.found_effect import FoundEffect
 from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.show import listed
 
@@ -47,7 +47,7 @@ class Conclusion:
     ----------
     base : BaseFit
         The first model at its best, its inputs read and its parameters freed as in the chosen structure.
-    explored : Explored
+    explored : SearchResult
     chosen : FittedModel
         The structure that passed the checks on the fitted readings.
     steps : tuple of Step
@@ -64,7 +64,7 @@ class Conclusion:
     """
 
     base: BaseFit
-    explored: Explored
+    explored: SearchResult
     chosen: FittedModel
     steps: tuple[Step, ...]
     outcome: LoopOutcome
@@ -111,13 +111,13 @@ def checks_of(settings: LoopSettings) -> list[Check]:
     return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
-def _first_of(explored: Explored, chosen: FittedModel) -> FittedModel:
+def _first_of(explored: SearchResult, chosen: FittedModel) -> FittedModel:
     """The first model, its inputs read and its parameters freed as in a structure."""
     return explored.fits.get(chosen.structure.minus(*chosen.terms), chosen)
 
 
 def _without_effect(
-    context: LoopContext, base: BaseFit, explored: Explored, choice: Choice, before: Prediction
+    context: LoopContext, base: BaseFit, explored: SearchResult, choice: Choice, before: Prediction
 ) -> Conclusion:
     within = context.settings.structures.equivalence
     best = choice.refused[0][0] if choice.refused else choice.fitted
@@ -132,14 +132,14 @@ def _without_effect(
         if far.beyond:
             sentence = (
                 "The model fits the training data, but its error on unseen data is far larger: "
-                f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine the "
-                "parameters well enough."
+                f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine "
+                "the parameters well enough."
             )
             return _unexplained(base, explored, choice.fitted, steps, sentence, before)
         if far.sensitive:
             sentence += (
-                f" The error on unseen data is larger: {_ratios_text(far.sensitive)}. The uncertainty of the parameters "
-                "explains this, because the unseen data are sensitive to them."
+                f" The error on unseen data is larger: {_ratios_text(far.sensitive)}. The uncertainty of the "
+                "parameters explains this, because the unseen data are sensitive to them."
             )
         return Conclusion(
             base, explored, choice.fitted, steps, "adequate", sentence, before, before, None, (), base.plain, base.fit,
@@ -150,7 +150,7 @@ def _without_effect(
 
 
 def _why_none(
-    base: BaseFit, explored: Explored, choice: Choice, structured: Sequence[ResidualReport], last: str
+    base: BaseFit, explored: SearchResult, choice: Choice, structured: Sequence[ResidualReport], last: str
 ) -> str:
     """Why a residual with structure gets no name."""
     moment = find_disturbance(base.reports)
@@ -178,7 +178,7 @@ def _why_none(
 
 def _unexplained(
     base: BaseFit,
-    explored: Explored,
+    explored: SearchResult,
     chosen: FittedModel,
     steps: tuple[Step, ...],
     why: str,
@@ -204,7 +204,7 @@ def _they(fitted: FittedModel) -> str:
 
 
 def _extended_text(
-    context: LoopContext, explored: Explored, chosen: FittedModel, extended: ExtendedFit, before: Prediction
+    context: LoopContext, explored: SearchResult, chosen: FittedModel, extended: ExtendedFit, before: Prediction
 ) -> str:
     required = context.settings.structures.require
     told = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first

@@ -20,7 +20,7 @@ from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 
 
@@ -36,7 +36,7 @@ class ExtendedFit:
     after: Prediction
 
 
-def extend(context: LoopContext, base: BaseFit, explored: Explored, chosen: FittedModel) -> ExtendedFit:
+def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: FittedModel) -> ExtendedFit:
     """Write a structure into the model and fit it at its best.
 
     Raises
@@ -70,7 +70,7 @@ def extend(context: LoopContext, base: BaseFit, explored: Explored, chosen: Fitt
 
 def _effect(
     context: LoopContext,
-    explored: Explored,
+    explored: SearchResult,
     chosen: FittedModel,
     id_: str,
     made: tuple[Extension, ParameterSet, Optimum],
@@ -86,7 +86,7 @@ def _effect(
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
-        explored.price.of_term(id_), context.family.summary(id_), dict(written.widths[id_]), over=over,
+        explored.penalty.of_term(id_), context.family.summary(id_), dict(written.widths[id_]), over=over,
         odds=min(sum(r.odds for r in step.candidates if r.id in same), 1.0) if step is not None else None,
         curve=_learned(context.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip

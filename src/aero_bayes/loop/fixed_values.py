@@ -11,7 +11,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.simulation.model import Model
 
@@ -44,7 +44,7 @@ def fixed_parameters_of(model: Model, parameters: ParameterSet) -> ParameterSet:
 
 
 def find_alternatives(
-    cache: ModelCache, explored: Explored, chosen: FittedModel, settings: LoopSettings
+    cache: ModelCache, explored: SearchResult, chosen: FittedModel, settings: LoopSettings
 ) -> tuple[FixedValueAlternative, ...]:
     """Find, for each chosen term, fixed parameters that could replace it without a loss of evidence.
 
@@ -95,9 +95,11 @@ def _freed(without_term: FittedModel, name: str, fit: LocalFitSettings) -> Fitte
 def _predicted_gains(without_term: FittedModel, fixed: ParameterSet) -> dict[str, float]:
     """Gain in log-likelihood that the sensitivity to each of some parameters predicts."""
     parameters, names = without_term.model.objective.parameters, fixed.names
-    slopes = without_term.response.across(without_term.optimum.coordinates, [parameters.index(name) for name in names])
+    slopes = without_term.response.readjusted_slopes(
+        without_term.optimum.coordinates, [parameters.index(name) for name in names]
+    )
     if slopes is None:
         return {}
-    along = slopes[0] @ without_term.response.left
+    along = slopes[0] @ without_term.response.remaining
     power = np.einsum("ij,ij->i", slopes[0], slopes[0])
     return {n: float(0.5 * a * a / p) if p > 0.0 else 0.0 for n, a, p in zip(names, along, power, strict=True)}

@@ -32,7 +32,7 @@ from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Explored, Library, Work
+from aero_bayes.search.explored import Library, SearchResult, Work
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
@@ -138,7 +138,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
     parts = settings.parts or Parts.of(settings.global_search, settings.seed, settings.leave_out)
 
-    def chosen(explored: Explored) -> Choice:
+    def chosen(explored: SearchResult) -> Choice:
         return choose(explored, checks_of(settings), settings.structures.require, searching.complete)
 
     searching = StructureSearch(

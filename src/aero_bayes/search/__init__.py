@@ -2,11 +2,11 @@
 
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
-from aero_bayes.search.explored import Explored, Library, Work
+from aero_bayes.search.explored import Library, SearchResult, Work
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
-from aero_bayes.search.score import Price, common_noise, odds, residual_correlation_time
+from aero_bayes.search.score import Penalty, common_noise, odds, residual_correlation_time
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
@@ -18,15 +18,15 @@ __all__ = [
     "CandidateModel",
     "Edit",
     "EditContext",
-    "Explored",
     "FitNoise",
     "FittedModel",
     "Library",
     "ModelCache",
     "ModelSource",
     "Parts",
-    "Price",
+    "Penalty",
     "Restart",
+    "SearchResult",
     "Start",
     "StartRule",
     "Structure",

@@ -1,4 +1,4 @@
-"""Edits: what makes a structure's neighbours. The search knows no other way from one structure to the next."""
+"""Edits: rules that give the neighbours of a structure in the search."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ MIN_SQUARED_SINE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class EditContext:
-    """What an edit is told of a fit.
+    """What an edit knows of a fitted structure.
 
     Parameters
     ----------
     fitted : FittedModel
     adequate : bool
-        Whether it is down to its noise.
+        Whether it leaves only noise.
     offered : tuple of str
         Terms of the library.
     refines : mapping of str to str
@@ -53,7 +53,7 @@ class EditContext:
     best : bool
         Whether it is the best structure so far.
     unlisted : bool
-        Whether the listed laws were tried and do not explain what is left.
+        Whether the laws of the library were tried and do not explain the residual.
     """
 
     fitted: FittedModel
@@ -89,16 +89,16 @@ class AddTerm:
     """
 
     def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        imitated = {d.id for d in here.directions if d.imitated}
+        confounded = {d.id for d in here.directions if d.confounded}
         for id_ in here.offered:
             fine = id_ in here.refines and here.adequate
-            if id_ in here.structure.terms or id_ in imitated or id_ in here.curves or fine:
+            if id_ in here.structure.terms or id_ in confounded or id_ in here.curves or fine:
                 continue
             yield with_term(here, here.structure, id_)
 
 
 class AddCurve:
-    """A curve learned at each port, where no listed law explains what is left: a curve bends to anything."""
+    """A learned curve at each port, if no law of the library explains the residual; a curve fits almost anything."""
 
     def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.unlisted and not here.adequate:
@@ -107,7 +107,7 @@ class AddCurve:
 
 
 class AddPair:
-    """Two terms that explain much together and little alone, foretold from the linearised response."""
+    """Two terms that explain much together and little alone, predicted by the linearised response."""
 
     def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.adequate or not here.best:
@@ -167,7 +167,7 @@ class InputInterpolation:
         if here.best and here.interpolation_is_free:
             other = replace(here.structure, other_interpolation=not here.structure.other_interpolation)
             yield other
-            # Half a sample too early looks like a lag or a delay.
+            # The wrong interpolation shifts an input by half a sample, which a lag or a delay imitates.
             for id_ in here.structure.terms:
                 yield other.minus(id_)
 
@@ -189,14 +189,14 @@ class Direction:
     """What the magnitude of a term changes to first order, once the free parameters have readjusted.
 
     ``across`` (N,) is the change in units of the noise, ``slope`` its product with the residual, ``room`` how far the
-    magnitude may go down and up, and ``imitated`` whether the free parameters do the same.
+    magnitude may go down and up, and ``confounded`` whether the free parameters do the same.
     """
 
     id: str
     across: FloatArray
     slope: float
     room: tuple[float, float]
-    imitated: bool
+    confounded: bool
 
 
 def term_directions(fitted: FittedModel) -> list[Direction]:
@@ -205,7 +205,7 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
     candidates: list[CandidateTerm] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
     origin = with_nominal_shapes(fitted, candidates)
     sizes = [c.columns[0] for c in candidates]
-    slopes = response.across(origin, sizes) if sizes else None
+    slopes = response.readjusted_slopes(origin, sizes) if sizes else None
     if slopes is None:
         return []
     low, high = model.objective.parameters.box
@@ -215,23 +215,23 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
         size, whole = candidate.columns[0], float(alone @ alone)
         if whole > 0.0:
             room = float(low[size] - origin[size]), float(high[size] - origin[size])
-            # What changes less than the noise over all its room is not seen to first order: nothing imitates it.
+            # A term whose whole range changes less than the noise is invisible to first order, so nothing imitates it.
             seen = math.sqrt(whole) * max(-room[0], room[1]) > 1.0
-            imitated = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
-            found.append(Direction(candidate.id, across, float(across @ response.left), room, imitated))
+            confounded = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
+            found.append(Direction(candidate.id, across, float(across @ response.remaining), room, confounded))
     return found
 
 
 def _projected(rows: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Rows (q, N) as far as some slopes (f, N) span them."""
+    """Projection of rows (q, N) onto the span of some slopes (f, N)."""
     unit = np.linalg.norm(slopes, axis=1)
     basis = slopes[unit > 0.0] / unit[unit > 0.0, np.newaxis]
     return np.asarray((rows @ basis.T) @ np.linalg.pinv(basis @ basis.T, 1e-12, hermitian=True) @ basis)
 
 
 def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
-    """The pairs that promise most, and more than either alone."""
-    acting = [d for d in directions if not d.imitated]
+    """Pairs with the largest predicted gain, if it is larger than that of either term alone."""
+    acting = [d for d in directions if not d.confounded]
     if len(acting) < 2:
         return []
     rows = np.stack([d.across for d in acting])
@@ -250,7 +250,7 @@ def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
 
 
 def _gain(inner: FloatArray, slope: FloatArray, room: FloatArray) -> float:
-    """What the best step gains; nothing where it leaves the bounds."""
+    """Predicted gain of the Newton step; zero if it leaves the bounds."""
     step = np.linalg.solve(inner, slope)
     if np.any(step < room[:, 0]) or np.any(step > room[:, 1]):
         return 0.0

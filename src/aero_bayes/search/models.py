@@ -48,7 +48,7 @@ class CandidateModel:
     ----------
     objective : Objective
     candidates : mapping of str to Candidate
-        The terms at hand by id, with their parameters' columns.
+        The candidate terms by id, with the columns of their parameters.
     own : tuple of int
         Columns of the first model's parameters that are free.
     open : callable
@@ -65,7 +65,7 @@ class CandidateModel:
         return (*self.own, *(j for id_ in terms for j in self.candidates[id_].columns))
 
     def at(self, values: Mapping[str, float], terms: Collection[str]) -> FloatArray:
-        """Search coordinates of SI values by name with some terms on; the others stand at their off values."""
+        """Search coordinates of SI values by name with some terms on; the others are switched off."""
         parameters = self.objective.parameters
         on = set(self.free(terms))
         start = [
@@ -114,7 +114,7 @@ class FittedModel:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """SI values by name; terms that are off stand at their off values."""
+        """SI values by name; terms that are off have their off values."""
         parameters = self.model.objective.parameters
         return dict(zip(parameters.names, parameters.from_search(self.optimum.coordinates).tolist(), strict=True))
 
@@ -171,7 +171,7 @@ class ModelSource:
     open : callable
         Opens a simulator.
     interpolation_is_free : bool
-        Whether the user leaves it to the data how inputs are read between their samples.
+        Whether the data decide the interpolation of the inputs.
     """
 
     family: Family
@@ -190,7 +190,7 @@ class ModelCache:
         self._built: dict[tuple[Structure, frozenset[str]], CandidateModel] = {}
 
     def of(self, structure: Structure, extra: Collection[str] = ()) -> CandidateModel:
-        """The model for a structure, with ``extra`` terms at hand.
+        """The model for a structure, with ``extra`` candidate terms built in.
 
         Raises
         ------
@@ -220,12 +220,12 @@ class ModelCache:
 
     @property
     def free_later(self) -> tuple[str, ...]:
-        """Parameters that are held until the data tell them."""
+        """Parameters that are fixed until the search frees them."""
         return tuple(p.name for p in self.source.plain.parameters if p.auto)
 
     @property
     def interpolation_is_free(self) -> bool:
-        """Whether the inputs may be read the other way between their samples."""
+        """Whether the search may change the interpolation of the inputs."""
         return self.source.interpolation_is_free and with_other_interpolation(self.source.plain) is not None
 
     @property
@@ -234,7 +234,7 @@ class ModelCache:
         return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
 
     def beside(self, held: ParameterSet) -> ModelCache:
-        """Models that have further parameters, which stay where they are."""
+        """Models with further parameters, which stay fixed."""
         plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
         return ModelCache(replace(self.source, plain=plain))
 

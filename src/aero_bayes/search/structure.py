@@ -17,8 +17,7 @@ class Structure:
     freed : tuple of str
         Parameters of the first model that are free beside those of the configuration, sorted.
     other_interpolation : bool
-        Whether inputs are read the other way between their samples (straight lines in place of steps, or steps in
-        place of lines).
+        Whether inputs have the other interpolation: linear in place of zero-order hold, or the reverse.
     """
 
     terms: tuple[str, ...] = ()
@@ -45,7 +44,7 @@ class Structure:
         return tuple(t for t in self.terms if t not in beside.terms)
 
     def same_setting(self, other: Structure) -> bool:
-        """Whether the free parameters of the first model and the reading of the inputs are the same."""
+        """Whether the freed parameters and the interpolation of the inputs are the same."""
         return (self.freed, self.other_interpolation) == (other.freed, other.other_interpolation)
 
     def contains(self, other: Structure) -> bool:
@@ -53,7 +52,7 @@ class Structure:
         return self.same_setting(other) and set(other.terms) <= set(self.terms)
 
     def contains_terms(self, other: Structure) -> bool:
-        """The same whatever is free and however the inputs are read."""
+        """As :meth:`contains`, for any freed parameters and interpolation."""
         return set(other.terms) <= set(self.terms)
 
 
