@@ -124,7 +124,7 @@ class Unseen:
         return spread
 
     def _with_shifted_starts(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
-        """SI values (2, p) with one initial state of all unseen recordings moved by a standard deviation to both sides."""
+        """SI values (2, p) with an initial state of all unseen recordings moved one standard deviation up and down."""
         by_state: dict[ProblemTarget, dict[int, float]] = {}
         for j, p in enumerate(whole.parameters):
             if p.recording is not None and p.recording >= self._fitted:

@@ -149,14 +149,14 @@ def step_of(explored: SearchResult, base: Structure, id_: str | None, number: in
             nothing,
             UNLISTED_PROBABILITY,
         )
-    best = f"{ranked[0]}, the best, gains {gains[ranked[0]]:.1f}"
+    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:z.1f}"
     return Step(
         number,
         rivals,
         penalty,
         None,
         (),
-        f"no candidate gains the needed {penalty:.1f} in log-evidence ({best})",
+        f"no candidate gains the needed {penalty:.1f} in log-evidence; {best}",
         nothing,
         UNLISTED_PROBABILITY,
     )

@@ -161,7 +161,7 @@ def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple
         lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(explored.skipped)}.")
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at port {effect.port}: {effect.id} ({values}).")
+        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return (*lines, sentence)
 
 
@@ -171,16 +171,16 @@ def _data_sentence(context: LoopContext) -> str:
     fitted = listed([r.name for r in recordings.train])
     if recordings.unseen_from:
         ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
-        return f"Fit and choice used the first part of {fitted}. The rest ({ends}) was used once, to test the choice."
+        return f"Fit and choice used the first part of {fitted}. The rest ({ends}) only tested the result."
     unseen = listed([r.name for r in recordings.test])
-    return f"Fit and choice used {fitted}. Only the final test used {unseen}."
+    return f"Recordings for fit and choice: {fitted}. Recordings that only tested the result: {unseen}."
 
 
 def _comparison_sentence(conclusion: Conclusion) -> str:
     """How many structures were compared, on how many effective samples."""
     explored = conclusion.explored
-    counts = ", ".join(f"{n:.0f} of {o}" for o, n in explored.noise.effective_samples.items())
-    return f"{len(explored.fits)} model structures were compared. The readings count as {counts} independent ones."
+    counts = ", ".join(f"{o} {n:.0f}" for o, n in explored.noise.effective_samples.items())
+    return f"{len(explored.fits)} model structures were compared. Effective number of independent readings: {counts}."
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,7 +165,7 @@ def odds_text(odds: float) -> str:
 
 def gain_text(value: float | None) -> str:
     """A gain in log-evidence."""
-    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
+    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:z.1f}")
 
 
 def curve_plate(effect: EffectJson) -> Plate | None:
