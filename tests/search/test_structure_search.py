@@ -21,10 +21,10 @@ from aero_bayes.search import (
     Library,
     Parts,
     Penalty,
+    SearchControl,
     Structure,
     StructureSearch,
     StructureSettings,
-    Work,
     common_noise,
     likely_pairs,
     odds,
@@ -114,7 +114,7 @@ def searched(cache, settings=None, refines=None, parts=None, work=None, floors=N
     library = Library([tuple(cache.model.candidates)], refines, ())
     search = StructureSearch(
         cache, library, settings or StructureSettings(), LocalFitSettings(), FLOORS if floors is None else floors,
-        parts or Parts(restarts=()), work or Work(),
+        parts or Parts(restarts=()), work or SearchControl(),
     )  # fmt: skip
     return search.run(cache.root(**root))
 
@@ -144,7 +144,7 @@ def test_when_the_time_is_up_what_was_found_by_then_is_kept():
     ended, counts = set(), set()
     for limit in (*range(12), 1000):
         asked = iter(range(limit))
-        work = Work(time_is_up=lambda asked=asked: next(asked, None) is None)
+        work = SearchControl(time_is_up=lambda asked=asked: next(asked, None) is None)
         explored = searched(OneModel(study([1.0, 2.0, 0.0, 0.5, 0.7], 3)), work=work)
         ended.add(explored.ended)
         counts.add(len(explored.best.terms))
@@ -286,7 +286,7 @@ def damped(time, p):
 class FromElsewhere:
     """A restart of a user's own: from a frequency of 3.72."""
 
-    def again(self, fitted, settings):
+    def refit(self, fitted, settings):
         start = fitted.model.at(fitted.values | {"b": 3.72}, fitted.terms)
         return fitted.model.fit(fitted.structure, start, fitted.noise, settings)
 

@@ -15,7 +15,7 @@ from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
 #: What an effect's parameters cost in log-evidence, about: what is added to a gain before its logarithm is taken.
-EFFECT_PRICE = 4.0
+EFFECT_PENALTY = 4.0
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
 
@@ -114,6 +114,8 @@ def _named(loop: LoopJson) -> list[dict[str, Any]]:
     for effect in loop.effects:
         alike = next((group for group in loop.equivalent if effect.id in group), [])
         gain, bar = effect.evidence.log_evidence_gain, effect.evidence.needed
-        strength = math.log((gain + EFFECT_PRICE) / (bar + EFFECT_PRICE)) if gain and bar and gain > bar > 0.0 else 0.0
+        strength = (
+            math.log((gain + EFFECT_PENALTY) / (bar + EFFECT_PENALTY)) if gain and bar and gain > bar > 0.0 else 0.0
+        )
         found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
     return found

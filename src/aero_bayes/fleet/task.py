@@ -67,8 +67,8 @@ class RigTask:
         """Fingerprint of all that its row depends on; recordings by size and time of change."""
         files = [(path.name, *_stamp(path)) for path in (*self.rig.train, *self.rig.test)]
         sha256 = self.model.sha256 if self.model is not None else ""
-        told = (KIND, self.config.model_dump_json(exclude={"model"}), self.work, self.seed, sha256, files)
-        return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+        facts = (KIND, self.config.model_dump_json(exclude={"model"}), self.work, self.seed, sha256, files)
+        return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
 def _stamp(path: Path) -> tuple[int, int]:

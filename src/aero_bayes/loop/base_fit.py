@@ -53,7 +53,7 @@ class BaseFit:
     floors : mapping of (recording, output) to float
         Noise floors of all recordings, where they are known.
     start_warnings : tuple of str
-        What is said of initial values that are far off their readings.
+        Warnings on initial values that are far from their readings.
     """
 
     plain: Calibration
@@ -105,11 +105,11 @@ def best_fit(context: LoopContext, calibration: Calibration, values: FloatArray,
     """The optimum near SI values, under the objective of ``fit``: sensor noise, or least squares where structure is
     left."""
     with context.open(calibration.problem()) as simulator:
-        study = context.objective(calibration, simulator)
-        found = GlobalSearch(study, context.settings.global_search).refit(
-            study.parameters.to_search(values), last.free, last.noise
+        objective = context.objective(calibration, simulator)
+        found = GlobalSearch(objective, context.settings.global_search).refit(
+            objective.parameters.to_search(values), last.free, last.noise
         )
-        context.statistics.add_simulations(study)
+        context.statistics.add_simulations(objective)
     return found
 
 
@@ -133,26 +133,28 @@ def _shared(context: LoopContext, model: Model) -> ParameterSet:
     if not free:
         known = ", ".join(v.name for v in model.parameters)
         raise InputError(f"model {model.name} declares no parameters to fit: name the free ones; it has {known}")
-    held = {name: replace(overrides.get(name, Override()), auto=True) for name in context.settings.free_later}
-    return parameters_from_model(model, free=(*free, *held), overrides={**overrides, **held})
+    later = {name: replace(overrides.get(name, Override()), auto=True) for name in context.settings.free_later}
+    return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
 
 
 def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
     settings = context.settings
     with context.open(calibration.problem()) as simulator:
-        study = context.objective(calibration, simulator)
-        search = GlobalSearch(study, settings.global_search)
+        objective = context.objective(calibration, simulator)
+        search = GlobalSearch(objective, settings.global_search)
         rng = np.random.default_rng(settings.seed)
-        ascent = search.run(_seen(study), context.open, rng)
-        found = ascent.optimum
+        found_fit = search.run(_columns_with_effect(objective), context.open, rng)
+        found = found_fit.optimum
         lines = (
-            choose_interpolation(search, ascent, context.open, rng)
+            choose_interpolation(search, found_fit, context.open, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )
-        fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
-        context.statistics.add_simulations(study)
+        fitted = tuple(
+            y[0] for y in objective.simulate(objective.parameters.from_search(found.coordinates)[None]).outputs
+        )
+        context.statistics.add_simulations(objective)
     if lines is not None:
         return lines
     cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
@@ -161,10 +163,10 @@ def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration
     return cleaned, best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
 
 
-def _seen(study: Objective) -> tuple[int, ...]:
+def _columns_with_effect(objective: Objective) -> tuple[int, ...]:
     """Columns that change a recorded output at all, of those that are decided on."""
-    every = tuple(j for j, p in enumerate(study.parameters) if not p.auto)
-    found = study.evaluate(study.parameters.to_search(study.parameters.start), every)
+    every = tuple(j for j, p in enumerate(objective.parameters) if not p.auto)
+    found = objective.evaluate(objective.parameters.to_search(objective.parameters.start), every)
     if found is None or found.slopes is None:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
@@ -175,14 +177,14 @@ def _seen(study: Objective) -> tuple[int, ...]:
 
 def _start_warnings(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
     """Initial values that are far off their readings: they may imitate what is missing."""
-    said = []
+    warnings = []
     values = plain.parameters.from_search(fit.coordinates)
     for p, value in zip(close.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
             off = abs(value - p.prior.mean) / p.prior.sd
             if off > MAX_READING_DEVIATIONS:
-                said.append(
+                warnings.append(
                     f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations from its reading. It "
                     "may compensate for a missing effect."
                 )
-    return tuple(said)
+    return tuple(warnings)

@@ -35,7 +35,7 @@ from aero_bayes.show import listed
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
-#: Effective samples for each free parameter below which nothing can be told.
+#: Effective samples for each free parameter below which no effect can be found.
 MIN_SAMPLES_PER_PARAMETER = 3.0
 
 
@@ -207,14 +207,14 @@ def _extended_text(
     context: LoopContext, explored: SearchResult, chosen: FittedModel, extended: ExtendedFit, before: Prediction
 ) -> str:
     required = context.settings.structures.require
-    told = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
+    effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     same = {t: equivalents(explored, chosen, t, context.settings.structures.equivalence) for t in chosen.terms}
     given, lacking = (
-        [_effect_text(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False)
+        [_effect_text(e, same[e.id]) for e in effects if (e.id in required) is asked] for asked in (True, False)
     )
-    said = [f"was extended by {listed(given)}, as required"] if given else []
-    said += [f"lacks {listed(lacking)}"] if lacking else []
-    sentence = f"The model {', and '.join(said)}: {describe_error_change(before, extended.after, context.units)}"
+    clauses = [f"was extended by {listed(given)}, as required"] if given else []
+    clauses += [f"lacks {listed(lacking)}"] if lacking else []
+    sentence = f"The model {', and '.join(clauses)}: {describe_error_change(before, extended.after, context.units)}"
     structured = those_structured(extended.reports)
     return sentence + (
         f" Structure remains in the residual of {', '.join(_structured_outputs(structured))}." if structured else ""

@@ -53,12 +53,12 @@ def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: 
     context.progress("refitting the extended model", 0.85)
     calibration = base.on(context, written.model, written.parameters)
     with context.open(calibration.problem()) as simulator:
-        study = context.objective(calibration, simulator)
+        objective = context.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = GlobalSearch(study, context.settings.global_search).refit(start, free, base.fit.noise)
-        reports = inspect(calibration, study.series, fit, base.floors)
-        context.statistics.add_simulations(study)
+        fit = GlobalSearch(objective, context.settings.global_search).refit(start, free, base.fit.noise)
+        reports = inspect(calibration, objective.series, fit, base.floors)
+        context.statistics.add_simulations(objective)
     after = context.unseen.predict(calibration, fit)
     effects = []
     for id_ in terms:

@@ -32,7 +32,7 @@ from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Library, SearchResult, Work
+from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
@@ -127,7 +127,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     cache, curves = ModelCache(source), tuple(family.learned())
     library = Library(family.groups(), family.finer(), curves)
     fit = replace(settings.local_fit, floors=plain.floors)
-    work = Work(
+    work = SearchControl(
         context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
     )
     context.progress("trying each candidate", 0.15)

@@ -36,7 +36,7 @@ def diagram_plate(diagram: DiagramJson) -> Plate | None:
     canvas, place, scale = _paper(diagram, alt)
     by_name = {c.name: c for c in diagram.components}
     for line in diagram.connections:
-        points = line.points or _way(by_name[line.first], by_name[line.second])
+        points = line.points or _line_between(by_name[line.first], by_name[line.second])
         at = np.array([place(x, y) for x, y in points])
         canvas.curve(at[:, 0], at[:, 1], MUTED, 0.9 if line.signal else 1.4, "3 3" if line.signal else "")
     for component in diagram.components:
@@ -126,7 +126,7 @@ def _outline(shape: ShapeJson, icon: Place) -> Iterator[tuple[float, float]]:
     return (icon(x, y) for x, y in points)
 
 
-def _way(first: ComponentJson, second: ComponentJson) -> list[tuple[float, float]]:
+def _line_between(first: ComponentJson, second: ComponentJson) -> list[tuple[float, float]]:
     """From the nearer side of one component to that of another, with one step between."""
     (a, b), (c, d) = _centre(first), _centre(second)
     half = [0.5 * abs(item.extent[2] - item.extent[0]) for item in (first, second)]

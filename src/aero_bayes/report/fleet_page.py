@@ -41,7 +41,7 @@ Z90 = 1.6448536269514722
 
 
 @dataclass(frozen=True, eq=False)
-class OneParameter:
+class ParameterColumn:
     """A parameter of every rig: value and width (n,) of its own data, value in the light of the fleet, the curve.
 
     Widths are standard deviations of the value, or of its logarithm where ``shared.log``; ``curve`` is the fleet's
@@ -63,7 +63,7 @@ class FleetColumns:
     """
 
     names: Sequence[str]
-    parameters: Mapping[str, OneParameter]
+    parameters: Mapping[str, ParameterColumn]
     over_floor: FloatArray
     seconds: FloatArray
     present: FloatArray

@@ -16,7 +16,7 @@ _HASH_SHOWN = 16
 
 
 @dataclass(frozen=True)
-class Reading:
+class KeyFigure:
     """One number of the head: what, how much, and how to take it."""
 
     label: Markup
@@ -30,7 +30,7 @@ def stated_verdict(result: RunJson) -> VerdictJson:
     return result.verdict or VerdictJson(level="warning", text="The run has finished without a verdict.")
 
 
-def readings(result: RunJson) -> list[Reading]:
+def readings(result: RunJson) -> list[KeyFigure]:
     """The few numbers that say how far the rest can be trusted."""
     outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
     found = [_residual_reading(result, output) for output in outputs]
@@ -38,15 +38,15 @@ def readings(result: RunJson) -> list[Reading]:
     if mcmc is not None and mcmc.r_hat_max is not None:
         fine = mcmc.r_hat_max <= R_HAT_LIMIT
         words = "ensembles agree" if fine else "ensembles disagree: above 1.01"
-        found.append(Reading(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
+        found.append(KeyFigure(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
     sizes = [] if mcmc is None else [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
     if sizes:
-        found.append(Reading(Markup("effective draws"), count(min(sizes)), "of the parameter with the fewest"))
+        found.append(KeyFigure(Markup("effective draws"), count(min(sizes)), "of the parameter with the fewest"))
     if result.seconds is not None:
         runs = sum(result.failures.values())
         failed = runs - result.failures.get("completed", 0)
         words = f"{count(runs)} simulations, {count(failed)} failed" if runs else "wall time"
-        found.append(Reading(Markup("time taken"), duration(result.seconds), words))
+        found.append(KeyFigure(Markup("time taken"), duration(result.seconds), words))
     return found
 
 
@@ -98,7 +98,7 @@ def _signals(names: Sequence[str]) -> Markup:
     return Markup(", ").join(symbol(name) for name in names)
 
 
-def _residual_reading(result: RunJson, output: str) -> Reading:
+def _residual_reading(result: RunJson, output: str) -> KeyFigure:
     entries = [found[output] for found in result.residual.values() if output in found]
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)
@@ -109,8 +109,8 @@ def _residual_reading(result: RunJson, output: str) -> Reading:
     if ratio is None and sizes:
         factor, unit = scaled_unit(max(sizes), result.unit(output))
         size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return Reading(label, size, f"RMS; the signal changes too fast to estimate the noise floor; {words}", level)
-    return Reading(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
+        return KeyFigure(label, size, f"RMS; the signal changes too fast to estimate the noise floor; {words}", level)
+    return KeyFigure(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
 
 
 def _exact(value: object) -> object:

@@ -2,7 +2,7 @@
 
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
-from aero_bayes.search.explored import Library, SearchResult, Work
+from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
@@ -26,13 +26,13 @@ __all__ = [
     "Parts",
     "Penalty",
     "Restart",
+    "SearchControl",
     "SearchResult",
     "Start",
     "StartRule",
     "Structure",
     "StructureSearch",
     "StructureSettings",
-    "Work",
     "common_noise",
     "likely_pairs",
     "odds",

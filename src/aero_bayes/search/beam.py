@@ -17,7 +17,7 @@ from aero_bayes.ahead import waves
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.search.edits import Direction, EditContext, term_directions
-from aero_bayes.search.explored import Library, SearchResult, Work, ranked
+from aero_bayes.search.explored import Library, SearchControl, SearchResult, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.refit import aim_at, refit
@@ -47,7 +47,7 @@ class StructureSearch:
         Noise floors where they are known.
     parts : Parts
         Edits, start rules and restarts.
-    work : Work
+    control : SearchControl
     explained : callable
         Whether the laws of the library explain the residual; else curves are learned.
     """
@@ -58,7 +58,7 @@ class StructureSearch:
     fit: LocalFitSettings
     floors: Mapping[tuple[str, str], float]
     parts: Parts
-    work: Work = field(default_factory=Work)
+    control: SearchControl = field(default_factory=SearchControl)
     explained: Callable[[SearchResult], bool] = lambda explored: bool(explored.best.terms)
 
     def __post_init__(self) -> None:
@@ -176,14 +176,14 @@ class StructureSearch:
         best, adequate, targets = self._best(), self._noise.adequate, dict[Structure, Structure]()
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
-            self.work.report(what, 0.2 * k / len(frontier))
-            around = EditContext(
+            self.control.report(what, 0.2 * k / len(frontier))
+            context = EditContext(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
                 self._rivals(), self.cache.free_later, tuple(self._directions(fitted)),
                 self.cache.interpolation_is_free, fitted is best, self._library_exhausted,
             )  # fmt: skip
             for edit in self.parts.edits:
-                self._fit_smaller(fitted, edit.neighbours(around), targets)
+                self._fit_smaller(fitted, edit.neighbours(context), targets)
         return self._fit_larger(targets, what)
 
     def _fit_smaller(
@@ -205,7 +205,7 @@ class StructureSearch:
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
         searches = {s: partial(starting_points, rules, base, s) for s, base in bases.items()}
-        self.work.precompute(list(searches.values()), lambda done: self.work.report(what, 0.2 + 0.3 * done))
+        self.control.precompute(list(searches.values()), lambda done: self.control.report(what, 0.2 + 0.3 * done))
         starts: dict[Structure, list[Start]] = {}
         for structure, find in searches.items():
             if self._time_is_up(what):
@@ -222,14 +222,14 @@ class StructureSearch:
                 for s in wave
                 if self._may_reach(bases[s], starts[s], least[s])
             }
-            self.work.precompute(list(likely.values()), lambda done: None)
+            self.control.precompute(list(likely.values()), lambda done: None)
             for structure, task in likely.items():
                 if tried and self._time_is_up(what):
                     break
                 if (found := task()) is not None:
                     self._keep_better(found)
                 tried.append(structure)
-            self.work.report(what, 0.5 + 0.5 * len(tried) / max(len(order), 1))
+            self.control.report(what, 0.5 + 0.5 * len(tried) / max(len(order), 1))
         return [s for s in dict.fromkeys((*tried, *starts)) if s in self._fits]
 
     def _base_model(self, structure: Structure, origin: Structure) -> FittedModel | None:
@@ -344,7 +344,7 @@ class StructureSearch:
             again |= set(own[: self.settings.beam_width])
         known = [s for s in self._fits if s in again]
         tasks = [partial(self._fits[s].refitted, self._noise.noise, self._settings) for s in known]
-        self.work.precompute(tasks, lambda done: None)
+        self.control.precompute(tasks, lambda done: None)
         for task in tasks:
             with suppress(CannotFinishError):
                 self._keep_better(task())
@@ -385,7 +385,7 @@ class StructureSearch:
 
     def _time_is_up(self, what: str) -> bool:
         """Whether the time limit has passed; what was being done then is kept."""
-        if self.work.time_is_up() and not self._ended:
+        if self.control.time_is_up() and not self._ended:
             self._ended = what
         return bool(self._ended)
 

@@ -41,7 +41,7 @@ class Library:
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
+class SearchControl:
     """How a search is run: its time limit, its helper processes, and the report of its progress.
 
     ``time_is_up`` says whether the time limit has passed. ``precompute`` lets helpers compute tasks that the search

@@ -61,26 +61,26 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with resumable(job, "fit") as kept:
+    with resumable(job, "fit") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, kept)
-            doubts = _doubts(job, found, progress)
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, doubts, _closing(result)], series, _calibrated(job, found))
+        _finish(job, "fit", began, [result, checks, _closing(result)], series, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with resumable(job, "posterior") as kept:
+    with resumable(job, "posterior") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, kept)
-            doubts = _doubts(job, found, progress)
-            posterior = _sample(job, found, progress, kept)
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
+            posterior = _sample(job, found, progress, checkpoint)
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, doubts)
+        result = merge(result, sampled, checks)
         _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
 
 
@@ -88,9 +88,9 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with resumable(job, "close-loop") as kept:
+    with resumable(job, "close-loop") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            loop = run_loop(job, progress, kept)
+            loop = run_loop(job, progress, checkpoint)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
         parts = [preamble(job, "close-loop"), loop_part(job, loop)]
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
@@ -107,17 +107,17 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     job = open_job(files, options, tests=tests)
     if job.modelica:
         loop_settings(job)
-    with resumable(job, "all") as kept:
+    with resumable(job, "all") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            base = fit_job(job, progress, kept)
-            loop = run_loop(job, progress, kept) if job.modelica else None
+            base = fit_job(job, progress, checkpoint)
+            loop = run_loop(job, progress, checkpoint) if job.modelica else None
             final = extended_job(job, loop) if loop is not None else job
-            found = base if final is job else fit_job(final, progress, kept, again=True)
-            doubts = _doubts(final, found, progress)
-            posterior = _sample(final, found, progress, kept)
+            found = base if final is job else fit_job(final, progress, checkpoint, again=True)
+            checks = _checks(final, found, progress)
+            posterior = _sample(final, found, progress, checkpoint)
         result, series = fit_part(final, found)
         sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, doubts)
+        result = merge(result, sampled, checks)
         series = series | bands
         if loop is None:
             _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
@@ -157,7 +157,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def fit_job(job: Job, progress: ProgressBar, kept: Checkpoint | None = None, *, again: bool = False) -> Fit:
+def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
     """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
     settings = fit_settings(job)
     return fit(
@@ -168,24 +168,24 @@ def fit_job(job: Job, progress: ProgressBar, kept: Checkpoint | None = None, *, 
         seed=job.options.seed,
         workers=job.options.workers,
         progress=progress,
-        checkpoint=kept,
+        checkpoint=checkpoint,
     )
 
 
-def _sample(job: Job, found: Fit, progress: ProgressBar, kept: Checkpoint) -> Posterior:
+def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
     posterior = sample(
         found,
         settings=sample_settings(job),
         seed=job.options.seed,
         workers=job.options.workers,
-        checkpoint=kept,
+        checkpoint=checkpoint,
         progress=progress,
     )
     posterior.save(job.options.out / "posterior.nc")
     return posterior
 
 
-def _doubts(job: Job, found: Fit, progress: ProgressBar) -> Json:
+def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """Profiles of doubtful parameters, and how well the recordings predict each other."""
     return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 

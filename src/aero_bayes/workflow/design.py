@@ -89,9 +89,9 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     rivals = _rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted, rivals)
-    with resumable(job, "design") as kept:
+    with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            base = fit_job(job, progress, kept)
+            base = fit_job(job, progress, checkpoint)
             limits = _limits(base, wanted)
             part, plan, signal = (
                 _narrow(job, base, limits, wanted, progress)

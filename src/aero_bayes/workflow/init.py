@@ -47,7 +47,7 @@ CONFOUNDED = "the outputs cannot distinguish it from the parameters above"
 
 
 @dataclass(frozen=True)
-class Matched:
+class ColumnMatch:
     """Columns of a file by the model's signal, and what is left on both sides."""
 
     columns: dict[str, str]
@@ -93,8 +93,8 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free
-    listed = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
-    text = head + _parameter_lines(listed, _reasons(built, listed, own, head, data))
+    ordered = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
+    text = head + _parameter_lines(ordered, _reasons(built, ordered, own, head, data))
     Config.model_validate(tomllib.loads(text))
     with whole_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -103,7 +103,9 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         click.echo(f"no column of {data.name} matches {signal}; name one in {out}")
 
 
-def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:
+def match_columns(
+    signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None
+) -> ColumnMatch:
     """Match a file's columns, the surest first, and only where there is no second one.
 
     By exact name; without case, unit and punctuation, or by a word for time; where a signal's name is a word of a
@@ -144,7 +146,7 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
     columns_left = [c for c in columns if c not in found.values()]
     if len(signals_left) == len(columns_left) == 1 and possible(signals_left[0], columns_left[0]):
         found[signals_left.pop()] = columns_left.pop()
-    return Matched(found, tuple(signals_left), tuple(columns_left))
+    return ColumnMatch(found, tuple(signals_left), tuple(columns_left))
 
 
 def _bare(name: str) -> str:
@@ -163,7 +165,7 @@ def split_unit(column: str) -> tuple[str, str]:
     return column, ""
 
 
-def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: Matched) -> str:
+def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: ColumnMatch) -> str:
     """Everything before the parameters."""
     source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
     lines = [
@@ -201,7 +203,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
     return "\n".join(lines)
 
 
-def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) -> list[str]:
+def _signal_lines(role: str, variables: Sequence[Variable], matched: ColumnMatch) -> list[str]:
     known = [v for v in variables if v.name in matched.columns]
     lines = [f"# {v.name}: {_about(v)}" for v in known]
     lines += [
@@ -223,11 +225,11 @@ def _usual(v: Variable) -> float:
     return v.start or (ROOM_TEMPERATURE if v.unit == "K" else 0.0)
 
 
-def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
+def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
     """Why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
-    some = any(own.sets(v.name) for v in listed)
-    for v in listed:
+    some = any(own.sets(v.name) for v in ordered)
+    for v in ordered:
         if some and not own.sets(v.name):
             reasons[v.name] = "a library default that the model does not change"
             continue
@@ -277,14 +279,14 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     return np.concatenate([by * own[:, None] / size for by, size in zip(run.slopes, ranges, strict=True)], axis=1)
 
 
-def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
+def _parameter_lines(ordered: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
         "# All parameters of the model. Parameters that the outputs respond to are free, if the model's own classes",
         '# declare or set them. free = false fixes a parameter; free = "later" fixes it until an effect is added with',
         "# which the data determine it.",
         "[parameters]",
     ]
-    for v in listed:
+    for v in ordered:
         value = [] if v.start is None else [f"value = {float(v.start)!r}"]
         why = reasons[v.name]
         free = 'free = "later"' if why == CONFOUNDED else "free = true"

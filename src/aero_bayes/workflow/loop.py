@@ -57,8 +57,8 @@ def loop_settings(job: Job) -> LoopSettings:
         to compare.
     """
     _check(job)
-    section, asked, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
-    given = asked.model_fields_set
+    section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
+    given = fit_section.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
@@ -66,7 +66,7 @@ def loop_settings(job: Job) -> LoopSettings:
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
-        swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
+        swarm = swarm if {"method", "pso"} & given or "starts" in fit_section.local.model_fields_set else None
     global_search = replace(
         defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
         starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
@@ -100,14 +100,14 @@ def loop_settings(job: Job) -> LoopSettings:
 
 
 def _check(job: Job) -> None:
-    asked = job.config.fit
+    fit_section = job.config.fit
     if job.engine != "native":
         raise InputError(f"the loop needs the native engine, not {job.engine}")
-    if asked.cost != "posterior":
-        raise InputError(f'the loop compares log-evidences: [fit] cost is "{asked.cost}", expected "posterior"')
-    if asked.method == "pso":
+    if fit_section.cost != "posterior":
+        raise InputError(f'the loop compares log-evidences: [fit] cost is "{fit_section.cost}", expected "posterior"')
+    if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
-    if asked.ripple == "describe":
+    if fit_section.ripple == "describe":
         raise InputError(
             'the loop does not describe ripple: [fit] ripple is "describe", expected "subtract" or "ignore"'
         )

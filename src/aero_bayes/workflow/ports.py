@@ -41,7 +41,7 @@ FloatArray = NDArray[np.float64]
 PortRow = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
-ACTS: Mapping[PortKind, str] = {
+PROBE_SIZES: Mapping[PortKind, str] = {
     "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
 }  # fmt: skip
 #: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
@@ -132,10 +132,10 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
     """
     ports = [p for p in family.ports if p.via in ("input", "output", "signal") or p.entrance is not None]
     sizes = port_sizes(family.flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, names = _probed(family.flat, ports, sizes)
+    flat, names = _with_probes(family.flat, ports, sizes)
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][ACTS[p.kind]]) for p in ports for name in names[p.id]]
+    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in names[p.id]]
     calibration = family.on(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -146,15 +146,15 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
         if run is None:
             raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
-        late, whose = _late(objective, run.predicted, ports, sizes)
+        late, whose = _delay_responses(objective, run.predicted, ports, sizes)
         slopes = [np.concatenate(rows) for rows in zip(run.slopes, late, strict=True)]
         rows = objective.whiten(run.residual, slopes, found.optimum.noise).slopes
-    left = np.linalg.norm(_apart(rows[len(free) :], rows[: len(free)]), axis=1)
+    left = np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1)
     probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
     return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
 
 
-def _late(
+def _delay_responses(
     objective: Objective,
     predicted: Sequence[FloatArray],
     ports: Sequence[Port],
@@ -172,11 +172,11 @@ def _late(
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
         fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), COVERED_SHARE) if own else 0.0
         for k in own if fastest > 0.0 else ():
-            rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
+            rows[k][q] = -sizes[port.id][PROBE_SIZES[port.kind]] / fastest * rates[k]
     return rows, [port.id for port in outputs]
 
 
-def _probed(
+def _with_probes(
     flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
 ) -> tuple[FlatModel, dict[str, list[str]]]:
     """The model with parameters at every port whose exact sensitivities are the responses to its probes."""
@@ -223,7 +223,7 @@ def _probe(name: str, port: Port, size: float) -> Parameter:
     return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
 
 
-def _apart(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
+def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
     """Rows (q, N) without what rows (k, N) can imitate."""
     if not nuisance.size:
         return rows
