@@ -15,9 +15,9 @@ from test_documentation import ROOT, blocks
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge import Choice, Recordings, choose
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.selection import Narrowed
-from aero_bayes.loop import LoopContext, LoopSettings, Tally, fit_base_model
+from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
 from aero_bayes.search import (
     FitNoise,
     Library,
@@ -45,14 +45,16 @@ def page() -> dict[str, Any]:
 def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[SearchResult]:
     """A search on the cart with these parts, as the loop runs its own."""
     recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
-    family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))
+    family = ModelicaFamily("Rig", (CART / "Rig.mo",), folder, candidate_filter=CandidateFilter(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
-        bench = LoopContext(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
-        base = fit_base_model(bench)
-        family.prepare(base.plain, base.fit, bench.open)
-        library = Library(family.groups(), family.finer(), tuple(family.learned()))
-        source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
+        context = LoopContext(
+            family, recordings, settings, pool, folder, lambda *told: None, LoopStatistics(), ResultCache()
+        )
+        base = fit_base_model(context)
+        family.prepare(base.plain, base.fit, context.open)
+        library = Library(family.candidate_groups(), family.refinements(), tuple(family.curves()))
+        source = ModelSource(family, base.plain, base.fit.free, context.open_objective, context.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
         fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)

@@ -11,7 +11,7 @@ from aero_bayes.estimate import LocalSettings, Normal, Parameter
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.judge import BLOCK_COUNT, blocks_of, held_out_gain
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Structure
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import ParameterTarget, open_simulator

@@ -11,7 +11,7 @@ from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, sim
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
 
@@ -125,7 +125,7 @@ def test_bad_requests_are_refused(fmus):
 def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     context = LoopContext(
-        RigFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
+        ModelicaFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
         replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None,
         LoopStatistics(), ResultCache(),
     )  # fmt: skip

@@ -12,32 +12,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from aero_bayes.report import (
-    BITS,
-    Canvas,
-    Column,
-    Line,
-    Panel,
-    Source,
-    autocorrelation_with_gaps,
-    band_envelope,
-    column_means,
-    data_table,
-    draw,
-    duration,
-    envelope,
-    html_table,
-    most_correlated,
-    nice_ticks,
-    pack_series,
-    pretty_unit,
-    rounded_value,
-    sentence,
-    signed,
-    significant,
-    symbol,
-    tidy,
-)
+from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
+from aero_bayes.report.embed import BITS, pack_series
+from aero_bayes.report.figure import data_table
+from aero_bayes.report.posterior_figures import most_correlated
+from aero_bayes.report.svg import Canvas
+from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
+from aero_bayes.report.thinning import band_envelope, column_means, envelope
+from aero_bayes.sensors.whiteness import autocorrelation
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -98,7 +81,7 @@ def test_autocorrelation_is_the_plain_sum() -> None:
     values = np.convolve(rng.standard_normal(300), [1, 0.7, 0.3], mode="same")
     centred = values - values.mean()
     plain = np.array([np.sum(centred[: len(centred) - lag] * centred[lag:]) for lag in range(300)])
-    np.testing.assert_allclose(autocorrelation_with_gaps(values), plain / plain[0], atol=1e-12)
+    np.testing.assert_allclose(autocorrelation(values), plain / plain[0], atol=1e-12)
 
 
 def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
@@ -107,7 +90,7 @@ def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
     for index, noise in enumerate(rng.standard_normal(200_000)):
         values[index] = 0.8 * values[index - 1] + noise
     values[rng.random(200_000) < 0.1] = np.nan
-    found = autocorrelation_with_gaps(values)
+    found = autocorrelation(values)
     # gaps take a tenth of every lag's partners but not of lag 0
     np.testing.assert_allclose(found[1:8] / found[1], 0.8 ** np.arange(7), atol=0.03)
 

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from aero_bayes.estimate import LocalSettings, NoiseModel, Normal, Parameter, Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import (
     START_RULES,
     CandidateModel,

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.judge.holdout import held_out_gain
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
-from aero_bayes.show import listed
 
 #: Smallest number of readings for each free parameter.
 MIN_READINGS_PER_PARAMETER = 5
@@ -76,7 +76,7 @@ class EnoughEvidence:
         fits, own = given.explored.fits, given.explored.penalty.score(given.fitted)
         rests = {t: fits.get(given.fitted.structure.minus(t)) for t in given.fitted.terms}
         free = [t for t, rest in rests.items() if rest is not None and given.explored.penalty.score(rest) > own]
-        reason = f"the gain in log-evidence of {listed(free)} is too small" if free else ""
+        reason = f"the gain in log-evidence of {join_names(free)} is too small" if free else ""
         return CheckResult("EnoughEvidence", not free, reason)
 
 
@@ -94,7 +94,7 @@ class LeaveBlockOut:
                     weak.append(f"{id_} ({found.in_errors:.1f} standard errors over {found.blocks} {found.by})")
         reason = (
             f"the prediction of left-out data improves by less than {MIN_STANDARD_ERRORS:g} standard errors with "
-            f"{listed(weak)}"
+            f"{join_names(weak)}"
             if weak
             else ""
         )
@@ -124,7 +124,7 @@ class LeftOver:
         far = [pair for pair in left if pair[1].ratio > MAX_FLOOR_RATIO or pair[1].noise_floor is None]
         if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
             return CheckResult("LeftOver", True)
-        outputs = listed(sorted({r.output for _, r in left}))
+        outputs = join_names(sorted({r.output for _, r in left}))
         reason = f"more than {self.share:.0%} of the squared error above the noise floor remains in {outputs}"
         return CheckResult("LeftOver", False, reason)
 
@@ -202,7 +202,7 @@ def choose(
 
 def find_disturbance(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
     """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
-    structured = [r for r in those_structured(reports) if r.worst_share > share and math.isfinite(r.ratio)]
+    structured = [r for r in structured_residuals(reports) if r.worst_share > share and math.isfinite(r.ratio)]
     if not structured:
         return None
     worst = max(structured, key=lambda r: r.worst_share)

@@ -20,7 +20,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: Family
+    family: ModelFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property
@@ -75,7 +75,6 @@ class Unseen:
         errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._all_recordings):
-            interval = recording.interval
             unseen = recording.time >= self.recordings.unseen_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:
@@ -86,11 +85,11 @@ class Unseen:
                 residual = recording.outputs[output] - predicted
                 seen = np.isfinite(residual)
                 if e >= self._fitted:
-                    errors[1][key] = rms_error(residual[seen], interval)
+                    errors[1][key] = rms_error(residual[seen])
                     continue
-                errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+                errors[0][key] = rms_error(residual[seen & ~unseen])
                 if unseen.any():
-                    errors[1][key] = rms_error(residual[seen & unseen], interval)
+                    errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
     def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
@@ -146,7 +145,7 @@ class Unseen:
     ) -> tuple[Calibration, FloatArray, list[int]]:
         """The calibration on whole recordings, SI values (p,), and columns of the initial states to estimate."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))
-        plain = self.family.plain()
+        plain = self.family.base_model()
         known = {v.name for v in plain.parameters}
         shared = [p for p in calibration.parameters if p.recording is None]
         new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
@@ -162,7 +161,7 @@ class Unseen:
         if not close:
             starts = with_free_starts(starts, base_named.experiments, plain)
         base_named = replace(base_named, parameters=starts.extended(new))
-        whole = replace(self.family.on(base_named, calibration.model), fixed=calibration.fixed)
+        whole = replace(self.family.transfer(base_named, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         # A law at an output hides the initial value of its state.
         hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]

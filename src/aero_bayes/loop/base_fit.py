@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, inspect
-from aero_bayes.data import floors_of
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
+from aero_bayes.data import noise_floors
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import without_ripple
@@ -72,21 +72,21 @@ class BaseFit:
         self, context: LoopContext, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters."""
-        moved = context.family.on(self.plain, model)
+        moved = context.family.transfer(self.plain, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
 
 
 def fit_base_model(context: LoopContext) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them."""
     context.progress("building models", 0.0)
-    model = context.family.plain()
+    model = context.family.base_model()
     context.statistics.end_stage("models")
     context.progress("fitting the model as given", 0.05)
     close, fit = _fitted(context, context.calibrate(model, _shared(context, model)))
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
-    floors = floors_of([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
+    floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
     context.statistics.end_stage("base fit")
     return BaseFit(plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit))
 
@@ -124,7 +124,7 @@ def for_search(context: LoopContext, plain: Calibration) -> Calibration:
 
 def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
     with context.open(plain.problem()) as simulator:
-        return inspect(plain, context.objective(plain, simulator).series, fit, floors)
+        return check_residuals(plain, context.objective(plain, simulator).series, fit, floors)
 
 
 def _shared(context: LoopContext, model: Model) -> ParameterSet:

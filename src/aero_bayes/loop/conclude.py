@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
@@ -21,7 +22,7 @@ from aero_bayes.judge.checks import (
 )
 from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.judge.validation import far_off, refusal
-from aero_bayes.laws.family import Extension
+from aero_bayes.laws.model_family import ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import ExtendedFit, extend
@@ -31,7 +32,6 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
-from aero_bayes.show import listed
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
@@ -71,7 +71,7 @@ class Conclusion:
     sentence: str
     before: Prediction
     after: Prediction
-    written: Extension | None
+    written: ExtendedModel | None
     effects: tuple[FoundEffect, ...]
     calibration: Calibration
     refit: Optimum
@@ -122,7 +122,7 @@ def _without_effect(
     within = context.settings.structures.equivalence
     best = choice.refused[0][0] if choice.refused else choice.fitted
     steps = steps_of(explored, best, within)
-    structured = those_structured(base.reports)
+    structured = structured_residuals(base.reports)
     last = steps[-1].why if steps else "no candidate was tried"
     far = far_off(
         context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.times_fitted
@@ -192,7 +192,7 @@ def _unexplained(
 
 def _explained(fitted: FittedModel) -> str:
     verb = "explain" if len(fitted.terms) > 1 else "explains"
-    return f"The residual is structured. In the fitted data {listed(list(fitted.terms))} {verb} part of it"
+    return f"The residual is structured. In the fitted data {join_names(list(fitted.terms))} {verb} part of it"
 
 
 def _them(fitted: FittedModel) -> str:
@@ -212,10 +212,10 @@ def _extended_text(
     given, lacking = (
         [_effect_text(e, same[e.id]) for e in effects if (e.id in required) is asked] for asked in (True, False)
     )
-    clauses = [f"was extended by {listed(given)}, as required"] if given else []
-    clauses += [f"lacks {listed(lacking)}"] if lacking else []
+    clauses = [f"was extended by {join_names(given)}, as required"] if given else []
+    clauses += [f"lacks {join_names(lacking)}"] if lacking else []
     sentence = f"The model {', and '.join(clauses)}: {describe_error_change(before, extended.after, context.units)}"
-    structured = those_structured(extended.reports)
+    structured = structured_residuals(extended.reports)
     return sentence + (
         f" Structure remains in the residual of {', '.join(_structured_outputs(structured))}." if structured else ""
     )

@@ -15,7 +15,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
@@ -67,7 +67,7 @@ class LoopContext:
     ``result_cache`` keeps the results of searches.
     """
 
-    family: Family
+    family: ModelFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool
@@ -79,7 +79,7 @@ class LoopContext:
     @property
     def units(self) -> dict[str, str]:
         """Units of the model's outputs."""
-        return {v.name: v.unit for v in self.family.plain().outputs}
+        return {v.name: v.unit for v in self.family.base_model().outputs}
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
         """The fitted recordings held against a model; ``fixed`` overrides the fixed values of the settings."""

@@ -51,7 +51,7 @@ def find_alternatives(
     The sensitivity to each fixed parameter predicts its gain to first order; the likeliest are fitted.
     """
     plain = cache.source.plain
-    fixed = fixed_parameters_of(cache.source.family.plain(), plain.parameters)
+    fixed = fixed_parameters_of(cache.source.family.base_model(), plain.parameters)
     if not fixed or not chosen.terms:
         return ()
     extended, found = cache.beside(fixed), list[FixedValueAlternative]()

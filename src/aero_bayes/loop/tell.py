@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
@@ -28,7 +29,6 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import listed, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
 
@@ -79,12 +79,12 @@ def result_of(
         simulations=context.statistics.simulations,
         failures=context.statistics.failures,
         seconds=dict(context.statistics.seconds),
-        words={id_: context.family.summary(id_) for id_ in sorted(rivals)},
+        words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
         interpolation=conclusion.calibration.interpolation,
         recordings=context.recordings,
-        plain=context.family.plain(),
-        calibrated=_calibrated(context.family.plain().source, conclusion, fitted),
+        plain=context.family.base_model(),
+        calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
     )
 
 
@@ -168,11 +168,11 @@ def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple
 def _data_sentence(context: LoopContext) -> str:
     """Which readings were fitted and which were used for the test."""
     recordings = context.recordings
-    fitted = listed([r.name for r in recordings.train])
+    fitted = join_names([r.name for r in recordings.train])
     if recordings.unseen_from:
         ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
         return f"Fit and choice used the first part of {fitted}. The rest ({ends}) only tested the result."
-    unseen = listed([r.name for r in recordings.test])
+    unseen = join_names([r.name for r in recordings.test])
     return f"Recordings for fit and choice: {fitted}. Recordings that only tested the result: {unseen}."
 
 
@@ -211,7 +211,7 @@ def _separating_experiments(
     context: LoopContext, conclusion: Conclusion, classes: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
-    if not classes or context.family.plain().declared.limits.input is None:
+    if not classes or context.family.base_model().declared.limits.input is None:
         return ()
     chosen, (first, *others) = conclusion.chosen, classes[0]
     lines = []

@@ -10,7 +10,6 @@ from aero_bayes.report.loop_figures import curve_plate, rounds_plates
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.page import write_run_page
 from aero_bayes.report.posterior_figures import most_correlated
-from aero_bayes.report.residual_figures import autocorrelation_with_gaps
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import Column, html_table
@@ -27,7 +26,6 @@ __all__ = [
     "ParameterColumn",
     "RunDirectory",
     "Source",
-    "autocorrelation_with_gaps",
     "band_envelope",
     "changed_equations",
     "column_means",

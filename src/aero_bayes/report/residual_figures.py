@@ -10,15 +10,9 @@ from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
 from aero_bayes.report.text import greek_name, scaled_unit, significant
-from aero_bayes.sensors.whiteness import autocovariance
+from aero_bayes.sensors.whiteness import autocorrelation
 
 _MIN_SAMPLES = 16
-
-
-def autocorrelation_with_gaps(values: FloatArray) -> FloatArray:
-    """Autocorrelation at lags 0 to n - 1, 1 at lag 0 (biased estimate); gaps (NaN) count as the mean."""
-    covariance = autocovariance(np.where(np.isfinite(values), values - np.nanmean(values), 0.0), mean=0.0)
-    return covariance / covariance[0] if covariance[0] > 0 else np.zeros_like(covariance)
 
 
 def statistics(run: RunDirectory, recording: str) -> list[Plate]:
@@ -31,7 +25,7 @@ def statistics(run: RunDirectory, recording: str) -> list[Plate]:
 
 
 def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str, name: str) -> Plate:
-    correlation = autocorrelation_with_gaps(values)
+    correlation = autocorrelation(values)
     step = float(np.median(np.diff(time)))
     crossing = int(np.argmax(correlation < 0)) if (correlation < 0).any() else len(values) // 8
     lags = np.arange(1, min(len(values) // 2, max(40, 4 * crossing)) + 1)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import Component, annotated
-from aero_bayes.language.component_tree import Tree, grow, read_library
-from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, show
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.classes import ComponentDeclaration, annotation_arguments
+from aero_bayes.language.component_tree import ComponentTree, build_tree, read_library
+from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, short_text
+from aero_bayes.language.values import evaluate_expression
 from aero_bayes.schema import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import Model, Variable
 
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
@@ -53,14 +53,14 @@ def model_diagrams(
     library = read_library(files)
     if name not in library:
         return [_of_variables(model, name, ports)]
-    base = grow(library, name)
-    shown = grow(library, extended) if extended in library else base
+    base = build_tree(library, name)
+    shown = build_tree(library, extended) if extended in library else base
     if not any(part for part in shown.inside):
         return [_of_variables(model, name, ports)]
     return _of_tree(shown, base, name.rpartition(".")[2], ports)
 
 
-def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -> list[DiagramJson]:
+def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[DiagramJson]:
     changed = [
         part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
     ]
@@ -89,7 +89,7 @@ def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -
         for a, b, points, signal in links
     ]
     found = [DiagramJson(title=title, drawn=drawn, components=components, connections=connections)]
-    within: dict[str, Tree] = {}
+    within: dict[str, ComponentTree] = {}
     for name in changed:
         before = base.inside.get(name) if base is not None else None
         if before is not None and before.name == shown.inside[name].name and shown.inside[name].name not in within:
@@ -98,19 +98,19 @@ def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -
     return found
 
 
-def _is_visible(part: Component, known: bool) -> bool:
+def _is_visible(part: ComponentDeclaration, known: bool) -> bool:
     """Components, inputs and outputs; not parameters, and not variables of the equations."""
     if part.prefixes & {"parameter", "constant"}:
         return False
     return known or bool(_terminal(part)) or (part.type not in _SCALARS and _placement(part) is not None)
 
 
-def _terminal(part: Component) -> _Terminal:
+def _terminal(part: ComponentDeclaration) -> _Terminal:
     return "input" if "input" in part.prefixes else "output" if "output" in part.prefixes else ""
 
 
-def _placement(part: Component) -> tuple[tuple[float, float, float, float], float] | None:
-    where = annotated(part.annotation, "Placement").get("transformation")
+def _placement(part: ComponentDeclaration) -> tuple[tuple[float, float, float, float], float] | None:
+    where = annotation_arguments(part.annotation, "Placement").get("transformation")
     if where is None:
         return None
     given = arguments_of(where)
@@ -122,7 +122,7 @@ def _placement(part: Component) -> tuple[tuple[float, float, float, float], floa
     return (x1, y1, x2, y2), turned[0] if turned else 0.0
 
 
-def _links(shown: Tree, visible: Mapping[str, Component]) -> list[_Link]:
+def _links(shown: ComponentTree, visible: Mapping[str, ComponentDeclaration]) -> list[_Link]:
     """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
     found: list[_Link] = []
     values = []
@@ -142,7 +142,7 @@ def _links(shown: Tree, visible: Mapping[str, Component]) -> list[_Link]:
     return found
 
 
-def _joins(link: Sequence[object], visible: Mapping[str, Component]) -> bool:
+def _joins(link: Sequence[object], visible: Mapping[str, ComponentDeclaration]) -> bool:
     return link[0] != link[1] and {link[0], link[1]} <= visible.keys()
 
 
@@ -150,7 +150,7 @@ def _head(reference: str) -> str:
     return re.split(r"[.\[]", reference, maxsplit=1)[0]
 
 
-def _used(part: Component) -> list[str]:
+def _used(part: ComponentDeclaration) -> list[str]:
     """Names that its modifiers and its value use."""
     tokens = [*part.arguments, *part.binding]
     words = ["", *(t.word for t in tokens), ""]
@@ -158,7 +158,9 @@ def _used(part: Component) -> list[str]:
     return list(dict.fromkeys(t.word for dot, t, after in around if t.kind == "name" and after != "=" and dot != "."))
 
 
-def _layers(visible: Mapping[str, Component], links: Sequence[_Link]) -> dict[str, tuple[float, float, float, float]]:
+def _layers(
+    visible: Mapping[str, ComponentDeclaration], links: Sequence[_Link]
+) -> dict[str, tuple[float, float, float, float]]:
     """Columns by distance from the inputs, outputs last; each column centred."""
     near: dict[str, set[str]] = {name: set() for name in visible}
     for first, second, _, _ in links:
@@ -224,7 +226,7 @@ def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:
         points = _points(given, "points" if kind in {"line", "polygon"} else "extent")
         if kind not in {"line", "polygon", "rectangle", "ellipse"} or len(points) < 2:
             continue
-        pattern = show(given["fillPattern"]) if "fillPattern" in given else ""
+        pattern = short_text(given["fillPattern"]) if "fillPattern" in given else ""
         filled = kind != "line" and not pattern.endswith("None") and bool(pattern)
         found.append(ShapeJson.model_validate({"kind": kind, "points": points, "filled": filled}))
     return found
@@ -243,6 +245,6 @@ def _numbers(tree: Expression | None) -> tuple[float, ...]:
     if tree is None:
         return ()
     try:
-        return tuple(evaluate(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
+        return tuple(evaluate_expression(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
     except InputError:
         return ()
