@@ -107,7 +107,12 @@ def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
 
 def checks_of(settings: LoopSettings) -> list[Check]:
     """What a structure has to pass."""
-    standard: tuple[Check, ...] = (EnoughReadings(), EnoughEvidence(), LeaveBlockOut(), LeftOver(settings.left_over))
+    standard: tuple[Check, ...] = (
+        EnoughReadings(),
+        EnoughEvidence(),
+        LeaveBlockOut(),
+        LeftOver(settings.max_residual_share),
+    )
     return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
 
 
@@ -125,7 +130,7 @@ def _without_effect(
     structured = structured_residuals(base.reports)
     last = steps[-1].why if steps else "no candidate was tried"
     far = far_off(
-        context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.times_fitted
+        context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.max_error_ratio
     )
     if not structured and not choice.refused:
         sentence = f"The model is adequate for these recordings: {last}."
