@@ -14,7 +14,7 @@ from aero_bayes.workflow.progress import ProgressBar
 
 
 def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
-    """Work on all rigs of a file and say where the results are."""
+    """Fit all rigs of a file and print where the results are."""
     total = sum(1 for _ in read_fleet(config).rigs)
     done = 0
     with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:

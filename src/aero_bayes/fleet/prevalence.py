@@ -90,7 +90,7 @@ def estimate_prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -
 
 
 def shared_out(rigs: Sequence[Sequence[NamedEffect]]) -> list[list[dict[str, float]]]:
-    """For every named effect, how probable it and each of those alike is: what other rigs are sure of decides.
+    """Probability of each named effect and its equivalents in each rig, by expectation maximisation over the fleet.
 
     Returns
     -------

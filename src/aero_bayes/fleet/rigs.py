@@ -1,4 +1,4 @@
-"""The table of rigs: who they are, what was recorded of each, and what is different about each."""
+"""The table of rigs: names, recordings, and settings of each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RigSection(Section):
 
 
 class FleetSection(Section):
-    """``[fleet]``: what is done with each rig, and where the table of rigs is if it is not in this file.
+    """``[fleet]``: the work on each rig, and the file of the table of rigs if it is another one.
 
     ``work`` is one of the commands: fit, posterior, loop, or all three. ``rigs`` is a CSV file with the columns name,
     train and test (several files are separated by semicolons) and one for each key that differs, such as
@@ -85,7 +85,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """What a fleet's file says: settings for all, the work, and the rigs, which are read one by one."""
+    """A fleet's file: settings of all rigs, the work, and the rigs, which are read one by one."""
 
     shared: Mapping[str, Any]
     folder: Path

@@ -1,4 +1,4 @@
-"""What the fleet keeps of one rig: a few numbers of its ``result.json``, the same wherever they were computed."""
+"""The row of a rig in the fleet's table: the numbers of its ``result.json`` that the fleet needs."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from aero_bayes.fleet.table import Row, Table
 
 
 class Keyed(Protocol):
-    """A task that its key tells from all others."""
+    """A task with a unique key."""
 
     @property
     def key(self) -> str: ...

@@ -1,4 +1,4 @@
-"""From the table of rows to what is said of the fleet as a whole."""
+"""Summarise the table of rows: parameters, effects and outliers of the fleet."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MAX_LISTED_RIGS = 100
 
 @dataclass(frozen=True, eq=False)
 class FleetFacts:
-    """What the table conclusive of the rigs that were finished, column by column."""
+    """Columns of the table, for the rigs that were fitted."""
 
     names: list[str]
     simulated: bool
@@ -54,7 +54,7 @@ class FleetFacts:
 def summarise_fleet(
     table: Table, *, work: str, seed: int, versions: Mapping[str, str]
 ) -> tuple[FleetJson, FleetColumns]:
-    """What rigs share, how common effects are, which rigs stand out.
+    """Summarise parameters over the rigs, the prevalence of effects, and outliers.
 
     Parameters
     ----------

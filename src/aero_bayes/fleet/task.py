@@ -35,7 +35,7 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
 
 @dataclass(frozen=True)
 class RigTask:
-    """Everything that a worker is told; the files are where it finds them too.
+    """Everything that a worker needs; the files must be readable on its machine.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def attempt(task: RigTask) -> Row:
 
 
 def _said_to(log: object) -> contextlib.ExitStack:
-    """What commands print belongs to the rig, not to the worker."""
+    """Redirect the output of a command to the log of the rig."""
     stack = contextlib.ExitStack()
     stack.enter_context(contextlib.redirect_stdout(log))  # type: ignore[type-var]
     stack.enter_context(contextlib.redirect_stderr(log))  # type: ignore[type-var]

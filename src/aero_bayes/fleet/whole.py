@@ -1,4 +1,4 @@
-"""Many rigs of one model: each is fitted on its own, then what they share is said on one page."""
+"""Fit many rigs of one model one by one, then summarise them on one page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def fleet(
     executor: Executor | None = None,
     progress: Progress = lambda count: None,
 ) -> FleetJson:
-    """Fit many rigs, and say what they share.
+    """Fit many rigs and summarise them.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
-    """Last parts of the paths; as much of them as it takes to tell them apart."""
+    """Shortest last parts of the paths that are unique."""
     parts = [path.resolve().parts for path in directories]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-depth:]) for p in parts]
@@ -160,7 +160,7 @@ def _apart(entries: Sequence[ParameterJson]) -> str:
 
 
 def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
-    """What each run leaves of the recordings that at least two of them saw, over each other."""
+    """Residuals of all runs for each recording that at least two of them have."""
     names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
     found = []
     for name in names:

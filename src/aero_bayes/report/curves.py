@@ -1,4 +1,4 @@
-"""Figures over time: what was measured, what the model gives before and after it was extended, and what is left."""
+"""Figures over time: measured data, the model before and after its extension, and the residuals."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[
 
 
 def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
-    """Measured minus modelled. Ripple that the fit took out of the readings is no part of what the fit left."""
+    """Residual, measured minus model, less the ripple that the fit subtracted."""
     terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
     if model == FINAL_SERIES and f"ripple/{recording}/{output}" in run.series:
         terms.append((-1, f"ripple/{output}"))
@@ -66,7 +66,7 @@ def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tup
 
 
 def opening_scene(run: RunDirectory) -> Scene | None:
-    """The output that most was left of, before or after, on data that was not fitted if there is any."""
+    """The output with the largest residual before or after, on unseen data if there are any."""
     unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
     stretches = unseen or [(name, run.span(name)) for name in run.recordings()]
     best: tuple[float, Scene] | None = None
@@ -87,12 +87,12 @@ def opening_scene(run: RunDirectory) -> Scene | None:
 
 
 def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
-    """The curves, small since they hide each other, and what the model leaves, large."""
+    """Panels of the curves (small, since they overlap) and of the residuals (large)."""
     return _output_panels(run, scene.recording, scene.output, (85.0, 210.0), scene.stretch)
 
 
 def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
-    """The opening picture: what the model leaves, and below it the curves."""
+    """The first figure of the page: residuals, and below them the curves."""
     panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
@@ -103,7 +103,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
-    """Inputs, then every output (but one that stands elsewhere) with what is left of it, over one time axis."""
+    """Inputs, then every output (except one that is shown elsewhere) with its residual, over one time axis."""
     outputs = _outputs(run, recording, without)
     if not outputs or len(run.time(recording)) < 2:
         return None
@@ -119,7 +119,7 @@ def _outputs(run: RunDirectory, recording: str, without: str) -> list[str]:
 def recording_panels(
     run: RunDirectory, recording: str, without: str = "", outputs: Sequence[str] | None = None
 ) -> list[Panel]:
-    """Inputs, then every output that was read (but one that stands elsewhere) with what is left of it."""
+    """Inputs, then every recorded output (except one that is shown elsewhere) with its residual."""
     time, panels = run.time(recording), []
     for name in run.signals("input", recording):
         values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
@@ -133,7 +133,7 @@ def recording_panels(
 
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
-    """Colours of a recording's curves and what they stand for."""
+    """Legend of a recording's curves: colours and labels."""
     fitted, base = run.signals(FINAL_SERIES, recording), run.signals(BASE_SERIES, recording)
     entries = [
         (MEASURED, "measured", True),
@@ -148,7 +148,7 @@ def _output_panels(
     run: RunDirectory, recording: str, name: str, heights: tuple[float, float],
     stretch: tuple[float, float] | None = None,
 ) -> list[Panel]:  # fmt: skip
-    """The curve and, below, what the model leaves of it."""
+    """Panels of the curve and of its residual."""
     time = run.time(recording)
     final = "after" if f"{BASE_SERIES}/{recording}/{name}" in run.series else "fitted"
     shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),

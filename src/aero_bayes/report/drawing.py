@@ -242,7 +242,7 @@ def _reach(panel: Panel) -> tuple[float, float]:
 
 
 def _panel_spec(panel: Panel, frame: _PanelFrame) -> dict[str, object] | None:
-    """What the script must know to draw a panel anew; None for one that stays as it is."""
+    """Data that the script needs to redraw a panel; None for a static one."""
     if not any(isinstance(layer, Line | Band) and layer.source for layer in panel.layers):
         return None
     box = [round(side, 1) for side in (frame.left, frame.top, frame.width, frame.height)]

@@ -1,4 +1,4 @@
-"""The proposed experiment: its signal, what is expected of it, and whether that comes true in simulation."""
+"""The proposed experiment: its signal, the expected gain, and its check by simulation."""
 
 from __future__ import annotations
 

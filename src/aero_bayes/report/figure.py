@@ -1,4 +1,4 @@
-"""A figure of the page: drawings, the words and the table for those who do not see it, and what the script needs."""
+"""A figure of the page: drawings, alternative text and table, and the data of the script."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STRETCHES = 12
 
 @dataclass(frozen=True)
 class Plate:
-    """A figure: drawing for wide screens, one for phones, words and numbers for those who do not see it.
+    """A figure: drawings for wide and narrow screens, its alternative text and table.
 
     Figures of one ``link`` zoom together; ``keys`` are the series that the script draws from.
     """

@@ -50,7 +50,7 @@ def noise_model_table(run: RunDirectory) -> Markup | None:
 
 
 def sampler_table(mcmc: McmcJson) -> Markup | None:
-    """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
+    """R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
     for name, found in mcmc.per_parameter.items():
@@ -70,7 +70,7 @@ def sampler_table(mcmc: McmcJson) -> Markup | None:
 
 
 def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
-    """The sampler's run in a few words and numbers; what stands at the head of the page is not said again."""
+    """The sampler's run in a few words and numbers; without those at the head of the page."""
     facts = [
         ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
         ("steps per walker", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
@@ -120,7 +120,7 @@ def probability(p: float | None) -> str:
 
 
 def left_out_table(run: RunDirectory) -> Markup | None:
-    """Error of each recording predicted from the others, beside that of the fit which has seen it."""
+    """Error of each recording predicted from the others, beside that of the fit to all recordings."""
     rows = []
     for recording, entry in run.result.prediction.recordings.items():
         for output, error in entry.rms.items():

@@ -1,4 +1,4 @@
-"""The page of a fleet: what its rigs share, which differ, and a way to the page of each."""
+"""The page of a fleet: parameters, effects and outliers, with links to the page of each rig."""
 
 from __future__ import annotations
 

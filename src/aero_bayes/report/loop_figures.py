@@ -129,7 +129,7 @@ def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[floa
 
 
 def _beside(found: CandidateJson, *, odds: bool) -> str:
-    """What stands beside a bar: the gain, and the odds where they say anything."""
+    """Text beside a bar: the gain, and the odds unless they are negligible."""
     stated = odds and found.odds is not None and found.odds >= MIN_PRINTED_ODDS
     return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
@@ -159,7 +159,7 @@ def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
 
 
 def odds_text(odds: float) -> str:
-    """Odds among all that a round tried; what is beyond belief is not counted out."""
+    """Odds among all candidates of a step; below a limit only that they are."""
     return f"odds {significant(odds, 3)}" if odds >= MIN_PRINTED_ODDS else f"odds below {MIN_PRINTED_ODDS:g}"
 
 

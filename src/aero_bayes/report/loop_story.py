@@ -1,4 +1,4 @@
-"""The closed loop in tables: what was added, what it gained, how far the rest moved."""
+"""Tables of the closed loop: added effects, errors, and changes of the parameters."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def changed_equations(loop: LoopJson) -> Markup | None:
 
 
 def _marked(old: str, new: str) -> Markup:
-    """A line with what an older one has not between marks."""
+    """A line with the differences to an older one marked."""
     before, after = (re.findall(r"[\w.]+|\s+|.", text) for text in (old, new))
     shown = Markup("")
     for kind, _, _, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():

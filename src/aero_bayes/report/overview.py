@@ -1,4 +1,4 @@
-"""What stands first on the page (verdict, readings, warnings) and last (where it all came from)."""
+"""Head of the page (verdict, key figures, warnings) and its end (provenance)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HASH_SHOWN = 16
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """One number of the head: what, how much, and how to take it."""
+    """A key figure at the head of the page, with a note on its meaning."""
 
     label: Markup
     value: str
@@ -31,7 +31,7 @@ def stated_verdict(result: RunJson) -> VerdictJson:
 
 
 def readings(result: RunJson) -> list[KeyFigure]:
-    """The few numbers that say how far the rest can be trusted."""
+    """Key figures on the quality of the result."""
     outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
     found = [_residual_reading(result, output) for output in outputs]
     mcmc = result.mcmc
@@ -51,7 +51,7 @@ def readings(result: RunJson) -> list[KeyFigure]:
 
 
 def provenance(result: RunJson) -> list[Markup]:
-    """Tables of where the data, the model and the software came from, and what the work cost."""
+    """Tables of provenance: data, model, software and computing effort."""
     tables = []
     files = [
         (row.file, count(row.rows), tidy(row.rate_hz), _hash(row.sha256)) for row in result.data
@@ -81,7 +81,7 @@ def provenance(result: RunJson) -> list[Markup]:
 
 
 def warnings(result: RunJson) -> list[str]:
-    """The run's warnings but for what the verdict says, and that of parameters on a bound."""
+    """Warnings of the run without those in the verdict, and one on parameters on a bound."""
     found = list(result.warnings)
     reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
     if reason and reason in stated_verdict(result).text:  # said already

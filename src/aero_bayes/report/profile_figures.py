@@ -1,4 +1,4 @@
-"""Profile likelihoods: how much the fit loses when one parameter is held elsewhere."""
+"""Profile likelihoods: decrease of the log-posterior with one parameter fixed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of what the fit leaves: against itself, and against the noise floor."""
+"""Figures of the residuals: autocorrelation, and histogram against the noise floor."""
 
 from __future__ import annotations
 

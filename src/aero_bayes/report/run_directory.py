@@ -1,4 +1,4 @@
-"""What a finished run left on disk, read once for drawing. Nothing else feeds the page."""
+"""Read the files of a finished run; the page is drawn from nothing else."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """What a finished run left: its result, its curves and its draws.
+    """Files of a finished run: its result, curves and draws.
 
     Parameters
     ----------

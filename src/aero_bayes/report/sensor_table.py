@@ -1,4 +1,4 @@
-"""Table of what the sensors add to the physics: ripple locked to the rotor, and the counts of an encoder."""
+"""Table of sensor errors: ripple at multiples of the rotor's angle, and quantisation of encoders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``result.json`` holds, as typed classes: every command fills one :class:`RunJson`, every page reads one.
+"""Typed classes of ``result.json``: every command fills one :class:`RunJson`, every page reads one.
 
 A key that a command did not write keeps its default, so that a reader never asks whether it is there. Numbers are in SI
 units; ``None`` stands for what is not known or not finite. Keys that no class names are kept and can be listed with

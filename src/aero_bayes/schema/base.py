@@ -1,4 +1,4 @@
-"""What all parts of a result share: frozen models, and values with their spread."""
+"""Base classes of a result: frozen models, and values with their spread."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class QuantilesJson(JsonTable):
 
 
 class ParameterJson(QuantilesJson):
-    """A parameter: its estimate, where it was searched, and what the data say of it."""
+    """A parameter: its estimate, search range, prior and status."""
 
     status: Status | None = None
     prior: str = ""
@@ -42,7 +42,7 @@ class ParameterJson(QuantilesJson):
 
 
 class VerdictJson(JsonTable):
-    """The run in one sentence, and how to take it."""
+    """Summary of the run in a sentence, with a level."""
 
     level: Level
     text: str

@@ -21,7 +21,7 @@ class DesignedParameterJson(JsonTable):
 
 
 class DesignLimitsJson(JsonTable):
-    """What the rig allows."""
+    """Limits of the rig."""
 
     amplifier: JsonNumber = None
     travel: dict[str, JsonNumber] = {}
@@ -43,7 +43,7 @@ class DesignCheckJson(JsonTable):
 
 
 class RivalJson(JsonTable):
-    """One of two effects to tell apart, as fitted to the recordings at hand."""
+    """One of two effects to tell apart, as fitted to the present recordings."""
 
     id: str
     model: str = ""

@@ -1,4 +1,4 @@
-"""What fit and posterior leave in a result: recordings, fit, noise, residual, sampler, sensors, prediction."""
+"""Fit and posterior in a result: recordings, fit, noise, residuals, sampler, sensors, prediction."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class StageJson(JsonTable):
 
 
 class FitJson(JsonTable):
-    """The best fit; ``rms`` by role and output, ``interpolation`` what each input did between its samples."""
+    """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples."""
 
     cost_eq6: JsonNumber = None
     rms: dict[str, dict[str, JsonNumber]] = {}
@@ -83,7 +83,7 @@ class NoiseJson(JsonTable):
 
 
 class ResidualJson(JsonTable):
-    """What the model leaves of an output in one recording."""
+    """Residual of an output in one recording."""
 
     rms: JsonNumber
     noise_floor: JsonNumber = None
@@ -98,7 +98,7 @@ class ResidualJson(JsonTable):
 
 
 class ProfileJson(JsonTable):
-    """How far the log-posterior falls when a parameter is held at ``values``."""
+    """Profile of the log-posterior: its decrease with a parameter fixed at ``values``."""
 
     unit: str = ""
     values: list[JsonNumber]
@@ -117,7 +117,7 @@ class CombinationJson(JsonTable):
 
 
 class IdentifiabilityJson(JsonTable):
-    """What the data say of the parameters together."""
+    """Identifiability of the parameters."""
 
     combinations: list[CombinationJson] = []
     unidentified: list[str] = []
@@ -184,7 +184,7 @@ class EncoderJson(JsonTable):
 
 
 class SensorJson(JsonTable):
-    """What a sensor adds to the physics; ``ripple`` by recording."""
+    """Errors of a sensor; ``ripple`` by recording."""
 
     ripple: dict[str, RippleJson] = {}
     ripple_subtracted: bool = False
@@ -200,7 +200,7 @@ class LeftOutJson(JsonTable):
 
 
 class StretchesJson(JsonTable):
-    """Expected log-density of stretches that were left out."""
+    """Expected log-density of left-out blocks of time."""
 
     method: str = ""
     elpd: JsonNumber
@@ -213,7 +213,7 @@ class StretchesJson(JsonTable):
 
 
 class PredictionJson(JsonTable):
-    """What the parameters are worth on data that they have not seen."""
+    """Cross-validation of the fit on left-out data."""
 
     recordings: dict[str, LeftOutJson] = {}
     stretches: dict[str, StretchesJson] = {}

@@ -1,4 +1,4 @@
-"""What ``fleet.json`` holds: what rigs share, which stand out, and what it took."""
+"""Typed classes of ``fleet.json``: parameters, effects, outliers and computing effort."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RigReasonJson(JsonTable):
 
 
 class FleetCostJson(JsonTable):
-    """What the rigs took, added up, and on how many workers; ``tries`` counts tasks that were sent more than once."""
+    """Computing effort of all rigs, and the number of workers; ``tries`` counts tasks that were sent more than once."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0

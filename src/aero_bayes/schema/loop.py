@@ -16,7 +16,7 @@ class EvidenceJson(JsonTable):
 
 
 class CurveJson(JsonTable):
-    """A learned curve: what the port gives over a signal, and its standard deviation."""
+    """A learned curve: output of the port as a function of a signal, and its standard deviation."""
 
     x: list[float]
     value: list[float]

@@ -28,7 +28,7 @@ SCHEMA = 1
 
 
 class RunJson(JsonTable):
-    """``result.json``; ``signals`` and ``words`` say what signals and the ids of effects stand for."""
+    """``result.json``; ``signals`` and ``words`` describe the signals and the effects by id."""
 
     version: Literal[1] = Field(default=1, alias="schema")
     command: str = ""
@@ -60,12 +60,12 @@ class RunJson(JsonTable):
     seconds: JsonNumber = None
 
     def unit(self, signal: str) -> str:
-        """Unit of an input, output or state; empty where the run does not say."""
+        """Unit of an input, output or state; empty if unknown."""
         described = self.signals.get(signal)
         return self.units.get(signal) or (described.unit if described else "")
 
     def description(self, signal: str) -> str:
-        """What a signal is, in the model's words."""
+        """Description of a signal in the model."""
         return self.signals[signal].description if signal in self.signals else ""
 
     def role(self, recording: str) -> str:
@@ -80,7 +80,7 @@ class RunJson(JsonTable):
         return next((row.noise_floor.get(output) for row in self.recordings if row.name == recording), None)
 
     def effect_words(self) -> dict[str, str]:
-        """What the effects that the run speaks of are, by id."""
+        """Descriptions of all effects in the run, by id."""
         added = self.loop.effects if self.loop is not None else []
         return self.words | {effect.id: effect.summary for effect in added if effect.summary}
 

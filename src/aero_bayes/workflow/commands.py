@@ -97,7 +97,7 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
-    """What plain ``make`` runs: fit, closed loop, posterior of the model that came out; one page.
+    """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model.
 
     Without recordings it runs on those of the simulated bench, and the page says so.
     """
@@ -158,7 +158,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
 
 
 def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
-    """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
+    """Fit a job; ``again`` starts a local fit from the start values, without a swarm."""
     settings = fit_settings(job)
     return fit(
         job.recordings,
@@ -222,7 +222,7 @@ def _finish(
     series: Series,
     calibrated: CalibratedModel | None,
 ) -> None:
-    """Write everything and say where."""
+    """Write the run directory and print its place."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page = _page(job, result, series)

@@ -203,7 +203,7 @@ def _with_effect(
 
 
 def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
-    """``plan/...``: the signal and what each model expects of it."""
+    """``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
         seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
@@ -247,7 +247,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
 
 
 def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
-    """The first two of the first class of effects that a finished loop could not tell apart."""
+    """The first two equivalent effects of a finished loop."""
     try:
         found = json.loads(path.read_text("utf-8"))["loop"]
         classes = [[str(id_) for id_ in group if id_ in known] for group in found["equivalent"]]
@@ -263,7 +263,7 @@ def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
 
 
 def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
-    """What can be wrong with the request, seen before the first simulation."""
+    """Check the request before the first simulation."""
     known = {v.name for v in job.model.outputs}
     for name in wanted.travel or ():
         if name not in known:

@@ -1,4 +1,4 @@
-"""From a model's structure to a diagram: what its authors drew, and a tidy layout of what they did not."""
+"""Make the diagram of a model: the authors' graphics, and an automatic layout where there are none."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ CONFOUNDED = "the outputs cannot distinguish it from the parameters above"
 
 @dataclass(frozen=True)
 class ColumnMatch:
-    """Columns of a file by the model's signal, and what is left on both sides."""
+    """Matched columns by signal, and the unmatched signals and columns."""
 
     columns: dict[str, str]
     signals_left: tuple[str, ...]

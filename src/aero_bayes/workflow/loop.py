@@ -167,7 +167,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
-    """Every parameter of the model that came out: estimates with their status, and what was held with the reason."""
+    """Table of all parameters of the final model: estimates with their status, and why others were fixed."""
     new = {item.name: item for item in (*loop.added, *later_of(job))}
     table: Json = {}
     for name, estimate in loop.parameters.items():

@@ -1,4 +1,4 @@
-"""``aero-bayes ports``: where a term may be missing in a model, which laws fit, and whether a recording sees it."""
+"""``aero-bayes ports``: where an effect may be missing in a model, which laws fit, and whether the data show it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ TRANSITION_SHARE = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
-    """Print the ports of a model; with recordings, whether these can see them.
+    """Print the ports of a model; with recordings, whether an effect there would be visible.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _with_probes(
 
 
 def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
-    """What probes follow, of size one: nothing, and each signal of a port."""
+    """Shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
         if signal in SIGNAL_DEFAULTS:
@@ -230,7 +230,7 @@ def _probe(name: str, port: Port, size: float) -> Parameter:
 
 
 def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """Rows (q, N) without what rows (k, N) can imitate."""
+    """Rows (q, N) less their projection onto the span of rows (k, N)."""
     if not nuisance.size:
         return rows
     _, values, basis = np.linalg.svd(nuisance, full_matrices=False)

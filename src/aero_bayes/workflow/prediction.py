@@ -1,4 +1,4 @@
-"""How well what was learned predicts: later stretches of each recording, and whole recordings from the others."""
+"""Cross-validation of a fit: later blocks of each recording, and whole recordings from the others."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_REFIT_ROWS = 10_000
 
 
 def prediction_settings(job: Job) -> PredictionSection | None:
-    """What is asked for, with ``refits`` decided; None for a single recording, or where it is switched off."""
+    """The settings with ``refits`` decided; None for a single recording, or if switched off."""
     section = job.config.prediction
     if len(job.recordings) < 2 or section.max_seconds == 0.0:
         return None

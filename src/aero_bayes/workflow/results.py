@@ -50,7 +50,7 @@ def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
 
 
 def plain(value: Any) -> Any:
-    """The same value in what JSON knows."""
+    """Convert a value to types that JSON has."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):
