@@ -173,4 +173,4 @@ def test_recordings_beside_an_fmu_are_refused_in_one_line():
     result = CliRunner().invoke(main, ["ports", "--model", "some.fmu", "--data", "run.csv"])
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
-    assert "--data needs the source" in result.stderr
+    assert result.stderr.startswith("error: some.fmu: --data")
