@@ -81,7 +81,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 ):
     calls: Counter[str] = Counter()
     for name, method in (
-        ("SwapAtPort", "neighbours"), ("RandomSizes", "starts"), ("Jump", "again"), ("WithinBounds", "judge"),
+        ("SwapAtPort", "neighbours"), ("RandomSizes", "starts"), ("Jump", "refit"), ("WithinBounds", "judge"),
     ):  # fmt: skip
         counting(page[name], method, calls, monkeypatch)
     with searched(page["settings"], page["parts"], tmp_path) as explored:
