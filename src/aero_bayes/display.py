@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
-from typing import Any
+from typing import Any, Self
+
+from aero_bayes.errors import InputError
+from aero_bayes.unknown_names import known_names_hint
 
 
 def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
@@ -29,7 +32,14 @@ def join_names(names: Sequence[str]) -> str:
 
 
 class SettingsDisplay:
-    """Mixin for settings: ``repr`` and the HTML table show which values differ from the defaults."""
+    """Settings show what was changed from the defaults, and refuse a name that is no setting."""
+
+    def __new__(cls, *args: object, **given: object) -> Self:
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        for name in given:
+            if name not in known:
+                raise InputError(f"{cls.__name__}: no setting {name!r}{known_names_hint(name, known)}")
+        return super().__new__(cls)
 
     def _changed(self) -> list[tuple[str, object]]:
         chosen = ((f.name, getattr(self, f.name), _default(f)) for f in fields(self))  # type: ignore[arg-type]

@@ -134,7 +134,11 @@ def test_the_loop_says_the_same_whoever_helps(tmp_path):
     train, test = recording("train", 31), recording("test", 32)
     results = [close_loop([train], [test], model="Cart", settings=settings, workers=workers) for workers in (1, 2)]
     told = [
-        (r.outcome, r.simulations, [[(rival.id, rival.gain, rival.odds) for rival in step.rivals] for step in r.steps])
+        (
+            r.outcome,
+            r.simulations,
+            [[(rival.id, rival.gain, rival.odds) for rival in step.candidates] for step in r.steps],
+        )
         for r in results
     ]
     assert told[0] == told[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
+from aero_bayes.errors import InputError
 from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node, evaluate_nodes
@@ -196,6 +197,8 @@ class _Variables:
         for key in ("min", "max", "nominal"):
             if key in v.attributes:
                 real[key] = repr(_number(v.attributes[key], self.values))
+        if "min" in real and "max" in real and float(real["min"]) > float(real["max"]):
+            raise InputError(f"{v.name}: min = {float(real['min']):g} is above max = {float(real['max']):g}")
         if start is not None:
             real["start"] = repr(start)
         ET.SubElement(element, "Real", real)
