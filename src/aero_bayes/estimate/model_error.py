@@ -17,7 +17,7 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
     """Outputs whose innovations are correlated over time, or with those of another output of the same recording.
 
     Sensors have noise of their own each. What two outputs have in common, and what one-step predictions leave of the
-    past, is an error of the model.
+    past, is an error of the model. Outputs whose noise the user declares white are taken at that word.
     """
     units = {v.name: v.unit for v in objective.calibration.model.outputs}
     turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units.get(s.output, ""))}
@@ -36,4 +36,4 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
     for j, k in pairs:
         if correlation_p_value(innovations[j], innovations[k]) < FALSE_ALARM_RATE / len(pairs):
             found |= {objective.series[j].output, objective.series[k].output}
-    return found
+    return {output for output in found if objective.calibration.noise.kind(output) == "auto"}
