@@ -21,6 +21,13 @@ def test_the_test_keeps_its_size_within_and_between_series():
         assert abs(np.mean(np.array(p) < 0.5) - 0.5) < 0.06
 
 
+def test_short_series_do_not_fail_too_often():
+    """75 values: of 4,000 independent series 4 are expected below 1e-3; 20 or more are so with a chance below 1e-7."""
+    rng = np.random.default_rng(3)
+    p = [correlation_p_value(a, a) for a in rng.standard_normal((4000, 75))]
+    assert np.sum(np.array(p) < 1e-3) < 20
+
+
 def test_a_common_part_of_two_white_series_is_seen():
     """Each is white by itself; a common part of a quarter of the variance is beyond chance in every run."""
     rng = np.random.default_rng(2)

@@ -8,6 +8,9 @@ from scipy.stats import chi2
 
 FloatArray = NDArray[np.float64]
 
+#: Readings that each lag of a test needs: with fewer, independent noise fails the test too often.
+READINGS_A_LAG = 25
+
 
 def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
     """Autocovariance along the last axis by FFT, biased (divided by n), about a known mean or that of each series."""
@@ -44,10 +47,11 @@ def correlation_statistic(a: FloatArray, b: FloatArray, lags: int = 20) -> tuple
 
     A series is compared with itself at positive lags, with another one at lags of both signs and at zero. Each lag's
     sum of products is standardised by its own sum of squared products, so that the chi-square law also holds where the
-    variance changes over time (Lobato, Nankervis & Savin, 2001, International Economic Review 42, 667).
+    variance changes over time (Lobato, Nankervis & Savin, 2001, International Economic Review 42, 667). Short series
+    have fewer lags, where that law holds.
     """
     x, y = a - a.mean(), b - b.mean()
-    used = min(lags, max(x.size // 4, 1))
+    used = min(lags, max(x.size // READINGS_A_LAG, 1))
     pairs = [(x[k:], y[: y.size - k]) for k in range(1 if a is b else 0, used + 1)]
     if a is not b:
         pairs += [(x[: x.size - k], y[k:]) for k in range(1, used + 1)]
