@@ -92,7 +92,7 @@ def with_law(path: Path, out: Path) -> Path:
     law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
     around, models = FmuBoundary(inner), law_models([law])
     port = next(p for p in around.ports if p.kind == "reading")
-    couple(inner, around.seam([place_law(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
+    couple(inner, around.coupling([place_law(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
     return out
 
 

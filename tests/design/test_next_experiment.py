@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from aero_bayes import bench
-from aero_bayes.design import FAMILIES, Limits, check_gain, propose_experiment, separating_experiment
+from aero_bayes.design import FAMILIES, Limits, SearchSettings, check_gain, propose_experiment, separating_experiment
 from aero_bayes.design.information import ExperimentPredictor, posterior_sd
-from aero_bayes.design.signal_search import SearchSettings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.evidence import laplace_evidence
+from aero_bayes.sample import laplace_evidence
 from aero_bayes.simulation import Model
 
 QUICK = SearchSettings(start=6, rounds=2, candidates=6, families=1, seed=3)

@@ -12,8 +12,7 @@ import pytest
 import aero_bayes
 from aero_bayes.data import Layout
 from aero_bayes.estimate import CalibratedModel, Override, parameters_from_model
-from aero_bayes.simulation import SolverSettings
-from aero_bayes.simulation.model import ModelicaSource
+from aero_bayes.simulation import ModelicaSource, SolverSettings
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 ROOM = """

@@ -12,7 +12,7 @@ import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, Override, calibrate, moving_inputs, parameters_from_model
-from aero_bayes.simulation.interface import Interpolation
+from aero_bayes.simulation import Interpolation
 
 HOUSE = """model House "A room with a heater"
   parameter Real tau(unit = "h", min = 0.1, max = 100) = 3 "Time constant";

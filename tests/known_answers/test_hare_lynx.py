@@ -13,11 +13,22 @@ import pytest
 from scipy.optimize import approx_fprime, minimize
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    FitSettings,
+    JointTarget,
+    NoiseLayout,
+    NoiseModel,
+    Normal,
+    Parameter,
+    ParameterSet,
+    Target,
+    calibrate,
+    fit_calibration,
+)
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 

@@ -11,13 +11,27 @@ import pytest
 from scipy.stats import kstest, multivariate_normal
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    FitSettings,
+    NoiseLayout,
+    NoiseModel,
+    Normal,
+    Parameter,
+    ParameterSet,
+    calibrate,
+    fit_calibration,
+)
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
-from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import (
+    SampleSettings,
+    adaptive_importance_sample,
+    importance_posterior,
+    importance_sample,
+    laplace_evidence,
+    pareto_smooth,
+)
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 

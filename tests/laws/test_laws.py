@@ -13,11 +13,8 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import add_input
-from aero_bayes.export.expression import evaluate_nodes
-from aero_bayes.export.flat import FlatEquation
-from aero_bayes.language.classes import snake_case
-from aero_bayes.language.syntax import Call, Name
+from aero_bayes.export import FlatEquation, add_input, evaluate_nodes
+from aero_bayes.language import Call, Name, snake_case
 from aero_bayes.laws import (
     LAW_INTERFACES,
     Law,
@@ -298,7 +295,7 @@ end Mine;
 
 
 def test_every_partial_model_has_a_shape() -> None:
-    from aero_bayes.export.library import modelica_root
+    from aero_bayes.export import modelica_root
 
     folder = modelica_root() / "Laws" / "Interfaces"
     assert {p.stem for p in folder.glob("*Law.mo")} == set(LAW_INTERFACES)

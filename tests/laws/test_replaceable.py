@@ -12,9 +12,7 @@ from aero_bayes import Fit, fit
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
-from aero_bayes.export.causalisation import ExplicitModel
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate_nodes
+from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model
 from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
 from aero_bayes.ports import port_table
 from aero_bayes.simulation import Model, open_simulator

@@ -14,9 +14,7 @@ from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import export_flat, export_fmu, load_flat
 from aero_bayes.laws import (
     Law,
     LawModels,

@@ -11,7 +11,7 @@ from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, sim
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
 

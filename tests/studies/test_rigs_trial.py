@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
-from aero_bayes.bench.sensors import SensorNoise
+from aero_bayes.bench import SensorNoise
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Experiment, InputSignal, Model, Problem, SolverSettings, StartTarget, open_simulator

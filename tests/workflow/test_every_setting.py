@@ -21,7 +21,7 @@ from aero_bayes.cli import main
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws import CandidateFilter
 from aero_bayes.workflow import (
     Job,
     RunOptions,

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aero_bayes.cli import main
-from aero_bayes.language.sources import main_class
+from aero_bayes.language import main_class
 from aero_bayes.workflow import match_columns, split_unit
 
 RIG = """within ;
