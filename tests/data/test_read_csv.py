@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.data import ColumnMap, Layout, read_recording
-from aero_bayes.data.csv_text import read_header
+from aero_bayes.data import ColumnMap, Layout, read_header, read_recording
 from aero_bayes.errors import InputError
 
 GOOD = "time,V_m,i_m,omega_m,theta\n" + "".join(

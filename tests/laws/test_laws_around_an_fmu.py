@@ -18,8 +18,7 @@ from small_rigs import RIGS, rig
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.export import FlatModel, export_flat
-from aero_bayes.export.embedded import export_embedded
+from aero_bayes.export import FlatModel, export_embedded, export_flat
 from aero_bayes.laws import (
     FmuBoundary,
     Law,
