@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from facts import facts
 from fmpy import simulate_fmu
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -348,7 +349,7 @@ end Branch;
     )
     flat = rig("Branch", str(path))
     assert {p.id for p in ports_with_laws(flat, laws)} == {"y"}  # a balance in branches is no port
-    with pytest.raises(InputError, match="Nowhere: the class was not found"):
+    with pytest.raises(InputError, match=facts("Nowhere")):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from facts import facts
 from matplotlib.figure import Figure
 
 import aero_bayes
@@ -141,7 +142,7 @@ def test_a_run_is_drawn_from_its_files(run: aero_bayes.RunDirectory):
     drawn = curves(run.plot(), 0)
     for mine, group in zip(drawn, ("measured", "before", "fitted"), strict=True):
         assert mine == pytest.approx(factor * run.series[f"{group}/test/position"])
-    with pytest.raises(aero_bayes.InputError, match="no recording 'nowhere' here; there are train, test"):
+    with pytest.raises(aero_bayes.InputError, match=facts("nowhere", "train", "test")):
         run.plot("nowhere")
 
 

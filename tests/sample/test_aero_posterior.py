@@ -95,7 +95,7 @@ def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[st
     truth = Truth("one_dof", TRUTH, (effect("pivot_coulomb_friction", tau_c=1.5e-3),), 0.006)
     wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
     assert wrong.noise["theta"].model_error
-    assert any("does not explain theta" in w for w in wrong.warnings)
+    assert any("theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
         assert abs(wrong.value(name) - getattr(TRUTH, name)) < 5.5 * wrong.parameters[name].sd, name
 
