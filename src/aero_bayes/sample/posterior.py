@@ -432,7 +432,7 @@ def _sample(
 ) -> Posterior:
     began = time.perf_counter()
     joint = fit.joint_target(simulator)
-    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof, joint.axes)
     chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
     if chain.points.shape[1] < 8:
         raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")

@@ -149,8 +149,7 @@ def retune(
         (
             (acceptance_overlap(fitted.log_density(points) - values), fitted)
             for curved in (False, True)
-            for first in (False, True)
-            for fitted in (WarpedStudentT.fit(points, dof, curved=curved, bent_first=first),)
+            for fitted in (WarpedStudentT.fit(points, dof, axes=tuned.proposal.axes, curved=curved),)
         ),
         key=lambda pair: pair[0],
     )
@@ -165,7 +164,7 @@ def retune(
     surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
     surrogate_density = SurrogateDensity.of(surrogate, prior, points)
     steps = int(
-        np.clip(mixing_steps(proposal.log_density(points) - surrogate_density.log_density(points, prior)), 12, 200)
+        np.clip(mixing_steps(proposal.log_density(points) - surrogate_density.log_density(points, prior)), 12, 60)
     )
     return Tuned(proposal, surrogate_density, steps, quality if quality > plain else 0.0, sticky)
 

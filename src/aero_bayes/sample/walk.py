@@ -152,7 +152,7 @@ class Ensembles:
             )
             self.rounds += 1
             planned, extra = self.settings.burn_in, self.rounds - len(self.settings.burn_in)
-            if extra >= self.settings.extra_rounds or (extra >= 0 and self.tuned.good):
+            if self.tuned.good or extra >= self.settings.extra_rounds:
                 self.tuned, self._left, self._seen = replace(self.tuned, frozen=True), self.settings.settle, []
             else:
                 self._left = planned[self.rounds] if extra < 0 else int(planned[-1] * 1.5 ** (extra + 1))

@@ -20,7 +20,8 @@ class WarpedStudentT:
 
     A draw is ``mean + factor @ shear^-1(warp^-1(t))`` with t, the *scores*, from the standard multivariate t of ``dof``
     degrees of freedom; ``mean`` is (d,), ``factor`` (d, d). Whitening first keeps strong correlations exact whatever
-    follows.
+    follows. The rows of ``axes`` (d, d) are the linear functions of a point that are whitened in turn (Cholesky), so
+    that a corner of the density in the first of them stays a corner of one score.
     """
 
     mean: FloatArray
@@ -28,19 +29,26 @@ class WarpedStudentT:
     dof: float
     warp: Warp
     shear: Shear
+    axes: FloatArray
 
     @classmethod
-    def of(cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0) -> WarpedStudentT:
+    def of(
+        cls, mean: FloatArray, covariance: FloatArray, dof: float = 8.0, axes: FloatArray | None = None
+    ) -> WarpedStudentT:
         """The t density whose scale matrix is a covariance, made safely positive definite."""
-        sd, d = np.sqrt(np.diag(covariance)), len(mean)
+        d = len(mean)
+        axes = np.eye(d) if axes is None else axes
+        covariance = axes @ covariance @ axes.T
+        sd = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(sd, sd)
         values, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
         safe = (vectors * np.maximum(values, 1e-10)) @ vectors.T
-        return cls(np.array(mean), sd[:, None] * np.linalg.cholesky(safe), dof, Warp.identity(d), Shear.identity(d))
+        factor = np.linalg.solve(axes, sd[:, None] * np.linalg.cholesky(safe))
+        return cls(np.array(mean), factor, dof, Warp.identity(d), Shear.identity(d), axes)
 
     @classmethod
     def fit(
-        cls, samples: FloatArray, dof: float = 8.0, *, curved: bool = False, bent_first: bool = False
+        cls, samples: FloatArray, dof: float = 8.0, *, axes: FloatArray | None = None, curved: bool = False
     ) -> WarpedStudentT:
         """The density that resembles samples (n, d): their mean and covariance, bent where a margin is not normal.
 
@@ -48,22 +56,18 @@ class WarpedStudentT:
         ----------
         samples : ndarray
         dof : float
+        axes : ndarray, shape (d, d), optional
+            Linear functions to whiten, the least normal first; the coordinates by default.
         curved : bool
             Straighten curved ridges before the margins are bent.
-        bent_first : bool
-            Whiten the least normal coordinates first, so that a corner of the density in one of them (a delay that
-            passes a sample time) stays a corner of one score. By default they keep their order.
         """
-        order = np.arange(samples.shape[1])
-        if bent_first:
-            standard = (samples - samples.mean(axis=0)) / np.std(samples, axis=0)
-            order = np.argsort(-Warp.departure(standard), kind="stable")
-        plain = cls.of(samples[:, order].mean(axis=0), np.atleast_2d(np.cov(samples[:, order].T)), dof)
-        back = np.argsort(order)
-        white = replace(plain, mean=plain.mean[back], factor=plain.factor[back])
-        scores = white.scores(samples)[0]
+        axes = np.eye(samples.shape[1]) if axes is None else axes
+        along = samples @ axes.T
+        order = np.argsort(-Warp.departure((along - along.mean(axis=0)) / np.std(along, axis=0)), kind="stable")
+        plain = cls.of(samples.mean(axis=0), np.atleast_2d(np.cov(samples.T)), dof, axes[order])
+        scores = plain.scores(samples)[0]
         shear = Shear.fit(scores) if curved else plain.shear
-        return replace(white, shear=shear, warp=Warp.fit(shear.forward(scores)))
+        return replace(plain, shear=shear, warp=Warp.fit(shear.forward(scores)), axes=axes)
 
     def scores(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scores of points (n, d), and the log-determinant of the bending, shape (n,)."""
@@ -72,12 +76,6 @@ class WarpedStudentT:
     def points(self, scores: FloatArray) -> FloatArray:
         """Points of scores (n, d)."""
         return np.asarray(self.mean + self.shear.inverse(self.warp.inverse(scores)) @ self.factor.T)
-
-    def resembles(self, samples: FloatArray) -> bool:
-        """Whether samples (n, d) have about the location and the spread of this density, in every coordinate."""
-        scores = np.clip(self.scores(samples)[0], -10.0, 10.0)
-        spread = np.std(scores, axis=0)
-        return bool(np.all(np.abs(np.mean(scores, axis=0)) < 0.3) and np.all((spread > 0.75) & (spread < 1.35)))
 
     def widened(self, factor: float, dof: float) -> WarpedStudentT:
         """The same with its scale multiplied."""

@@ -13,27 +13,62 @@ from aero_bayes.sample.moves.heavytail import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
-#: Length scales and amplitudes (nats squared) among which the marginal likelihood chooses.
-_LENGTHS, _LENGTH_RATIOS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
+#: Length scales, amplitudes (nats squared) and relative roughnesses among which the marginal likelihood chooses.
+_LENGTHS, _BENT_LENGTHS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
+_ROUGHNESSES = (0.0, 0.1, 1.0)
+#: Correlation length of the rough part along a bent score.
+_ROUGH_LENGTH = 3.0
 #: Standard deviation of the error at the mode, in nats; it grows with the depth below the mode.
 _NOISE_AT_MODE = 0.02
 #: Points that fit the length scales, and points of the surrogate.
-_HYPERPARAMETER_POINTS, _MAX_POINTS = 400, 2000
+_HYPERPARAMETER_POINTS, _MAX_POINTS = 300, 1200
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Covariance of a smooth function of scores that may have corners along some of them.
+
+    ``lengths`` (d,) are length scales of the smooth part; ``rough`` (d,) the variance of the part with corners over
+    that of the smooth one.
+    """
+
+    lengths: FloatArray
+    rough: FloatArray
+
+    def __call__(self, one: FloatArray, two: FloatArray) -> FloatArray:
+        """Correlations of scores (n, d) with (m, d), shape (n, m)."""
+        a, b = one / self.lengths, two / self.lengths
+        kernel = a @ -b.T
+        kernel += 0.5 * np.sum(a**2, axis=1)[:, None]
+        kernel += 0.5 * np.sum(b**2, axis=1) + 1.0
+        np.reciprocal(np.maximum(kernel, 1.0, out=kernel), out=kernel)
+        if not self.rough.any():
+            return kernel
+        factor = np.ones_like(kernel)
+        for j in np.flatnonzero(self.rough):
+            distance = np.abs(np.subtract.outer(one[:, j], two[:, j]))
+            distance /= -_ROUGH_LENGTH
+            factor += self.rough[j] * np.exp(distance, out=distance)
+        return np.asarray(np.multiply(kernel, factor, out=kernel))
 
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """A quadratic plus a Gaussian process with a rational quadratic kernel, over scores of a :class:`WarpedStudentT`.
+    """A quadratic plus a Gaussian process, over scores of a :class:`WarpedStudentT`.
 
-    ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores over ``lengths``
-    (d,), ``weights`` (n,) theirs. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
-    Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7 and 5.4.
+    The kernel is rational quadratic, multiplied, along scores that are bent, by one plus an exponential kernel: sample
+    paths of the latter are continuous and may have corners anywhere, as a log-likelihood has where a delay moves a jump
+    of the input across a reading. Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7,
+    4.2 and 5.4.
+
+    ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores and ``weights``
+    (n,) theirs; ``kernel`` compares scores. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
     """
 
     coordinates: WarpedStudentT
     quadratic: FloatArray
     centres: FloatArray
-    lengths: FloatArray
+    kernel: Kernel
     weights: FloatArray
     radius: float
 
@@ -75,12 +110,11 @@ class Surrogate:
         rest = values[rows] - level - design @ found
         quadratic[0, 0] += level
         some = _spread(len(rows), _HYPERPARAMETER_POINTS)
-        lengths, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.bent)
-        centres = scores / lengths
-        covariance = amplitude * _kernel(centres, centres) + np.diag(error**2)
+        kernel, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.bent)
+        covariance = amplitude * kernel(scores, scores) + np.diag(error**2)
         weights = amplitude * cho_solve(cho_factor(covariance, lower=True), rest)
         radius = float(np.max(np.linalg.norm(scores, axis=1)))
-        return cls(coordinates, quadratic, centres, lengths, weights, radius)
+        return cls(coordinates, quadratic, scores, kernel, weights, radius)
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Approximate values at points (n, d), shape (n,)."""
@@ -88,7 +122,7 @@ class Surrogate:
         ahead = np.insert(scores, 0, 1.0, axis=1)
         outside = np.maximum(np.linalg.norm(scores, axis=1) - self.radius, 0.0)
         smooth = np.einsum("ni,ij,nj->n", ahead, self.quadratic, ahead, optimize=True)
-        return np.asarray(smooth + _kernel(scores / self.lengths, self.centres) @ self.weights - outside**2)
+        return np.asarray(smooth + self.kernel(scores, self.centres) @ self.weights - outside**2)
 
 
 def _spread(count: int, most: int) -> NDArray[np.int64]:
@@ -96,28 +130,26 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def _kernel(one: FloatArray, two: FloatArray) -> FloatArray:
-    """Rational quadratic kernel of shape one, (n, d) and (m, d) to (n, m)."""
-    kernel = one @ -two.T
-    kernel += 0.5 * np.sum(one**2, axis=1)[:, None]
-    kernel += 0.5 * np.sum(two**2, axis=1) + 1.0
-    return np.asarray(np.reciprocal(np.maximum(kernel, 1.0, out=kernel), out=kernel))
-
-
 def _choose(
     scores: FloatArray, rest: FloatArray, error: FloatArray, bent: NDArray[np.bool_]
-) -> tuple[FloatArray, float]:
-    """Length scales and amplitude of the largest marginal likelihood."""
-    best, found = -np.inf, (np.ones(scores.shape[1]), 1.0)
-    for length in _LENGTHS:
-        for short in (length, *(b for b in _LENGTH_RATIOS if b < length and bent.any())):
-            lengths = np.where(bent, short, length)
-            kernel = _kernel(scores / lengths, scores / lengths) / np.outer(error, error)
-            values, vectors = np.linalg.eigh(kernel)
-            projected = (vectors.T @ (rest / error)) ** 2
-            for amplitude in _AMPLITUDES:
-                spread = amplitude * np.maximum(values, 0.0) + 1.0
-                evidence = -0.5 * float(np.sum(projected / spread + np.log(spread)))
-                if evidence > best:
-                    best, found = evidence, (lengths, float(amplitude))
+) -> tuple[Kernel, float]:
+    """Kernel and amplitude of the largest marginal likelihood."""
+    best, found = -np.inf, (Kernel(np.ones(scores.shape[1]), np.zeros(scores.shape[1])), 1.0)
+    shapes = [(length, length, 0.0) for length in _LENGTHS]
+    if bent.any():
+        shapes = [
+            (length, short, rough)
+            for length in _LENGTHS
+            for short in (length, *(b for b in _BENT_LENGTHS if b < length))
+            for rough in _ROUGHNESSES
+        ]
+    for length, short, rough in shapes:
+        kernel = Kernel(np.where(bent, short, length), np.where(bent, rough, 0.0))
+        values, vectors = np.linalg.eigh(kernel(scores, scores) / np.outer(error, error))
+        projected = (vectors.T @ (rest / error)) ** 2
+        for amplitude in _AMPLITUDES:
+            spread = amplitude * np.maximum(values, 0.0) + 1.0
+            evidence = -0.5 * float(np.sum(projected / spread + np.log(spread)))
+            if evidence > best:
+                best, found = evidence, (kernel, float(amplitude))
     return found
