@@ -31,15 +31,16 @@ from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseMode
 from aero_bayes.estimate.target import Target
 from aero_bayes.export import export_fmu
 from aero_bayes.sample import SampleSettings
-from aero_bayes.sample.mcmc import Chain, MakeMoves, standard_moves
+from aero_bayes.sample.mcmc import Chain
 from aero_bayes.sample.mcmc import run as run_chain
 from aero_bayes.sample.moves import StretchMove, WarpedStudentT
+from aero_bayes.sample.standard_moves import MakeMoves, standard_moves
 from aero_bayes.simulation import Model, open_simulator
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
 OURS = SampleSettings(max_steps=400, ess=1e9, time_limit=600.0)
 STRETCH = SampleSettings(
-    burn_in=(600,), extra_rounds=0, max_steps=2500, ess=1e9, lengths=100.0, time_limit=900.0
+    burn_in=600, max_rounds=1, max_steps=2500, ess=1e9, lengths=100.0, time_limit=900.0
 )  # fmt: skip
 
 

@@ -47,9 +47,10 @@ from aero_bayes.estimate import (
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
 from aero_bayes.fleet import open_executor
+from aero_bayes.sample import SampleSettings
 from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.sample.importance import WeightedSample
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import (
     DelayTarget,

@@ -17,7 +17,8 @@ from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, No
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 

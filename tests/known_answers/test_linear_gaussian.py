@@ -15,9 +15,10 @@ from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, No
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.export import export_fmu
+from aero_bayes.sample import SampleSettings
 from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
 from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
     walkers=8,
-    burn_in=(10, 20),
-    extra_rounds=1,
+    burn_in=15,
+    max_rounds=3,
     settle=5,
     max_steps=150,
     checkpoint_seconds=0.0,

@@ -18,11 +18,12 @@ from emcee.moves import MHMove
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import Chain, run
 from aero_bayes.sample.moves import StretchMove, WarpedStudentT
 from aero_bayes.sample.tuning import Tuned
 
-QUICK = SampleSettings(walkers=16, ess=1500.0, extra_rounds=2, max_steps=3000)
+QUICK = SampleSettings(walkers=16, ess=1500.0, max_rounds=6, max_steps=3000)
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])
 
 
@@ -98,7 +99,7 @@ def test_two_near_modes_have_their_weights() -> None:
 
 
 def test_walkers_that_meet_need_fifty_autocorrelation_times() -> None:
-    settings = SampleSettings(walkers=8, burn_in=(10,), extra_rounds=0, settle=0, max_steps=60, lengths=1.0, ess=1.0)
+    settings = SampleSettings(walkers=8, burn_in=10, max_rounds=1, settle=0, max_steps=60, lengths=1.0, ess=1.0)
     chain = run(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 3, moves=stretch_only)
     assert not chain.converged
     assert "autocorrelation times, 50 are needed" in chain.reason
@@ -108,7 +109,7 @@ def test_two_separate_modes_are_not_called_converged() -> None:
     def modes(x: np.ndarray) -> np.ndarray:
         return np.logaddexp(-0.5 * ((x[:, 0] - 20) / 0.5) ** 2, -0.5 * ((x[:, 0] + 20) / 0.5) ** 2) - 0.5 * x[:, 1] ** 2
 
-    settings = SampleSettings(walkers=8, burn_in=(20,), extra_rounds=0, max_steps=800)
+    settings = SampleSettings(walkers=8, burn_in=20, max_rounds=1, max_steps=800)
     chain = run(modes, WarpedStudentT.of(np.zeros(2), np.diag([400.0, 1.0])), settings, 5, moves=stretch_only)
     assert not chain.converged
 

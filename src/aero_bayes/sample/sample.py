@@ -18,10 +18,11 @@ from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample.mcmc import Chain, run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.posterior import Posterior
 from aero_bayes.sample.predictive import predict
+from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 

@@ -17,11 +17,11 @@ from aero_bayes.sample.moves.warp import KNOT_SCORES
 FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
-#: Tuning ends when the surrogate overlaps the target at least this much and a walker stays at its worst points for at
-#: most this many steps.
-MIN_OVERLAP, MAX_STICKY_STEPS = 0.7, 40.0
+#: Burn-in ends when, in so many rounds in succession, the acceptance of the surrogate's draws was at least this, and
+#: nearly every point was left after at most so many of them.
+MIN_GOOD_ROUNDS, MIN_OVERLAP, MAX_STICKY_STEPS = 2, 0.8, 8.0
 #: Logarithm of the proposal's share in a stand-in.
-_LOG_PROPOSAL_SHARE = float(np.log(0.2))
+_LOG_PROPOSAL_SHARE = float(np.log(0.05))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _FIRST_DISTANCES, _DISTANCE_RATIO, _MAX_FURTHER_POINTS, _MAX_DEPTH = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
@@ -68,12 +68,13 @@ class Tuned:
     steps: int = 20
     overlap: float = 0.0
     sticky: float = np.inf
+    good_rounds: int = 0
     frozen: bool = False
 
     @property
     def good(self) -> bool:
-        """Whether tuning can end."""
-        return self.overlap >= MIN_OVERLAP and self.sticky <= MAX_STICKY_STEPS
+        """Whether burn-in can end."""
+        return self.good_rounds >= MIN_GOOD_ROUNDS
 
 
 def log_prior_of(density: Density) -> Density:
@@ -122,36 +123,40 @@ def _quantiles(cut: dict[float, float]) -> FloatArray:
 
 
 def retune(
-    tuned: Tuned, prior: Density, visited: tuple[FloatArray, FloatArray], seen: tuple[FloatArray, FloatArray]
+    tuned: Tuned,
+    prior: Density,
+    *,
+    fresh: tuple[FloatArray, FloatArray],
+    late: tuple[FloatArray, FloatArray],
+    seen: tuple[FloatArray, FloatArray],
 ) -> Tuned:
-    """Fit proposal and surrogate again after another round.
+    """Fit proposal and surrogate again after another round of burn-in.
 
     Parameters
     ----------
     tuned : Tuned
         Of the round before.
     prior : callable
-    visited : tuple of ndarray, (n, d) and (n,)
-        Points of the chains, and their log-density.
+    fresh : tuple of ndarray, (n, d) and (n,)
+        Points of the walkers in this round, and their log-density: they tell how good ``tuned`` is.
+    late : tuple of ndarray, (k, d) and (k,)
+        Those of the second half of burn-in: the proposal is fitted to them.
     seen : tuple of ndarray, (m, d) and (m,)
-        All evaluated points, and their log-density.
+        All evaluated points: the surrogate is fitted to those near the mode.
     """
     d, dof = tuned.proposal.mean.size, tuned.proposal.dof
-    good = visited[1] >= visited[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
-    points, values = visited[0][good], visited[1][good]
+    lowest = late[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
+    points, values = late[0][late[1] >= lowest], late[1][late[1] >= lowest]
     if len(np.unique(points[:, 0])) <= 4 * d:
         return tuned
-    quality, sticky = 0.0, np.inf
+    overlap, sticky = 0.0, np.inf
     if tuned.surrogate_density is not None:
-        missed = tuned.surrogate_density.log_density(points, prior) - values
-        quality, sticky = acceptance_overlap(missed), mixing_steps(missed)
+        inside = fresh[1] >= lowest
+        error = tuned.surrogate_density.log_density(fresh[0][inside], prior) - fresh[1][inside]
+        overlap, sticky = acceptance_overlap(error), mixing_steps(error)
+    fitted = [WarpedStudentT.fit(points, dof, axes=tuned.proposal.axes, curved=curved) for curved in (False, True)]
     plain, proposal = max(
-        (
-            (acceptance_overlap(fitted.log_density(points) - values), fitted)
-            for curved in (False, True)
-            for fitted in (WarpedStudentT.fit(points, dof, axes=tuned.proposal.axes, curved=curved),)
-        ),
-        key=lambda pair: pair[0],
+        ((acceptance_overlap(one.log_density(points) - values), one) for one in fitted), key=lambda pair: pair[0]
     )
     depth = seen[1].max() - seen[1]
     near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
@@ -163,10 +168,10 @@ def retune(
         where, level = where[order], level[order]
     surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
     surrogate_density = SurrogateDensity.of(surrogate, prior, points)
-    steps = int(
-        np.clip(mixing_steps(proposal.log_density(points) - surrogate_density.log_density(points, prior)), 12, 60)
-    )
-    return Tuned(proposal, surrogate_density, steps, quality if quality > plain else 0.0, sticky)
+    ratio = proposal.log_density(points) - surrogate_density.log_density(points, prior)
+    steps = int(np.clip(mixing_steps(ratio), 12, 60))
+    good_rounds = tuned.good_rounds + 1 if overlap >= MIN_OVERLAP and sticky <= MAX_STICKY_STEPS else 0
+    return Tuned(proposal, surrogate_density, steps, overlap if overlap > plain else 0.0, sticky, good_rounds)
 
 
 def acceptance_overlap(log_ratio: FloatArray) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from aero_bayes.sample.moves.heavytail import WarpedStudentT
+from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _ROUGH_LENGTH = 3.0
 #: Standard deviation of the error at the mode, in nats; it grows with the depth below the mode.
 _NOISE_AT_MODE = 0.02
 #: Points that fit the length scales, and points of the surrogate.
-_HYPERPARAMETER_POINTS, _MAX_POINTS = 300, 1200
+_HYPERPARAMETER_POINTS, _MAX_POINTS = 300, 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +130,7 @@ def _spread(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def _choose(
-    scores: FloatArray, rest: FloatArray, error: FloatArray, bent: NDArray[np.bool_]
-) -> tuple[Kernel, float]:
+def _choose(scores: FloatArray, rest: FloatArray, error: FloatArray, bent: NDArray[np.bool_]) -> tuple[Kernel, float]:
     """Kernel and amplitude of the largest marginal likelihood."""
     best, found = -np.inf, (Kernel(np.ones(scores.shape[1]), np.zeros(scores.shape[1])), 1.0)
     shapes = [(length, length, 0.0) for length in _LENGTHS]

@@ -8,12 +8,12 @@ import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
 
-from aero_bayes.sample.moves.heavytail import WarpedStudentT
+from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
 
-class ScreenedMove(MHMove):  # type: ignore[misc]
+class DelayedAcceptanceMove(MHMove):  # type: ignore[misc]
     """Delayed acceptance: ``steps`` independence steps on s, then one decision with the target p itself.
 
     The inner chain is reversible with respect to s, so accepting its end x' with probability
@@ -54,7 +54,7 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
         return every[at], np.where(np.isnan(ratio), 0.0, ratio)
 
 
-class ScreenedWalkMove(MHMove):  # type: ignore[misc]
+class DelayedAcceptanceWalkMove(MHMove):  # type: ignore[misc]
     """Delayed acceptance after a few short steps on s: leaves the places where s is poor, since it is poor around them.
 
     Parameters
