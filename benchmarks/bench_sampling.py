@@ -4,7 +4,7 @@ One simulated recording (the paper's experiment, 40 s, 2,001 samples of three ou
 parameters (the seven physical ones and the input's delay) are sampled with the noise held as fitted. Three samplers of
 the same posterior, started from the same Laplace approximation:
 
-- the program's own moves, screened by a stand-in,
+- the program's own moves, by delayed acceptance with a surrogate,
 - emcee's plain stretch move through the same engine,
 - emcee's plain stretch move through FMPy, which would need hours: its time is that of its evaluations, timed over a
   few, at the same effective samples an evaluation as through the engine,
@@ -12,6 +12,10 @@ the same posterior, started from the same Laplace approximation:
 
 Effective samples are those of the worst parameter (rank-normalised bulk ESS over independent ensembles), burn-in
 included in the time of each.
+
+A second recording is read every 4 ms and has a delay of 4.05 ms, so that the posterior reaches across a corner of the
+likelihood: the delay moves the jump of the input across a reading. Its whole posterior is sampled, noise included,
+until the sampler stops by itself.
 """
 
 from __future__ import annotations
@@ -24,17 +28,14 @@ from pathlib import Path
 import bench_pints
 import numpy as np
 from bench_density import density
-from harness import Row, ratio, update
+from harness import TimingRow, ratio, update
 
 from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
 from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
 from aero_bayes.estimate.target import Target
 from aero_bayes.export import export_fmu
-from aero_bayes.sample import SampleSettings
-from aero_bayes.sample.mcmc import Chain
-from aero_bayes.sample.mcmc import run as run_chain
+from aero_bayes.sample import Chain, MakeMoves, Posterior, SampleSettings, run_chain, sample, standard_moves
 from aero_bayes.sample.moves import StretchMove, WarpedStudentT
-from aero_bayes.sample.standard_moves import MakeMoves, standard_moves
 from aero_bayes.simulation import Model, open_simulator
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
@@ -44,8 +45,8 @@ STRETCH = SampleSettings(
 )  # fmt: skip
 
 
-def problem(folder: Path) -> Fit:
-    """The recording and its fit."""
+def paper_fit(folder: Path) -> Fit:
+    """Simulate the paper's experiment and fit it."""
     model = Model.load(export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu"))
     truth = Truth("one_dof", Parameters(), (), 0.006)
     rng = np.random.default_rng(2)
@@ -54,8 +55,18 @@ def problem(folder: Path) -> Fit:
     return fit(recording, model, settings=settings)
 
 
+def posterior_with_delay(folder: Path) -> Posterior:
+    """Sample the whole posterior of a recording whose delay may lie on either side of a reading."""
+    model = Model.load(export_fmu("Aero.Systems.OneDof", folder / "WithDelay.fmu"))
+    truth = Truth("one_dof", Parameters(), (), 0.00405)
+    rng = np.random.default_rng(4)
+    recording = simulate_recording(truth, paper_step(), white(1.0), rng, duration=20.0, rate_hz=250.0)
+    settings = FitSettings(method="local", calibration=CalibrationSettings(start="reading"))
+    return sample(fit(recording, model, settings=settings), seed=1)
+
+
 def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_moves) -> tuple[Chain, float]:
-    """A chain through the engine and the seconds it took."""
+    """Sample a chain through the engine, and return it with the seconds it took."""
     d = len(fit.free)
     proposal = WarpedStudentT.of(fit.laplace.mean[:d], fit.laplace.covariance[:d, :d], settings.dof)
     with open_simulator(fit.calibration.problem()) as simulator:
@@ -68,7 +79,7 @@ def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_move
 
 
 def fmpy_seconds(fit: Fit, evaluations: int) -> list[float]:
-    """Seconds of single evaluations through FMPy."""
+    """Measure the seconds of single evaluations through FMPy."""
     d = len(fit.free)
     rng = np.random.default_rng(3)
     points = fit.laplace.mean[:d] + 0.5 * fit.laplace.sd[:d] * rng.standard_normal((evaluations + 1, d))
@@ -82,23 +93,38 @@ def fmpy_seconds(fit: Fit, evaluations: int) -> list[float]:
     return seconds[1:]
 
 
-def row(name: str, chain: Chain, seconds: float, note: str = "") -> Row:
-    """Seconds an effective sample."""
+def row(name: str, chain: Chain, seconds: float, note: str = "") -> TimingRow:
+    """Make the row of the seconds of an effective sample."""
     each = seconds / chain.ess_bulk
     text = (
         f"{chain.ess_bulk:.0f} effective of {chain.evaluations} evaluations in {seconds:.1f} s, tau {chain.tau:.1f}, "
         f"R-hat {chain.r_hat:.4f}{', ' + note if note else ''}"
     )
-    return Row("sampling", name, each, each, each, None, text)
+    return TimingRow("sampling", name, each, each, each, None, text)
+
+
+def simulations_each(posterior: Posterior) -> float:
+    """Return the simulations of an effective sample, burn-in included."""
+    return posterior.evaluations / min(posterior.ess_bulk_min, posterior.ess_tail_min)
+
+
+def simulations_row(name: str, posterior: Posterior) -> TimingRow:
+    """Make the row of a posterior that the sampler ended by itself; its figure is a count, not a time."""
+    text = (
+        f"{simulations_each(posterior):.1f}: ESS {posterior.ess_bulk_min:.0f} in bulk, {posterior.ess_tail_min:.0f} in "
+        f"tails, {posterior.evaluations} simulations, R-hat {posterior.r_hat_max:.4f}"
+    )
+    return TimingRow("sampling", name, None, None, None, None, text)
 
 
 def run(out: Path, rounds: int = 15) -> None:
     """Measure, print the rows and merge them into ``out``/bench.json."""
     with tempfile.TemporaryDirectory() as folder:
-        found = problem(Path(folder))
+        found = paper_fit(Path(folder))
         ours, ours_seconds = sampled(found, OURS)
-        plain, plain_seconds = sampled(found, STRETCH, lambda tuned, prior: [(StretchMove(), 1.0)])
+        plain, plain_seconds = sampled(found, STRETCH, lambda adaptation, prior: [(StretchMove(), 1.0)])
         single = fmpy_seconds(found, max(10, rounds))
+        delayed = posterior_with_delay(Path(folder))
         others = bench_pints.rows(found, Path(folder), max(10, rounds))
     slow = float(np.median(single)) * plain.evaluations
     rows = [
@@ -107,11 +133,13 @@ def run(out: Path, rounds: int = 15) -> None:
         row("emcee stretch, FMPy", plain, slow, f"projected from {len(single)} evaluations"),
     ]
     rows += others
+    rows.append(simulations_row("simulations per effective sample on a recording with a delay", delayed))
     for line in rows:
         print(line.line(), flush=True)
     by_name = {line.name: line.seconds for line in rows}
     keys = {
         "evaluations_an_effective_sample": ours.evaluations / min(ours.ess_bulk, ours.ess_tail),
+        "simulations_an_effective_sample_with_a_delay": simulations_each(delayed),
         "ess_per_s_over_pints_on_fmpy": ratio(by_name[bench_pints.SAMPLER_SLOW], rows[0].seconds),
         "swarm_evaluations_per_s_over_pints_on_fmpy": ratio(
             by_name[bench_pints.SWARM_SLOW], by_name[bench_pints.SWARM]

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aero_bayes.estimate import Normal, OutputNoise
-from aero_bayes.estimate.laplace import curvature_adjustment
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate import (
+    LocalFitSettings,
+    LocalSettings,
+    Normal,
+    Objective,
+    OutputNoise,
+    curvature_adjustment,
+    local_fit,
+)
 
 N, RHO, RUNS = 1500, 0.9, 400
 TIME = np.linspace(0.0, 1.0, N)
@@ -54,7 +58,7 @@ def test_predicted_spread_is_that_of_many_seeds():
     short at these lengths.
     """
     rng = np.random.default_rng(1)
-    runs = [fitted(1.0 - 0.5 * TIME + correlated(rng), OutputNoise(1.0, held=True)) for _ in range(RUNS)]
+    runs = [fitted(1.0 - 0.5 * TIME + correlated(rng), OutputNoise(1.0, model_error=True)) for _ in range(RUNS)]
     values, predicted = np.array([r[0] for r in runs]), np.array([r[1] for r in runs])
     scatter = values.std(axis=0, ddof=1)
     covariance = RHO ** np.abs(np.arange(N)[:, None] - np.arange(N))
@@ -68,10 +72,30 @@ def test_predicted_spread_is_that_of_many_seeds():
 
 def test_a_white_residual_that_is_held_has_the_intervals_of_least_squares():
     rng = np.random.default_rng(2)
-    _, predicted = fitted(1.0 - 0.5 * TIME + rng.standard_normal(N), OutputNoise(1.0, held=True))
+    _, predicted = fitted(1.0 - 0.5 * TIME + rng.standard_normal(N), OutputNoise(1.0, model_error=True))
     white = np.sqrt(np.diag(LEAST_SQUARES))
     assert np.all(predicted > 0.999 * white)
     assert np.all(predicted < 1.4 * white)
+
+
+def test_the_map_only_contracts():
+    """In units of the prior it is symmetric and its eigenvalues are at most one, where the data say little too."""
+    rng = np.random.default_rng(4)
+    prior_sd = np.array([3.0, 1e-3]) / 20.0
+    items = [
+        closed_form.parameter(n, 0.0, -10.0, 10.0, Normal(0.0, 20.0 * sd)) for n, sd in zip("ab", prior_sd, strict=True)
+    ]
+    y = 1.0 - 0.5 * TIME + correlated(rng)
+    problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items)
+    objective = Objective(problem, closed_form.FormulaSimulator(problem.problem(), line))
+    found = local_fit(objective, np.zeros(2), (0, 1), noise={"y": OutputNoise(1.0, model_error=True)}, settings=EXACT)
+    spread = curvature_adjustment(objective.series, found, prior_sd)
+    assert spread is not None
+    scaled = spread.map * prior_sd / prior_sd[:, None]
+    np.testing.assert_allclose(scaled, scaled.T, atol=1e-9)
+    values = np.linalg.eigvalsh(scaled)
+    assert np.all((values > 0.0) & (values < 1.0 + 1e-9))
+    assert values[0] < 0.5
 
 
 def test_noise_that_describes_its_residual_needs_no_spread():

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.sample import SampleSettings
-from aero_bayes.sample.mcmc import run
+from aero_bayes.sample import SampleSettings, run_chain
 from aero_bayes.sample.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
@@ -35,4 +34,4 @@ def slow(points: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    run(slow, PROPOSAL, SETTINGS, 5, checkpoint=Path(sys.argv[1]), identity="banana")
+    run_chain(slow, PROPOSAL, SETTINGS, 5, checkpoint=Path(sys.argv[1]), identity="banana")

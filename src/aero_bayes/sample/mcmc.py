@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.sample.adaptation import Adaptation, Density
 from aero_bayes.sample.diagnostics import Diagnosis
 from aero_bayes.sample.ensembles import Ensembles
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.sample.standard_moves import MakeMoves, standard_moves
 from aero_bayes.sample.stopping import StoppingDecision, decide
-from aero_bayes.sample.tuning import Density, Tuned
 
 FloatArray = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Chain:
     seconds: float
     converged: bool
     reason: str
-    tuned: Tuned
+    adaptation: Adaptation
 
     @property
     def acceptance(self) -> float:
@@ -68,7 +68,7 @@ class Chain:
         return min(d.ess_tail for d in self.diagnoses)
 
 
-def run(
+def run_chain(
     density: Density,
     proposal: WarpedStudentT,
     settings: SampleSettings,
@@ -127,7 +127,7 @@ def run(
             if verdict.enough or over:
                 break
         ensembles.advance()
-        if progress is not None and not ensembles.tuned.frozen:
+        if progress is not None and not ensembles.adaptation.frozen:
             progress("burn-in", min(1.0, ensembles.rounds / settings.max_rounds), f"round {ensembles.rounds + 1}")
         elif progress is not None:
             words = verdict.line if verdict.diagnoses else f"{ensembles.kept} steps"
@@ -147,5 +147,5 @@ def run(
         ensembles.seconds,
         verdict.enough,
         limit + verdict.reason,
-        ensembles.tuned,
+        ensembles.adaptation,
     )

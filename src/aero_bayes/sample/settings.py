@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 
-from aero_bayes.show import Settings
+from aero_bayes.display import SettingsDisplay
 
 
 @dataclass(frozen=True, repr=False)
-class SampleSettings(Settings):
+class SampleSettings(SettingsDisplay):
     """How long and with what to sample.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from emcee.moves import Move
 
+from aero_bayes.sample.adaptation import Adaptation, Density
 from aero_bayes.sample.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
@@ -15,22 +16,21 @@ from aero_bayes.sample.moves import (
     IndependenceMove,
     StretchMove,
 )
-from aero_bayes.sample.tuning import Density, Tuned
 
 
 class MakeMoves(Protocol):
-    """Moves and their shares, from what tuning has learnt, for a density with the inexpensive part ``prior``."""
+    """Moves and their shares, from what burn-in has learnt, for a density with the inexpensive part ``prior``."""
 
-    def __call__(self, tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]: ...
+    def __call__(self, adaptation: Adaptation, prior: Density) -> Sequence[tuple[Move, float]]: ...
 
 
-def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
-    """Delayed acceptance by the surrogate; where no surrogate is good, moves that need none."""
-    if tuned.surrogate_density is None or (tuned.frozen and tuned.overlap == 0.0):
-        share = 0.85 if tuned.frozen else 0.3
-        return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
-    approximation = partial(tuned.surrogate_density.log_density, prior=prior)
+def standard_moves(adaptation: Adaptation, prior: Density) -> Sequence[tuple[Move, float]]:
+    """Delayed acceptance by the surrogate; moves that need none until there is one, and where it is no good."""
+    if adaptation.surrogate_density is None or (adaptation.frozen and adaptation.acceptance == 0.0):
+        share = 0.85 if adaptation.frozen else 0.3
+        return [(IndependenceMove(adaptation.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
+    approximation = partial(adaptation.surrogate_density.log_density, prior=prior)
     return [
-        (DelayedAcceptanceMove(approximation, tuned.proposal, tuned.steps), 0.95),
-        (DelayedAcceptanceWalkMove(approximation, tuned.proposal), 0.05),
+        (DelayedAcceptanceMove(approximation, adaptation.proposal, adaptation.steps), 0.95),
+        (DelayedAcceptanceWalkMove(approximation, adaptation.proposal), 0.05),
     ]

@@ -3,9 +3,9 @@
 from aero_bayes.sample.moves.delayed_acceptance import DelayedAcceptanceMove, DelayedAcceptanceWalkMove
 from aero_bayes.sample.moves.differential import DifferentialMove
 from aero_bayes.sample.moves.independence import IndependenceMove
-from aero_bayes.sample.moves.shear import Shear
 from aero_bayes.sample.moves.stretch import StretchMove
 from aero_bayes.sample.moves.surrogate import Surrogate
+from aero_bayes.sample.moves.triangular_map import TriangularMap
 from aero_bayes.sample.moves.warp import Warp
 from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
@@ -14,9 +14,9 @@ __all__ = [
     "DelayedAcceptanceWalkMove",
     "DifferentialMove",
     "IndependenceMove",
-    "Shear",
     "StretchMove",
     "Surrogate",
+    "TriangularMap",
     "Warp",
     "WarpedStudentT",
 ]

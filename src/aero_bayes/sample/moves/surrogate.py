@@ -1,4 +1,4 @@
-"""A smooth stand-in for an expensive log-density, fitted to points where it has been evaluated."""
+"""A surrogate of an expensive log-density: Gaussian process regression on points where it was evaluated."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 FloatArray = NDArray[np.float64]
 
 #: Length scales, amplitudes (nats squared) and relative roughnesses among which the marginal likelihood chooses.
-_LENGTHS, _BENT_LENGTHS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
+_LENGTHS, _WARPED_LENGTHS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
 _ROUGHNESSES = (0.0, 0.1, 1.0)
-#: Correlation length of the rough part along a bent score.
+#: Correlation length of the part with corners.
 _ROUGH_LENGTH = 3.0
 #: Standard deviation of the error at the mode, in nats; it grows with the depth below the mode.
 _NOISE_AT_MODE = 0.02
@@ -28,15 +28,17 @@ _HYPERPARAMETER_POINTS, _MAX_POINTS = 300, 2000
 class Kernel:
     """Covariance of a smooth function of scores that may have corners along some of them.
 
-    ``lengths`` (d,) are length scales of the smooth part; ``rough`` (d,) the variance of the part with corners over
-    that of the smooth one.
+    A rational quadratic kernel is multiplied by one plus an exponential kernel of single scores. Sample paths of the
+    latter are continuous and may have corners anywhere, like a log-likelihood where a delay moves a jump of the input
+    across a reading. ``lengths`` (d,) are length scales of the smooth part; ``rough`` (d,) is the
+    variance of the part with corners over that of the smooth one.
     """
 
     lengths: FloatArray
     rough: FloatArray
 
     def __call__(self, one: FloatArray, two: FloatArray) -> FloatArray:
-        """Correlations of scores (n, d) with (m, d), shape (n, m)."""
+        """Return the correlations of scores (n, d) with (m, d), shape (n, m)."""
         a, b = one / self.lengths, two / self.lengths
         kernel = a @ -b.T
         kernel += 0.5 * np.sum(a**2, axis=1)[:, None]
@@ -56,10 +58,8 @@ class Kernel:
 class Surrogate:
     """A quadratic plus a Gaussian process, over scores of a :class:`WarpedStudentT`.
 
-    The kernel is rational quadratic, multiplied, along scores that are bent, by one plus an exponential kernel: sample
-    paths of the latter are continuous and may have corners anywhere, as a log-likelihood has where a delay moves a jump
-    of the input across a reading. Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7,
-    4.2 and 5.4.
+    The regression is that of Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7, 4.2
+    and 5.4; the marginal likelihood chooses the kernel.
 
     ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores and ``weights``
     (n,) theirs; ``kernel`` compares scores. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
@@ -74,7 +74,7 @@ class Surrogate:
 
     @staticmethod
     def least(dimension: int) -> int:
-        """How many points a fit needs."""
+        """Return the number of points that a fit needs."""
         return 3 * (dimension + 1) * (dimension + 2) // 4 + 10
 
     @classmethod
@@ -84,7 +84,7 @@ class Surrogate:
         Parameters
         ----------
         coordinates : WarpedStudentT
-            Its scores are the coordinates; a bent one gets a length scale of its own.
+            Its scores are the coordinates; warped ones get a length scale of their own and may have corners.
         points, values : ndarray
         depth : ndarray, shape (n,)
             How far each point's density lies below the highest, in nats: the deeper, the less it matters.
@@ -110,14 +110,14 @@ class Surrogate:
         rest = values[rows] - level - design @ found
         quadratic[0, 0] += level
         some = _spread(len(rows), _HYPERPARAMETER_POINTS)
-        kernel, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.bent)
+        kernel, amplitude = _choose(scores[some], rest[some], error[some], coordinates.warp.warped)
         covariance = amplitude * kernel(scores, scores) + np.diag(error**2)
         weights = amplitude * cho_solve(cho_factor(covariance, lower=True), rest)
         radius = float(np.max(np.linalg.norm(scores, axis=1)))
         return cls(coordinates, quadratic, scores, kernel, weights, radius)
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Approximate values at points (n, d), shape (n,)."""
+        """Predict values at points (n, d), shape (n,)."""
         scores = self.coordinates.scores(points)[0]
         ahead = np.insert(scores, 0, 1.0, axis=1)
         outside = np.maximum(np.linalg.norm(scores, axis=1) - self.radius, 0.0)
@@ -126,23 +126,23 @@ class Surrogate:
 
 
 def _spread(count: int, most: int) -> NDArray[np.int64]:
-    """At most so many of ``count`` rows, evenly."""
+    """Choose at most ``most`` of ``count`` rows, evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def _choose(scores: FloatArray, rest: FloatArray, error: FloatArray, bent: NDArray[np.bool_]) -> tuple[Kernel, float]:
-    """Kernel and amplitude of the largest marginal likelihood."""
+def _choose(scores: FloatArray, rest: FloatArray, error: FloatArray, warped: NDArray[np.bool_]) -> tuple[Kernel, float]:
+    """Choose the kernel and amplitude of the largest marginal likelihood."""
     best, found = -np.inf, (Kernel(np.ones(scores.shape[1]), np.zeros(scores.shape[1])), 1.0)
     shapes = [(length, length, 0.0) for length in _LENGTHS]
-    if bent.any():
+    if warped.any():
         shapes = [
             (length, short, rough)
             for length in _LENGTHS
-            for short in (length, *(b for b in _BENT_LENGTHS if b < length))
+            for short in (length, *(b for b in _WARPED_LENGTHS if b < length))
             for rough in _ROUGHNESSES
         ]
     for length, short, rough in shapes:
-        kernel = Kernel(np.where(bent, short, length), np.where(bent, rough, 0.0))
+        kernel = Kernel(np.where(warped, short, length), np.where(warped, rough, 0.0))
         values, vectors = np.linalg.eigh(kernel(scores, scores) / np.outer(error, error))
         projected = (vectors.T @ (rest / error)) ** 2
         for amplitude in _AMPLITUDES:
