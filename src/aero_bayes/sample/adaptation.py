@@ -22,8 +22,6 @@ Density = Callable[[FloatArray], FloatArray]
 MIN_GOOD_ROUNDS, MIN_ACCEPTANCE, MAX_STAY = 2, 0.8, 5.0
 #: Logarithm of the proposal's share in a surrogate density.
 _LOG_PROPOSAL_SHARE = float(np.log(0.05))
-#: Temperature of a surrogate density: what an independence sampler proposes from must have the heavier tails.
-_TEMPERATURE = 1.05
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _FIRST_DISTANCES, _DISTANCE_RATIO, _MAX_FURTHER_POINTS, _MAX_DEPTH = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
@@ -45,8 +43,12 @@ class SurrogateDensity:
         ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
         return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
 
-    def log_density(self, points: FloatArray, prior: Density, temperature: float = _TEMPERATURE) -> FloatArray:
-        """Return the log-density, not normalised, shape (n,); minus infinity outside the prior's support."""
+    def log_density(self, points: FloatArray, prior: Density, temperature: float | None = None) -> FloatArray:
+        """Return the log-density, not normalised, shape (n,); minus infinity outside the prior's support.
+
+        By default the temperature is 1 + 1 / d, since an independence sampler needs a proposal with the heavier tails.
+        """
+        temperature = 1.0 + 1.0 / points.shape[1] if temperature is None else temperature
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
