@@ -19,7 +19,7 @@ Density = Callable[[FloatArray], FloatArray]
 
 #: Burn-in ends when, in so many rounds in succession, the acceptance of the surrogate's draws was at least this, and
 #: nearly every point was left after at most so many of them.
-MIN_GOOD_ROUNDS, MIN_ACCEPTANCE, MAX_STAY = 2, 0.8, 5.0
+MIN_GOOD_ROUNDS, MIN_ACCEPTANCE, MAX_STAY = 2, 0.8, 6.0
 #: Logarithm of the proposal's share in a surrogate density.
 _LOG_PROPOSAL_SHARE = float(np.log(0.05))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
@@ -43,12 +43,11 @@ class SurrogateDensity:
         ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
         return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
 
-    def log_density(self, points: FloatArray, prior: Density, temperature: float | None = None) -> FloatArray:
+    def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.05) -> FloatArray:
         """Return the log-density, not normalised, shape (n,); minus infinity outside the prior's support.
 
-        By default the temperature is 1 + 1 / d, since an independence sampler needs a proposal with the heavier tails.
+        An independence sampler needs a proposal with heavier tails than its target, hence a temperature above one.
         """
-        temperature = 1.0 + 1.0 / points.shape[1] if temperature is None else temperature
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]

@@ -45,7 +45,7 @@ class SampleSettings(SettingsDisplay):
     walkers: int | None = None
     burn_in: int = 6
     max_rounds: int = 20
-    settle: int = 5
+    settle: int = 3
     max_steps: int = 8000
     time_limit: float = 900.0
     r_hat: float = 1.01

@@ -30,7 +30,9 @@ def standard_moves(adaptation: Adaptation, prior: Density) -> Sequence[tuple[Mov
         share = 0.85 if adaptation.frozen else 0.3
         return [(IndependenceMove(adaptation.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
     approximation = partial(adaptation.surrogate_density.log_density, prior=prior)
-    return [
+    moves: list[tuple[Move, float]] = [
         (DelayedAcceptanceMove(approximation, adaptation.proposal, adaptation.steps), 0.95),
         (DelayedAcceptanceWalkMove(approximation, adaptation.proposal), 0.05),
     ]
+    # During burn-in walkers also find places where the surrogate is far too low.
+    return moves if adaptation.frozen else [*moves, (DifferentialMove(), 0.5)]
