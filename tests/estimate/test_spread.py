@@ -78,5 +78,25 @@ def test_a_white_residual_that_is_held_has_the_intervals_of_least_squares():
     assert np.all(predicted < 1.4 * white)
 
 
+def test_the_map_only_contracts():
+    """In units of the prior it is symmetric and its eigenvalues are at most one, where the data say little too."""
+    rng = np.random.default_rng(4)
+    prior_sd = np.array([3.0, 1e-3]) / 20.0
+    items = [
+        closed_form.parameter(n, 0.0, -10.0, 10.0, Normal(0.0, 20.0 * sd)) for n, sd in zip("ab", prior_sd, strict=True)
+    ]
+    y = 1.0 - 0.5 * TIME + correlated(rng)
+    problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items)
+    objective = Objective(problem, closed_form.FormulaSimulator(problem.problem(), line))
+    found = local_fit(objective, np.zeros(2), (0, 1), noise={"y": OutputNoise(1.0, model_error=True)}, settings=EXACT)
+    spread = curvature_adjustment(objective.series, found, prior_sd)
+    assert spread is not None
+    scaled = spread.map * prior_sd / prior_sd[:, None]
+    np.testing.assert_allclose(scaled, scaled.T, atol=1e-9)
+    values = np.linalg.eigvalsh(scaled)
+    assert np.all((values > 0.0) & (values < 1.0 + 1e-9))
+    assert values[0] < 0.5
+
+
 def test_noise_that_describes_its_residual_needs_no_spread():
     assert fitted(correlated(np.random.default_rng(3)), OutputNoise(0.3, 1.0, 0.006))[1] is None

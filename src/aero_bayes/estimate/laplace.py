@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import polar
 
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
@@ -82,8 +83,13 @@ def curvature_adjustment(
     middle = (vectors * half) @ vectors.T @ meat @ (vectors * half) @ vectors.T
     sizes, axes = np.linalg.eigh(0.5 * (middle + middle.T))
     shrink = (axes / np.sqrt(np.maximum(sizes, 1.0))) @ axes.T
+    # Of all maps M with M' H M = H' (H before, H' after), the symmetric one moves points least: optimal transport
+    # between Gaussians (Olkin & Pukelsheim, 1982, Linear Algebra Appl. 48, 257). As H' <= H, it only contracts. Others
+    # carry what a strong direction moves into a weak one, far beyond the prior.
     full = np.where(seen, root, 1.0)
-    scaled = ((vectors / full) @ vectors.T) @ shrink @ ((vectors * full) @ vectors.T)
+    stretch = polar(shrink @ (vectors * full**2) @ vectors.T)[1]
+    inverse = (vectors / full) @ vectors.T
+    scaled = inverse @ stretch @ inverse
     return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], scaled * prior_sd[:, None] / prior_sd[None, :])
 
 

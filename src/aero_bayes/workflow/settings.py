@@ -7,7 +7,7 @@ from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.sample.mcmc import SampleSettings
+from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.workflow.job import Job
 
 
