@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from aero_bayes.estimate.leave_out import BLOCK_COUNT
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
+from aero_bayes.judge.holdout import blocks_of, held_out_gain
 from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise

@@ -22,9 +22,10 @@ from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions
 from aero_bayes.search.explored import Library, Work
 from aero_bayes.search.models import CandidateModel, Noise
-from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
+from aero_bayes.search.score import Price, common_noise, odds
 from aero_bayes.search.starts import START_RULES, starting_points
 from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
 TIME = np.arange(600) * 0.05
@@ -212,7 +213,7 @@ def test_the_autocorrelation_time_of_a_first_order_process_is_known(rho):
     """Of ``x' = rho x + e`` it is ``(1 + rho) / (1 - rho)``; the sum ends at a twentieth."""
     rng = np.random.default_rng(7)
     x = lfilter([1.0], [1.0, -rho], rng.standard_normal((4, 40_000)))
-    assert autocorrelation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
+    assert residual_correlation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
 
 
 def test_noise_with_structure_left_counts_effective_samples():

@@ -5,15 +5,12 @@ from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
 from aero_bayes.sample.importance import WeightedSample, adaptive_importance_sample, importance_sample, pareto_smooth
 from aero_bayes.sample.mcmc import SampleSettings
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.prediction import RecordingPrediction
-from aero_bayes.sample.predictive import Predictive, posterior_predictive
+from aero_bayes.sample.predictive import posterior_predictive
 from aero_bayes.sample.sample import sample
 
 __all__ = [
     "Diagnosis",
     "Posterior",
-    "Predictive",
-    "RecordingPrediction",
     "SampleSettings",
     "WeightedSample",
     "adaptive_importance_sample",
