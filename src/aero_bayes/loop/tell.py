@@ -26,6 +26,7 @@ from aero_bayes.loop.held_values import Doubt
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
+from aero_bayes.loop.structure_average import structure_average
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
@@ -45,6 +46,11 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
     same = _equivalent(bench.settings, conclusion) if named else ()
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
+    averaged = structure_average(
+        conclusion.explored, conclusion.chosen, conclusion.calibration.parameters, conclusion.refit,
+        bench.settings.structures.equivalence,
+    ) if effects else None  # fmt: skip
+    fitted = averaged.averaged(fitted) if averaged is not None else fitted
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     rivals = {r.id for step in conclusion.steps for r in step.rivals}
     sentence = conclusion.sentence + _doubted(doubted) + _ended(bench.settings, conclusion.explored.ended)
@@ -79,6 +85,9 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         recordings=bench.recordings,
         plain=bench.family.base_model(),
         calibrated=_calibrated(bench.family.base_model().source, conclusion, fitted),
+        averaged=averaged,
+        readings=_readings_by_output(conclusion.chosen),
+        effective_samples=dict(conclusion.explored.noise.effective_samples),
     )
 
 
@@ -171,12 +180,18 @@ def _readings(bench: Workbench) -> str:
 
 def _compared(conclusion: Conclusion) -> str:
     """What the evidence rests on."""
-    explored = conclusion.explored
-    counts = ", ".join(f"{n:.0f} of {o}" for o, n in explored.noise.effective_samples.items())
-    return (
-        f"{len(explored.fits)} structures were compared under one noise; the readings count for {counts} independent "
-        "ones."
-    )
+    explored, readings = conclusion.explored, _readings_by_output(conclusion.chosen)
+    samples = explored.noise.effective_samples
+    counts = ", ".join(f"{n:,.0f} of {o} (of {readings[o]:,} readings)" for o, n in samples.items())
+    return f"{len(explored.fits)} structures were compared under one noise, on effective samples: {counts}."
+
+
+def _readings_by_output(fitted: FittedModel) -> dict[str, int]:
+    """Readings that structures were compared on."""
+    counts: dict[str, int] = {}
+    for series in fitted.model.objective.series:
+        counts[series.output] = counts.get(series.output, 0) + series.sampling.size
+    return counts
 
 
 @dataclass(frozen=True, eq=False)

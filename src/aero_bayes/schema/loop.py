@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import Number, ParameterResult, Part
+from aero_bayes.schema.base import Number, ParameterResult, Part, Quantiles
 from aero_bayes.schema.estimate import ResidualResult
 
 
@@ -74,11 +74,35 @@ class ShiftResult(Part):
     in_sd: Number
 
 
+class StructureOdds(Part):
+    """One of the structures that the data do not tell apart: its terms, and its probability among them."""
+
+    terms: list[str]
+    odds: Number
+
+
+class AveragedParameter(Part):
+    """A parameter of the first model under the chosen structure, and under the mixture of all."""
+
+    chosen: Quantiles
+    mixture: Quantiles
+
+
+class AveragedStructures(Part):
+    """The structures that the data do not tell apart, the chosen one first; parameters that all of them have."""
+
+    structures: list[StructureOdds]
+    parameters: dict[str, AveragedParameter] = {}
+
+
 Errors = dict[str, dict[str, Number]]
 
 
 class LoopPart(Part):
-    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output."""
+    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
+
+    ``readings`` and ``effective_samples``, by output, are what the log-evidence rests on.
+    """
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
@@ -94,6 +118,9 @@ class LoopPart(Part):
     steps: list[StepResult] = []
     shifts: dict[str, ShiftResult] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualResult]]] = {}
+    averaged: AveragedStructures | None = None
+    readings: dict[str, int] = {}
+    effective_samples: dict[str, Number] = {}
     separate: list[str] = []
     story: list[str] = []
     diff: str = ""
