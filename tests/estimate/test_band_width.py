@@ -24,9 +24,9 @@ def design(force: np.ndarray) -> np.ndarray:
 
 
 def recording(rng: np.random.Generator, missing: float) -> tuple[np.ndarray, np.ndarray]:
-    """A design (n, 2) and readings (n, 1): the model's, a cubic term that it may lack, and white noise."""
+    """A design (n, 2) and readings (n, 1): the model's, a term at large forces that it may lack, and white noise."""
     x = design(np.repeat(rng.uniform(-1.0, 1.0, ROWS // 12), 12))
-    y = x @ [1.0, 2.0] + missing * x[:, 1] ** 3 + NOISE * rng.standard_normal(ROWS)
+    y = x @ [1.0, 2.0] + missing * np.maximum(np.abs(x[:, 0]) - 0.7, 0.0) + NOISE * rng.standard_normal(ROWS)
     return x, y[:, None]
 
 
@@ -82,9 +82,9 @@ def test_the_factor_is_the_quantile_of_errors_of_refits_without_each_part(count:
 
 @pytest.mark.parametrize(("missing", "count", "widest"), [(0.0, 1, 1.05), (0.0, 3, 1.03), (4.0, 1, 2.0), (4.0, 3, 2.0)])
 def test_nine_tenths_of_unseen_readings_lie_in_the_bands(missing: float, count: int, widest: float) -> None:
-    """Over 100 fits; the share varies by less than 0.1 from fit to fit, so that 0.04 is four standard errors."""
+    """Over 60 fits; the share varies by less than 0.1 from fit to fit, so that 0.055 is more than four standard errors."""
     shares, factors, fitted_shares = [], [], []
-    for seed in range(100):
+    for seed in range(60):
         rng = np.random.default_rng([17, seed])
         recordings = [recording(rng, missing) for _ in range(count)]
         found = fitted(recordings)
@@ -96,7 +96,7 @@ def test_nine_tenths_of_unseen_readings_lie_in_the_bands(missing: float, count: 
         left = [(np.abs(y[:, 0] - band(found, x)[0]), band(found, x)[1]) for x, y in recordings]
         fitted_shares.append(np.mean([np.mean(r <= factor * sd) for r, sd in left]))
     assert np.std(shares) < 0.1
-    assert np.mean(shares) == pytest.approx(0.9, abs=0.04)
+    assert np.mean(shares) == pytest.approx(0.9, abs=0.055)
     assert 1.0 <= np.mean(factors) < widest
     assert np.min(fitted_shares) >= 0.9 - 1e-9  # never narrower than what is left on the fitted readings
 
