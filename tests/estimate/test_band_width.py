@@ -82,7 +82,7 @@ def test_the_factor_is_the_quantile_of_errors_of_refits_without_each_part(count:
 
 @pytest.mark.parametrize(("missing", "count", "widest"), [(0.0, 1, 1.05), (0.0, 3, 1.03), (4.0, 1, 2.0), (4.0, 3, 2.0)])
 def test_nine_tenths_of_unseen_readings_lie_in_the_bands(missing: float, count: int, widest: float) -> None:
-    """Over 60 fits; the share varies by less than 0.1 from fit to fit, so that 0.055 is more than four standard errors."""
+    """Over 60 fits; the share varies by less than 0.1 from fit to fit, so that 0.055 is four standard errors."""
     shares, factors, fitted_shares = [], [], []
     for seed in range(60):
         rng = np.random.default_rng([17, seed])

@@ -1,4 +1,4 @@
-"""Prediction of a block of readings from the rest, in closed form from the slopes that a fit has anyway.
+"""Leave-block-out cross-validation in closed form, from the sensitivities of a fit.
 
 No simulation is needed. For a model that is linear in its parameters, with normal priors, it is exact: the density of a
 block given all other readings is a ratio of evidences.
@@ -37,7 +37,7 @@ class HeldOutGain:
 
 
 def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
-    """How much better a model predicts what is left out than a rival, both fitted under one noise.
+    """Gain of a model over a rival in predicting left-out data, both fitted under one noise.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.loop.steps import equivalents
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 
 FloatArray = NDArray[np.float64]
@@ -117,13 +117,13 @@ class StructureAverage:
 
 
 def structure_average(
-    explored: Explored, chosen: FittedModel, parameters: ParameterSet, refit: Optimum, within: float
+    explored: SearchResult, chosen: FittedModel, parameters: ParameterSet, refit: Optimum, within: float
 ) -> StructureAverage | None:
     """The chosen structure and those with an equivalent term in place of one of its own; None without any.
 
     Parameters
     ----------
-    explored : Explored
+    explored : SearchResult
     chosen : FittedModel
     parameters : ParameterSet
         Of the model that came out.
@@ -138,7 +138,7 @@ def structure_average(
     names = [n for n in names if all(n in _shared(f) for f in fits)]
     if len(fits) < 2 or not names:
         return None
-    scores = np.array([explored.price.score(f) for f in fits])
+    scores = np.array([explored.penalty.score(f) for f in fits])
     odds = np.exp(scores - scores.max())
     places, widths = np.array([[_gaussian(f, n) for n in names] for f in fits]).transpose(2, 1, 0)
     columns = [parameters.index(n) for n in names]
@@ -154,7 +154,7 @@ def structure_average(
     )
 
 
-def _equivalent_fits(explored: Explored, chosen: FittedModel, within: float) -> list[FittedModel]:
+def _equivalent_fits(explored: SearchResult, chosen: FittedModel, within: float) -> list[FittedModel]:
     """Fits with one term of a structure replaced by an equivalent one."""
     swaps = ((t, other) for t in chosen.terms for other in equivalents(explored, chosen, t, within)[1:])
     return [explored.fits[chosen.structure.minus(t).plus(other)] for t, other in swaps]

@@ -7,30 +7,28 @@ from markupsafe import Markup
 from aero_bayes.display import join_names
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity
-from aero_bayes.report.text import NO_VALUE, significant, symbol
-from aero_bayes.schema import LoopPart, Quantiles
+from aero_bayes.report.text import NO_VALUE, count, significant, symbol
+from aero_bayes.schema import LoopJson, QuantilesJson
 
 
-def evidence_words(loop: LoopPart) -> str:
+def evidence_words(loop: LoopJson) -> Markup:
     """How many effective samples the log-evidence rests on; empty where the result does not say."""
-    samples = [n for n in loop.effective_samples.values() if n is not None]
-    if not samples or not loop.readings:
-        return ""
-    text = (
-        "It is honest evidence: the log-evidence of "
-        f"{_samples(sum(samples))} effective samples (of {_readings(sum(loop.readings.values()))})"
+    samples = {output: n for output, n in loop.effective_samples.items() if n is not None and output in loop.readings}
+    if not samples:
+        return Markup("")
+    words = Markup("It is honest evidence: the log-evidence of {} effective samples (of {} readings)").format(
+        count(sum(samples.values())), count(sum(loop.readings[o] for o in samples))
     )
-    if len(samples) < 2:
-        return f"{text}."
+    if len(samples) == 1:
+        return words + "."
     parts = [
-        f"{_samples(n)} of {symbol(output)} (of {_readings(loop.readings[output])})"
-        for output, n in loop.effective_samples.items()
-        if n is not None
+        Markup("{} of {} (of {})").format(count(n), symbol(output), count(loop.readings[output]))
+        for output, n in samples.items()
     ]
-    return f"{text}: {join_names(parts)}."
+    return words + Markup(": {}.").format(Markup(", ").join(parts))
 
 
-def structures_words(loop: LoopPart) -> str:
+def structures_words(loop: LoopJson) -> str:
     """The structures that the data leave, with their odds; empty where there is one."""
     if loop.averaged is None:
         return ""
@@ -41,7 +39,7 @@ def structures_words(loop: LoopPart) -> str:
     )
 
 
-def averaged_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
+def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
     """How far intervals over all structures differ from those of the chosen one; None where there is one structure."""
     if loop.averaged is None:
         return None
@@ -69,13 +67,5 @@ def averaged_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
     return html_table(columns, rows, "90 % intervals over the structures that the data leave")
 
 
-def _width(q: Quantiles) -> float:
+def _width(q: QuantilesJson) -> float:
     return (q.q95 or 0.0) - (q.q05 or 0.0)
-
-
-def _samples(count: float) -> str:
-    return f"{count:,.0f}"
-
-
-def _readings(count: int) -> str:
-    return f"{count:,} readings"

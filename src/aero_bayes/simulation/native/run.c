@@ -13,7 +13,7 @@ int run_once(Run *r)
     r->at_step = 0;
     if (r->record) r->n_steps = 0;
     if ((outcome = initialise(r))) return outcome;
-    memset(r->seen, 0, sizeof *r->seen * (size_t)n);
+    memset(r->largest, 0, sizeof *r->largest * (size_t)n);
     note_sizes(r);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
