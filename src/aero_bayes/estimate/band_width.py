@@ -49,7 +49,7 @@ def band_factors(
     covariance : ndarray, shape (f, f)
         Of the free columns.
     residuals : sequence of ndarray, shape (n, m)
-        Readings minus fitted outputs, of each recording.
+        Readings minus fitted outputs of each recording. They include what sensors add and the fit left out (ripple).
 
     Returns
     -------

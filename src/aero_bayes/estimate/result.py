@@ -226,7 +226,8 @@ class Fit(FitStatistics, EstimateTable):
         True
         """
         covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
-        factors = band_factors(self.calibration, self.series, self.optimum, covariance, self.residuals)
+        left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
+        factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
         return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
 
     def predict(
