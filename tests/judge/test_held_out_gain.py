@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
-from aero_bayes.judge import BLOCK_COUNT, blocks_of, held_out_gain
+from aero_bayes.estimate.leave_out import BLOCK_COUNT
+from aero_bayes.judge import blocks_of, held_out_gain
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Structure
 from aero_bayes.sensors import OutputNoise

@@ -27,4 +27,4 @@ def test_draws_that_all_fail_are_one_line() -> None:
     )
     joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
     with pytest.raises(CannotFinishError, match=facts("no draw")):
-        posterior_predictive(joint, np.zeros((30, 4)), np.random.default_rng(1))
+        posterior_predictive(joint, np.zeros((30, 4)), np.ones(1), np.random.default_rng(1))

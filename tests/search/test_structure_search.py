@@ -35,11 +35,11 @@ from aero_bayes.search import (
     common_noise,
     likely_pairs,
     odds,
-    residual_correlation_time,
     starting_points,
     term_directions,
 )
 from aero_bayes.sensors import OutputNoise
+from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
 TIME = np.arange(600) * 0.05

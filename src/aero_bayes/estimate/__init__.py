@@ -21,6 +21,8 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.prediction import RecordingPrediction
+from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
@@ -63,8 +65,10 @@ __all__ = [
     "Override",
     "Parameter",
     "ParameterSet",
+    "Predictive",
     "Prior",
     "QuadraticModel",
+    "RecordingPrediction",
     "SearchResult",
     "Series",
     "Stage",

@@ -149,6 +149,18 @@ class Calibration:
         return tuple(found)
 
     @property
+    def raw_readings(self) -> tuple[FloatArray, ...]:
+        """What was recorded at the experiments' times, (n, m), ripple included."""
+        if not self.recordings:
+            return self.measured
+        found = []
+        for recording, experiment in zip(self.recordings, self.experiments, strict=True):
+            rows = np.searchsorted(recording.time, experiment.time)
+            gap = np.full(recording.rows, np.nan)
+            found.append(np.column_stack([recording.outputs.get(o, gap)[rows] for o in experiment.outputs]))
+        return tuple(found)
+
+    @property
     def scale(self) -> FloatArray:
         """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
         stacked = np.concatenate(self.measured)

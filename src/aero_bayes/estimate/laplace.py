@@ -37,6 +37,13 @@ class Laplace:
     def sd(self) -> FloatArray:
         return np.sqrt(np.diag(self.covariance))
 
+    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draws of the Gaussian in search coordinates, shape (count, d)."""
+        sizes, axes = np.linalg.eigh(self.covariance)
+        return np.asarray(
+            self.mean + rng.standard_normal((count, self.mean.size)) * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T
+        )
+
 
 def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
     """Inverse of a Hessian that contains the priors; a direction flatter than its prior gets the prior's width."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
 from aero_bayes.display import with_unit
+from aero_bayes.estimate.band_width import band_factors
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
@@ -19,6 +21,7 @@ from aero_bayes.estimate.laplace_estimates import laplace_estimates
 from aero_bayes.estimate.noise_report import noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
+from aero_bayes.estimate.prediction import FittedPredictor, RecordingPrediction
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
@@ -212,6 +215,67 @@ class Fit(FitStatistics, EstimateTable):
         (201, ['position'])
         """
         return simulate(self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.engine)
+
+    @cached_property
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters; the width of its bands comes from readings that are left out.
+
+        Examples
+        --------
+        >>> bool(fit.predictor.band_factors[0] >= 1.64)  # standard deviations
+        True
+        """
+        covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
+        left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
+        factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
+        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
+
+    def predict(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        draws: int = 200,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """What new readings would be, with a 90 % band, by the Gaussian approximation of the posterior.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            As :meth:`simulate` takes them.
+        draws : int
+            Draws of the parameters that are simulated.
+        seed : int
+            Of the draws.
+        workers : int, optional
+            Worker processes; none beside this one by default, None for all cores.
+
+        Returns
+        -------
+        RecordingPrediction
+            As of :meth:`aero_bayes.Posterior.predict`, which needs no approximation but a sampler.
+
+        Raises
+        ------
+        InputError
+            For inputs that the model does not have, or one that is missing.
+        CannotFinishError
+            If no draw can be simulated.
+
+        Examples
+        --------
+        >>> fit.predict(test, draws=50).to_frame().shape == (test.rows, 3)
+        True
+        """
+        points = self.laplace.draw(draws, np.random.default_rng(seed))
+        count, parameters = len(self.free), self.calibration.parameters
+        low, high = (bound[list(self.free)] for bound in parameters.box)
+        coordinates = np.tile(parameters.to_search(self.values), (draws, 1))
+        coordinates[:, list(self.free)] = np.clip(points[:, :count], low, high)
+        values = parameters.from_search(coordinates)[:, list(self.free)]
+        drawn = np.concatenate([values, np.exp(points[:, count:])], axis=1)
+        return self.predictor.predict(drawn, inputs, seed=seed, workers=workers)
 
     @property
     def calibrated(self) -> CalibratedModel:

@@ -6,8 +6,7 @@ from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
 from aero_bayes.sample.importance import WeightedSample, adaptive_importance_sample, importance_sample, pareto_smooth
 from aero_bayes.sample.mcmc import Chain, run_chain
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.prediction import RecordingPrediction
-from aero_bayes.sample.predictive import Predictive, posterior_predictive
+from aero_bayes.sample.predictive import posterior_predictive
 from aero_bayes.sample.sample import sample
 from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.sample.standard_moves import MakeMoves, standard_moves
@@ -18,8 +17,6 @@ __all__ = [
     "Diagnosis",
     "MakeMoves",
     "Posterior",
-    "Predictive",
-    "RecordingPrediction",
     "SampleSettings",
     "WeightedSample",
     "adaptive_importance_sample",

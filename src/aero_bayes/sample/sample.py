@@ -100,7 +100,9 @@ def _sample(
     points, density = _thin(chain, settings.draws)
     each = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = posterior_predictive(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    predictive = posterior_predictive(
+        joint, points[:, rows].reshape(-1, points.shape[-1]), fit.predictor.band_factors, rng
+    )
     return Posterior(
         fit=fit,
         names=joint.names,

@@ -46,7 +46,7 @@ from aero_bayes.workflow.job import (
     open_job,
     which_model,
 )
-from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
+from aero_bayes.workflow.loop import averaged_part, extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
@@ -125,7 +125,8 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         story = loop_part(job, loop)
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        parts = [result, {key: story[key] for key in ("loop", "words")}, closing]
+        story_keys = {key: story[key] for key in ("loop", "words")}
+        parts = [result, story_keys, averaged_part(loop, posterior), closing]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
