@@ -3,7 +3,11 @@
 from aero_bayes.simulation.engines import engine_of, open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
+    DiffusionTarget,
     Experiment,
+    Filter,
+    Filtered,
+    FilteredStates,
     GaussNewton,
     InputSignal,
     InputTarget,
@@ -12,6 +16,8 @@ from aero_bayes.simulation.interface import (
     ParameterTarget,
     Problem,
     ProblemTarget,
+    ProcessNoise,
+    ReadingNoiseTarget,
     Simulator,
     SolverSettings,
     StartTarget,
@@ -23,7 +29,11 @@ from aero_bayes.simulation.workers import WorkerPool
 
 __all__ = [
     "DelayTarget",
+    "DiffusionTarget",
     "Experiment",
+    "Filter",
+    "Filtered",
+    "FilteredStates",
     "GaussNewton",
     "InputSignal",
     "InputTarget",
@@ -34,6 +44,8 @@ __all__ = [
     "ParameterTarget",
     "Problem",
     "ProblemTarget",
+    "ProcessNoise",
+    "ReadingNoiseTarget",
     "Simulator",
     "SolverSettings",
     "StartTarget",

@@ -12,8 +12,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.interface import (
+    Filtered,
+    FilteredStates,
     FloatArray,
     GaussNewton,
     Likelihoods,
@@ -25,6 +27,7 @@ from aero_bayes.simulation.spec import check_problem, write_problem
 from aero_bayes.simulation.workers import TODO, LoadError, WorkerPool
 
 _TRAJECTORY, _LIKELIHOOD, _GAUSS_NEWTON = 0, 1, 2
+_FILTER, _FILTER_LIKELIHOOD, _FILTER_STATES = 3, 4, 5
 _JOB_WORDS = 15
 _BLOCK_BYTES = 32 << 20
 _MAX_ROWS = 16384
@@ -102,11 +105,23 @@ class Batches:
         self.path = path
         self._layout: _Layout | None = None
 
-    def trajectories(self, values: FloatArray, active: NDArray[np.int64] | None = None) -> Trajectories:
+    def _shapes(self, mode: int) -> list[tuple[int, int]]:
+        """Samples of each experiment, and what is given for each of them; nothing by sample in reduced modes."""
+        s = len(self.problem.model.states)
+        widths = {
+            _TRAJECTORY: lambda m: m, _FILTER: lambda m: 2 * m, _FILTER_STATES: lambda m: 2 * m + s + 2 * s * s + m * s,
+        }  # fmt: skip
+        if mode not in widths:
+            return []
+        return [(e.time.size, widths[mode](len(e.outputs))) for e in self.problem.experiments]
+
+    def trajectories(
+        self, values: FloatArray, active: NDArray[np.int64] | None = None, mode: int = _TRAJECTORY
+    ) -> Trajectories:
         """Of checked values; with ``active`` also sensitivities to those columns."""
         columns = np.zeros(0, dtype=np.int64) if active is None else active
         n, q = len(values), len(columns)
-        shapes = [(e.time.size, len(e.outputs)) for e in self.problem.experiments]
+        shapes = self._shapes(mode)
         outputs = tuple(np.empty((n, *shape)) for shape in shapes)
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
@@ -115,7 +130,7 @@ class Batches:
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:
-                block = self.run(_TRAJECTORY, values[part], columns, None)
+                block = self.run(mode, values[part], columns, None)
                 outcomes[part] = block.outcomes
                 for e in range(len(shapes)):
                     bad = block.outcomes[:, e] != Outcome.OK
@@ -152,8 +167,8 @@ class Batches:
         mode, n, q, varies, noise_size = key
         problem = self.problem
         experiments = len(problem.experiments)
-        stride = {_TRAJECTORY: 0, _LIKELIHOOD: 1, _GAUSS_NEWTON: 2 + q + q * q}[mode]
-        shapes = [(e.time.size, len(e.outputs)) for e in problem.experiments] if mode == _TRAJECTORY else []
+        stride = {_LIKELIHOOD: 1, _FILTER_LIKELIHOOD: 1, _GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
+        shapes = self._shapes(mode)
         header = _JOB_WORDS + 4 * experiments
         sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments * stride]
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
@@ -264,10 +279,11 @@ class NativeSimulator:
         result = np.full((n, experiments), -np.inf)
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
         none = np.zeros(0, dtype=np.int64)
+        mode = _LIKELIHOOD if self.problem.process is None else _FILTER_LIKELIHOOD
         for start in range(0, n, _MAX_ROWS):
             part = slice(start, min(n, start + _MAX_ROWS))
             with self.pool.lock:
-                block = batches.run(_LIKELIHOOD, values[part], none, noise[part])
+                block = batches.run(mode, values[part], none, noise[part])
                 outcomes[part] = block.outcomes
                 result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
         return Likelihoods(result, outcomes)
@@ -300,3 +316,47 @@ class NativeSimulator:
             log_likelihood=np.where(bad, -np.inf, total[:, 1]),
             outcomes=outcomes,
         )
+
+    def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
+        """Predictions of the readings by an extended Kalman filter. See :class:`Filter`."""
+        values, columns = self._check_filter(values), check_active(self.problem, active)
+        found = self._open_batches().trajectories(values, columns, _FILTER)
+        assert found.sensitivities is not None
+        halves = [len(e.outputs) for e in self.problem.experiments]
+        y, slopes = found.outputs, found.sensitivities
+        return Filtered(
+            tuple(a[..., :m] for a, m in zip(y, halves, strict=True)),
+            tuple(a[..., m:] for a, m in zip(y, halves, strict=True)),
+            tuple(a[:, :, :m] for a, m in zip(slopes, halves, strict=True)),
+            tuple(a[:, :, m:] for a, m in zip(slopes, halves, strict=True)),
+            found.outcomes,
+        )
+
+    def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
+        """The filter's states at one parameter vector. See :class:`Filter`."""
+        values = self._check_filter(np.asarray(values)[np.newaxis])
+        found = self._open_batches().trajectories(values, None, _FILTER_STATES)
+        for outcome in found.outcomes[0]:
+            if outcome != Outcome.OK:
+                raise CannotFinishError(f"the filter of process noise failed: {Outcome(outcome).text}")
+        s = len(self.problem.model.states)
+        return tuple(
+            _filtered_states(rows[0], len(e.outputs), s)
+            for rows, e in zip(found.outputs, self.problem.experiments, strict=True)
+        )
+
+    def _check_filter(self, values: FloatArray) -> FloatArray:
+        if self.problem.process is None:
+            raise InputError("the problem has no process noise to filter")
+        return check_values(self.problem, values)
+
+
+def _filtered_states(rows: FloatArray, m: int, s: int) -> FilteredStates:
+    """The numbers (n, ...) that the engine gives for each sample, by what they are."""
+    n = len(rows)
+    predicted, variance, mean, covariance, transition, slopes = np.split(
+        rows, list(accumulate((m, m, s, s * s, s * s))), axis=1
+    )
+    return FilteredStates(
+        mean, covariance.reshape(n, s, s), transition.reshape(n, s, s), slopes.reshape(n, m, s), predicted, variance
+    )

@@ -13,16 +13,19 @@ from aero_bayes.errors import InputError
 from aero_bayes.simulation.copies import named_copies
 from aero_bayes.simulation.interface import (
     DelayTarget,
+    DiffusionTarget,
     Experiment,
     InputTarget,
     ParameterTarget,
     Problem,
     ProblemTarget,
+    ProcessNoise,
+    ReadingNoiseTarget,
     StartTarget,
 )
 from aero_bayes.simulation.model import Model, Variable
 
-_MAGIC = 0x4142535045430003
+_MAGIC = 0x4142535045430004
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -77,10 +80,23 @@ def check_problem(problem: Problem) -> None:
         raise InputError("tolerances and the time limit must be positive")
     for name in problem.fixed:
         problem.model.parameter(name)
+    if problem.process is not None:
+        check_process(problem.model, problem.process)
     for number, (experiment, row) in enumerate(zip(problem.experiments, problem.targets, strict=True)):
         _check_experiment(problem.model, experiment, f"experiment {number}")
         for target in row:
             _check_target(problem.model, experiment, target, f"experiment {number}")
+
+
+def check_process(model: Model, process: ProcessNoise) -> None:
+    """Raise InputError for process noise at what is no state of the model."""
+    for name in (*process.diffusion, *process.initial_sd):
+        model.state_index(name)
+    for name in process.reading_sd:
+        model.output(name)
+    for name, value in (*process.diffusion.items(), *process.initial_sd.items(), *process.reading_sd.items()):
+        if not 0.0 <= value < float("inf"):
+            raise InputError(f"process noise of {name}: {value:g} is not a standard deviation")
 
 
 def _check_grid(where: str, time: NDArray[np.float64]) -> None:
@@ -133,6 +149,10 @@ def _check_target(model: Model, experiment: Experiment, target: ProblemTarget | 
         signal = experiment.inputs[signal_index(experiment, target.input)]
         if not 0 <= target.index < signal.time.size:
             raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
+    elif isinstance(target, DiffusionTarget):
+        model.state_index(target.state)
+    elif isinstance(target, ReadingNoiseTarget) and target.output not in experiment.outputs:
+        raise InputError(f"{where}: has no output {target.output!r}")
 
 
 def target_scale(model: Model, experiment: Experiment, target: ProblemTarget | None) -> float:
@@ -164,6 +184,10 @@ def _target(model: Model, experiment: Experiment, target: ProblemTarget | None) 
         return 3, -1 if target.input is None else signal_index(experiment, target.input), 0, scale
     if isinstance(target, InputTarget):
         return 4, signal_index(experiment, target.input), target.index, scale
+    if isinstance(target, DiffusionTarget):
+        return 5, model.state_index(target.state), 0, scale
+    if isinstance(target, ReadingNoiseTarget):
+        return 6, experiment.outputs.index(target.output), 0, scale
     return 0, 0, 0, scale
 
 
@@ -189,6 +213,20 @@ def _write_experiment(w: _Writer, model: Model, experiment: Experiment, row: tup
         kind, a, b, scale = _target(model, experiment, target)
         w.integer(kind, a, b)
         w.real(scale)
+
+
+def _write_process(w: _Writer, problem: Problem) -> None:
+    process = problem.process
+    w.integer(int(process is not None))
+    if process is None:
+        return
+    for by_state in (process.diffusion, process.initial_sd):
+        row = np.zeros(len(problem.model.states))
+        for name, value in by_state.items():
+            row[problem.model.state_index(name)] = value
+        w.reals(row)
+    for experiment in problem.experiments:
+        w.reals([process.reading_sd.get(name, 0.0) for name in experiment.outputs])
 
 
 def write_problem(problem: Problem, binary: Path, path: Path) -> None:
@@ -224,6 +262,7 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.integer(len(problem.targets[0]), len(problem.experiments))
     for experiment, row in zip(problem.experiments, problem.targets, strict=True):
         _write_experiment(w, model, experiment, row)
+    _write_process(w, problem)
     partial = path.with_suffix(".part")
     with partial.open("wb") as stream:
         stream.writelines(w.parts)

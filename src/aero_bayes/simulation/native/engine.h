@@ -10,6 +10,7 @@
  *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
+ *   kalman.c       the extended Kalman filter of a model with process noise
  *   run.c          one simulation from initialisation to the last sample
  *   repeat.c       whether a reset does as much as a new instance
  *   trust.c        whether the FMU's derivatives can be built on
@@ -30,13 +31,18 @@
 #include "fmi2.h"
 
 /* The numbers of interface.Outcome. */
-enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE };
+enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE, AB_STATES_JUMP };
 
 /* What puts an FMU back to its start, see repeat.c. */
 enum { BEGIN_UNKNOWN, BEGIN_RESET, BEGIN_NEW, BEGIN_NOTHING };
 
-enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
-enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
+enum {
+    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT, TARGET_DIFFUSION, TARGET_READING_NOISE
+};
+enum {
+    MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
+    MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
+};
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
@@ -67,6 +73,7 @@ typedef struct {
     int64_t n, m;
     const double *time;
     const double *measured; /* m rows of n, or NULL */
+    const double *reading_sd; /* of each output, with process noise */
     double spacing;         /* uniform sample time, or 0 */
     fmi_reference *output_reference;
     int *output_kind;  /* 0 real, 1 integer, 2 boolean */
@@ -125,6 +132,7 @@ typedef struct {
     int64_t n_fixed;
     fmi_reference *fixed_reference;
     const double *fixed_value;
+    const double *diffusion, *initial_sd; /* of each state, where there is process noise */
     double rtol, atol, time_limit;
     int64_t max_steps;
     int64_t p, n_experiments;
@@ -175,6 +183,19 @@ typedef struct {
     int jump; /* a held value changes here (else only a slope) */
 } Break;
 
+/* Mean and covariance of the states; the mean is r->x. Matrices are n x n by rows. */
+typedef struct {
+    double *memory;
+    double *p, *f;                /* covariance, transition since the last sample */
+    double *phi, *q;              /* of one step */
+    double *middle, *end;         /* Jacobians */
+    double *omega, *noise, *term, *work, *power, *part, *spare;
+    double *rate;                 /* variance that each state gains in a second */
+    double *x, *before, *gain, *slope;
+    double *variance, *y, *h;     /* of the readings, outputs and their slopes by the states (m x n) */
+    double log_likelihood;
+} Kalman;
+
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
 typedef struct Run {
     Problem *problem;
@@ -182,8 +203,9 @@ typedef struct Run {
     Fmu *fmu;
     uint64_t task; /* a mark of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
-    int n, nz, status;
+    int n, nz, status, mode;
     double rtol, atol;
+    Kalman *kalman; /* of modes with process noise */
     /* the step */
     double t, t_end, resolution;
     double *x, *x1, *f, *f1, *ft, *u, *r, *settled, *nominal, *seen, *jac, *lu, *k, *dense;
@@ -283,11 +305,13 @@ void sensitivity_enter(Run *, double t);
 /* events.c */
 int event_iterate(Run *);
 int indicators(Run *, double t, const double *x, double *z);
+int crossed(const double *z0, const double *z1, int nz);
 double find_event(Run *, double h);
 
 /* outputs.c */
 enum { PIECE_POINTS = 11 };
 int ask_samples(Run *, const double *time, int64_t count);
+int ask_values(Run *, double t, const double *x, double *y, int64_t stride);
 
 /* sink.c */
 void sink_begin(Run *, int mode, const double *noise);
@@ -298,6 +322,16 @@ void sink_flush(Run *);
 void filter_begin(Filter *, const double *noise, double spacing);
 int64_t filter_gains(Filter *, const double *time, const double *measured, int64_t count, double spacing,
                      double *gain, double *decay, double *weight, double *log_det);
+
+/* kalman.c */
+static inline int filters(const Run *r) { return r->mode >= MODE_FILTER; }
+int kalman_open(Run *);
+void kalman_close(Kalman *);
+int64_t kalman_width(const Experiment *, int n, int mode);
+void kalman_begin(Run *);
+double kalman_next(const Run *);
+int kalman_step(Run *, double h, double fraction);
+int kalman_read(Run *, int *finite);
 
 /* run.c */
 enum { NEED_DIFFERENCES = -1 };

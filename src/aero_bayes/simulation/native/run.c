@@ -119,6 +119,7 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
 void run_close(Run *r)
 {
     if (!r) return;
+    kalman_close(r->kalman);
     free((void *)r->active);
     free(r->steps);
     free(r->memory);
@@ -189,6 +190,7 @@ static int enter_event(Run *r, int inputs_too)
     }
     if (!jumped) return AB_OK;
     r->events_seen = 1;
+    if (filters(r) && !r->nominals_changed) return AB_STATES_JUMP;
     if (r->nominals_changed && (outcome = outcome_of(r, read_nominals(r)))) return outcome;
     return selected_anew(r, r->x) ? AB_STATES_ANEW : AB_OK;
 }
@@ -329,7 +331,8 @@ static int integrate_segment(Run *r, Segment *g)
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
-        if (worse(status = emit_until(r, h, limit, 0))) return outcome_of(r, status);
+        status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0);
+        if (worse(status)) return outcome_of(r, status);
         if (!r->replay) {
             const double growth = error > 0.0 ? 0.9 * pow(error, -0.2) : 8.0;
             g->h = h * fmin(8.0, fmax(0.2, growth));
@@ -347,6 +350,11 @@ static int integrate_segment(Run *r, Segment *g)
             memcpy(r->a_node, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
             memcpy(r->b_node, r->b_node + 3 * n * r->ld, sizeof *r->jac * (size_t)(n * r->ld));
             g->have_f = g->have_jac = g->have_node = 1;
+        }
+        if (filters(r) && n) { /* the filter was there */
+            swap(&r->f, &r->f1);
+            memcpy(r->jac, r->kalman->end, sizeof *r->jac * (size_t)(n * n));
+            g->have_f = g->have_jac = 1;
         }
         g->event = root <= 1.0;
         if (r->nz) memcpy(r->z0, r->z1, sizeof *r->z0 * (size_t)r->nz);
@@ -437,6 +445,24 @@ static int cross(Run *r, Segment *g)
     return AB_OK;
 }
 
+/* Samples at r->t move the states; indicators that change their sign by that are an event. */
+static int read_samples(Run *r, Segment *g)
+{
+    int outcome, status, finite;
+    while (kalman_next(r) <= r->t + r->resolution) {
+        if (worse(status = kalman_read(r, &finite))) return outcome_of(r, status);
+        if (!finite) return AB_NOT_FINITE;
+        g->have_f = g->have_jac = g->have_node = 0;
+    }
+    if (!r->nz) return AB_OK;
+    if (worse(status = indicators(r, r->t, r->x, r->z1))) return outcome_of(r, status);
+    swap(&r->z0, &r->z1);
+    if (!crossed(r->z0, r->z1, r->nz)) return AB_OK;
+    if ((outcome = enter_event(r, 0))) return outcome;
+    r->events_seen = g->fresh = 1;
+    return outcome_of(r, indicators(r, r->t, r->x, r->z0));
+}
+
 /* One run into the sink that was begun. Returns an outcome, or NEED_DIFFERENCES where sensitivities were wanted and an
  * event changed the states or their slope. */
 int run_once(Run *r)
@@ -464,15 +490,21 @@ int run_once(Run *r)
         g.end = r->t;
         if ((outcome = cross(r, &g))) return outcome;
     }
+    if (filters(r)) {
+        kalman_begin(r);
+        if ((outcome = read_samples(r, &g))) return outcome;
+    }
     while (r->t_end - r->t > r->resolution) {
         if (!g.idle) g.begin = r->t;
         g.end = r->t_end;
         g.event = g.idle = 0;
         if (r->next_break < r->n_breaks) g.end = fmin(g.end, r->breaks[r->next_break].time);
         if (r->next_event < g.end) g.end = r->next_event;
+        if (filters(r)) g.end = fmin(g.end, kalman_next(r));
         if (r->t_end - g.end <= r->resolution) g.end = r->t_end;
         if ((outcome = integrate_segment(r, &g))) return outcome;
         if ((outcome = cross(r, &g))) return outcome;
+        if (filters(r) && (outcome = read_samples(r, &g))) return outcome;
         if (!g.idle) {
             remember_step(r, -1.0);
             if (r->replay && r->at_step < r->n_steps && r->steps[r->at_step] < 0.0) r->at_step++;
@@ -480,6 +512,7 @@ int run_once(Run *r)
         if ((outcome = stuck(r))) return outcome;
         r->taken++;
     }
+    if (filters(r)) return AB_OK;
     if (n) {
         memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
         memcpy(r->dense, r->x, sizeof *r->dense * (size_t)n);
