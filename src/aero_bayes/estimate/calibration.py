@@ -17,9 +17,17 @@ from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.process_noise import process_parameters
 from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    Interpolation,
+    Problem,
+    ProcessNoise,
+    SolverSettings,
+)
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
@@ -100,6 +108,8 @@ class Calibration:
         Where the experiments came from (empty if they were given directly).
     floors : mapping of str to float
         Least standard deviation of the noise by output, where a sensor counts.
+    process : ProcessNoise, optional
+        Process noise of the states; what is estimated of it is among the ``parameters``.
     """
 
     model: Model
@@ -111,6 +121,7 @@ class Calibration:
     solver: SolverSettings = field(default_factory=SolverSettings)
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
+    process: ProcessNoise | None = None
 
     @cached_property
     def identity(self) -> str:
@@ -172,9 +183,12 @@ class Calibration:
             for e in range(len(self.experiments))
         )
         changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
-        # An engine starts anew wherever an input changes.
+        if self.process is not None:
+            changes += max(e.time.size for e in self.experiments)
+        # An engine starts anew wherever an input changes, and a filter at every reading.
         steps = max(self.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
-        return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
+        solver = replace(self.solver, max_steps=steps)
+        return Problem(self.model, self.experiments, targets, dict(self.fixed), solver, self.process)
 
     def beginning(self, share: float) -> Calibration:
         """The same problem on the first ``share`` of each recording's samples, at least twenty of them."""
@@ -256,6 +270,10 @@ def calibrate(
     if isinstance(limit, Mapping):
         _check_inputs(recordings, limit, "delay")
         nuisances += _delays(whole, limit, settings.delay)
+    process = None
+    if noise is not None and noise.process:
+        process, extra = process_parameters(noise, model, experiments, floors)
+        nuisances += extra
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
@@ -269,6 +287,7 @@ def calibrate(
         settings.solver,
         tuple(recordings),
         floors,
+        process,
     )
 
 

@@ -7,8 +7,8 @@ estimate of its three numbers. All of it costs O(n).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ _MAX_STEP_DEVIATION = 1e-3
 class OutputNoise:
     """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none).
 
-    ``white_seen`` is False where the data cannot tell white noise from none. ``held`` marks the weight of an error that
+    ``white_seen`` is False where the data cannot tell white noise from none, and where it is one of the parameters. ``held`` marks the weight of an error that
     no noise describes, so that the model must be at fault: its size is the residual's own and is not searched.
     """
 
@@ -69,13 +69,32 @@ class OutputNoise:
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Which noise each output may have; ``auto`` lets BIC choose between white and white plus correlated."""
+    """Which noise each output may have, and which the states have.
+
+    Parameters
+    ----------
+    default : {"auto", "white", "ou"}
+        Of outputs that ``outputs`` does not name; ``auto`` lets BIC choose between white and white plus correlated.
+    outputs : tuple of (str, kind)
+    process : mapping of str to float or "estimated"
+        Process noise by state: its diffusion in the state's unit over the square root of a second. Each of these states
+        gains ``diffusion dW``, with W a Wiener process of its own; the noise of all readings is then white.
+    initial_sd : mapping of str to float
+        With process noise, the standard deviation of a state's initial value; zero for states that are not named.
+
+    Examples
+    --------
+    >>> NoiseModel(process={"v": "estimated"}).kind("position")
+    'white'
+    """
 
     default: NoiseKind = "auto"
     outputs: tuple[tuple[str, NoiseKind], ...] = ()
+    process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
+    initial_sd: Mapping[str, float] = field(default_factory=dict)
 
     def kind(self, output: str) -> NoiseKind:
-        return dict(self.outputs).get(output, self.default)
+        return "white" if self.process else dict(self.outputs).get(output, self.default)
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,6 +105,8 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop runs on the native engine only, not on {job.engine}")
     if asked.cost != "posterior":
         raise InputError(f'the loop compares log-evidences: [fit] cost is "{asked.cost}", expected "posterior"')
+    if job.config.noise.process:
+        raise InputError("the loop looks for what process noise would hide: it takes no [noise.process]")
     if asked.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if asked.ripple == "describe":

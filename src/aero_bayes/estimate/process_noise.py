@@ -1,0 +1,92 @@
+"""Process noise of a calibration: diffusion of named states and the readings' noise, as parameters beside the others.
+
+Diffusion and reading noise hang together in the likelihood, so that both are searched and sampled with the parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.initial_states import state_sizes
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.priors import LogNormal
+from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.simulation.interface import DiffusionTarget, Experiment, ProcessNoise, ReadingNoiseTarget
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.spec import check_process
+
+FloatArray = NDArray[np.float64]
+
+#: Prior of a diffusion: its median moves the state by this share of its range over a recording.
+DIFFUSION_SHARE = 0.1
+#: Prior of the reading noise: its median as a share of the output's range.
+READING_SHARE = 0.01
+#: Standard deviation of the logarithms of both, and the largest distance of the bounds from the median.
+SIGMA, LIMIT = 2.5, 10.0
+
+
+def process_parameters(
+    noise: NoiseModel, model: Model, experiments: Sequence[Experiment], floors: Mapping[str, float]
+) -> tuple[ProcessNoise, list[Parameter]]:
+    """The process noise that is given, and parameters for what is estimated of it.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+    model : Model
+    experiments : sequence of Experiment
+        With ``measured``.
+    floors : mapping of str to float
+        Least standard deviation of the noise by output, where a sensor counts.
+
+    Raises
+    ------
+    InputError
+        For a state that the model does not have.
+    """
+    for name in noise.process:
+        model.state_index(name)
+    held = {name: float(value) for name, value in noise.process.items() if value != "estimated"}
+    wanted = [name for name, value in noise.process.items() if value == "estimated"]
+    given = ProcessNoise(held, dict(noise.initial_sd))
+    check_process(model, given)
+    states = [model.states[model.state_index(name)] for name in wanted]
+    sizes = state_sizes(model, experiments[0], states)
+    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    found = [
+        _parameter(
+            f"process.{name}", f"{state.unit}/s^0.5" if state.unit else "1/s^0.5",
+            DIFFUSION_SHARE * sizes[state.name] / math.sqrt(duration), f"diffusion of {name}", DiffusionTarget(name),
+        )
+        for name, state in zip(wanted, states, strict=True)
+    ]  # fmt: skip
+    units = {v.name: v.unit for v in model.outputs}
+    for column, output in enumerate(experiments[0].outputs):
+        values = np.concatenate([_measured(e)[:, column] for e in experiments])
+        spread = float(np.nanmax(values) - np.nanmin(values)) or 1.0
+        found.append(
+            _parameter(
+                f"noise.{output}.sd_white", units.get(output, ""), READING_SHARE * spread,
+                f"noise of the readings of {output}", ReadingNoiseTarget(output), floors.get(output, 0.0),
+            )
+        )  # fmt: skip
+    return given, found
+
+
+def _measured(experiment: Experiment) -> FloatArray:
+    if experiment.measured is None:
+        raise InputError("an experiment without measurements cannot be fitted")
+    return experiment.measured
+
+
+def _parameter(
+    name: str, unit: str, median: float, about: str, target: DiffusionTarget | ReadingNoiseTarget, floor: float = 0.0
+) -> Parameter:
+    """A positive number of which little more than the order of magnitude is known."""
+    low, high = max(median * math.exp(-LIMIT), floor), median * math.exp(LIMIT)
+    return Parameter(name, unit, max(median, 1.01 * floor), low, high, LogNormal(median, SIGMA), "log", about, target)
