@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs ablation coverage docs lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs ablation coverage docs dist lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -68,7 +68,7 @@ design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment:
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6
-	$(RUN) replay --out $(or $(OUT),reports/replay) --seed $(SEED)
+	$(BIN)/python studies/replay.py --out $(or $(OUT),reports/replay) --seed $(SEED)
 
 report: setup ## draw the page of OUT again
 	$(RUN) report $(or $(OUT),reports)
@@ -100,31 +100,37 @@ bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and 
 	$(BIN)/python benchmarks/bench.py --out reports
 
 trial: setup ## the blind trial -> reports/trial.json (resumable)
-	$(BIN)/python benchmarks/trial.py --out reports
+	$(BIN)/python studies/trial.py --out reports
 
 trial-quick: setup ## a small part of the blind trial
-	$(BIN)/python benchmarks/trial.py --quick --out reports
+	$(BIN)/python studies/trial.py --quick --out reports
 
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
-	$(BIN)/python benchmarks/rig_trial.py --out reports
+	$(BIN)/python studies/rig_trial.py --out reports
 
 real-rigs: setup ## the loop on measured recordings of real rigs in ../shared -> reports/real_rigs (resumable)
-	$(BIN)/python benchmarks/real_rigs.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
+	$(BIN)/python studies/real_rigs.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
 
 ablation: setup ## the development trials with each part of the search left out -> reports/ablation.json (resumable)
-	$(BIN)/python benchmarks/ablation.py --out reports
+	$(BIN)/python studies/ablation.py --out reports
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,fleet]'
-	test -e reports/fleet/simulated/fleet.toml || $(RUN) bench --fleet 12 --out reports/fleet/simulated --seed $(SEED)
+	test -e reports/fleet/simulated/fleet.toml || $(BIN)/python studies/simulate_fleet.py --rigs 12 --out reports/fleet/simulated --seed $(SEED)
 	$(RUN) fleet --config $(or $(CONFIG),reports/fleet/simulated/fleet.toml) --out $(or $(OUT),reports/fleet) --dask local --seed $(SEED)
 
 coverage: setup ## calibration study -> reports/coverage.json
-	$(BIN)/python benchmarks/coverage.py --out reports
+	$(BIN)/python studies/coverage_study.py --out reports
 
 docs: setup ## documentation -> build/docs/index.html
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+dist: setup ## wheel and source distribution, checked -> build/dist
+	mkdir -p build
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check build twine
+	$(BIN)/python -m build --outdir build/dist . >build/dist.log 2>&1 || (tail -20 build/dist.log; false)
+	$(BIN)/python -m twine check --strict build/dist/*
 
 lock: $(VENV)/.tested ## write requirements.lock from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > requirements.lock

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from trial_runs import write_summary
 
 from aero_bayes.config import Config
+from aero_bayes.files import whole_file
 from aero_bayes.fleet import Rig, Table, open_executor, run_all
 from aero_bayes.fleet.parcels import Parcel
 from aero_bayes.fleet.runner import _timed
@@ -91,7 +91,8 @@ def main() -> None:
             "grown_kb_for_three_times_the_tasks": grown,
         }
     print(json.dumps(result, indent=1))
-    write_summary(result, arguments.out / "fleet_overhead.json")
+    with whole_file(arguments.out / "fleet_overhead.json") as temporary:
+        temporary.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -80,7 +80,13 @@ def public() -> Iterator[Public]:
         home = __import__(f"aero_bayes.{room}", fromlist=[name]) if room else aero_bayes
         thing = getattr(home, name)
         yield Public(path, thing)
-        for member, value in vars(thing).items() if isinstance(thing, type) and not room else ():
+        for member, value in _members(thing).items() if isinstance(thing, type) and not room else ():
             if not member.startswith("_") and (callable(value) or isinstance(value, property | classmethod)):
                 own = value if isinstance(value, property) else getattr(thing, member)
                 yield Public(f"{path}.{member}", own, thing)
+
+
+def _members(thing: type) -> dict[str, object]:
+    """What a class and the project's classes below it define; its own definition where both do."""
+    bases = [base for base in reversed(thing.__mro__) if base.__module__.startswith("aero_bayes.")]
+    return {name: value for base in bases for name, value in vars(base).items()}

@@ -12,7 +12,7 @@ from aero_bayes.laws.law import Law, general_laws
 #: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
 SLOW = {
     "benchmarks", "design", "docs", "estimate", "export", "fleet", "judge", "known_answers", "library", "loop",
-    "replay", "report", "sample", "search", "workflow",
+    "report", "sample", "search", "studies", "workflow",
 }  # fmt: skip
 
 

@@ -27,6 +27,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from aero_bayes.plot_backend import register_plot_backend
+
 if TYPE_CHECKING:
     from aero_bayes.data import Recording, read_recording, summarise
     from aero_bayes.design import propose_experiment
@@ -35,12 +37,13 @@ if TYPE_CHECKING:
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
     from aero_bayes.fleet import Rig, fleet
-    from aero_bayes.library import load_model, open_run, write_report
+    from aero_bayes.library import open_run, write_report
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
-    from aero_bayes.predict import RecordingPrediction
+    from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.report.run_directory import RunDirectory
-    from aero_bayes.sample import Posterior, SampleSettings, sample
+    from aero_bayes.sample import Posterior, RecordingPrediction, SampleSettings, sample
     from aero_bayes.simulation import Model
+    from aero_bayes.simulation.load_model import load_model
 
 #: The public names and where each lives; they are imported when first used, so that one command pays for one stage.
 _HOME = {
@@ -62,9 +65,9 @@ _HOME = {
     "Rig": "fleet",
     "fleet": "fleet",
     "sample": "sample",
-    "load_model": "library",
+    "load_model": "simulation.load_model",
     "open_run": "library",
-    "RecordingPrediction": "predict",
+    "RecordingPrediction": "sample",
     "RunDirectory": "report.run_directory",
     "write_report": "library",
     "Model": "simulation",
@@ -106,6 +109,15 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+def _plots() -> PlotBackend:
+    from aero_bayes import plots
+
+    return plots
+
+
+register_plot_backend(_plots)
 
 
 class _Package(ModuleType):

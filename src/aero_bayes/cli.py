@@ -214,21 +214,10 @@ def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: in
 @click.option("--test", type=FILE, multiple=True, help="Recording to judge on.")
 @run_options
 def everything(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
-    """What plain `make` runs: FMU, fit, posterior, the paper's table, the closed loop, one page."""
+    """What plain `make` runs: FMU, fit, closed loop, posterior, one page."""
     from aero_bayes.workflow.commands import run_all
 
     run_all(data, test, _options(**options))
-
-
-@main.command()
-@click.option("--out", type=FOLDER, required=True)
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--quiet", is_flag=True, help="No progress bars.")
-def replay(out: Path, seed: int, quiet: bool) -> None:
-    """The paper's Table 1 and Fig. 6, on the simulated bench."""
-    from aero_bayes.workflow.commands import run_replay
-
-    run_replay(out, seed, quiet)
 
 
 @main.command()
@@ -288,13 +277,11 @@ def check(recordings: tuple[Path, ...], config: Path | None) -> None:
 @main.command()
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--fleet", "rigs", type=click.IntRange(min=1), help="A fleet of so many rigs, with its fleet.toml.")
-@click.option("--kind", default="cart", show_default=True, help="Kind of the fleet's rigs.")
-def bench(out: Path, seed: int, rigs: int | None, kind: str) -> None:
-    """Write recordings of the simulated AERO, or of a fleet of simpler rigs (they are not measurements)."""
-    from aero_bayes.workflow.commands import run_bench, run_bench_fleet
+def bench(out: Path, seed: int) -> None:
+    """Write recordings of the simulated AERO (they are not measurements)."""
+    from aero_bayes.workflow.commands import run_bench
 
-    run_bench(out, seed) if rigs is None else run_bench_fleet(out, kind, rigs, seed)
+    run_bench(out, seed)
 
 
 @main.command()

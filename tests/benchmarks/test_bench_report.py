@@ -5,13 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
-
-import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 import bench
 import bench_density
@@ -19,6 +13,8 @@ import bench_growth
 import bench_pints
 import bench_plot
 import bench_sampling
+import numpy as np
+import pytest
 from harness import Goal, Route, Row, measure, missing, ratio, update
 
 from aero_bayes.estimate.target import Target

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes.bench.rigs import draw_fleet, write_fleet
 from aero_bayes.cli import main
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
@@ -18,6 +17,7 @@ from aero_bayes.fleet import Rig, Table, fleet, read_fleet
 from aero_bayes.fleet.task import attempt
 from aero_bayes.fleet.whole import tasks_of
 from aero_bayes.schema import FleetResult, undeclared
+from simulated_rigs import draw_fleet, write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
 QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'

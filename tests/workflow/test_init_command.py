@@ -32,7 +32,7 @@ equation
   der(b) = unused - b;
 end Vessel;
 """
-RIGS = Path(__file__).parents[2] / "benchmarks" / "rigs"
+RIGS = Path(__file__).parents[2] / "studies" / "simulated_rigs" / "models"
 GAIN, K, SD = 1.5, 0.5, 0.01
 
 

@@ -1,6 +1,6 @@
 """The simulated AERO that makes labelled recordings; never imported by what fits them."""
 
-from aero_bayes.bench.defaults import SimulatedSet, default_recordings, default_truth, paper_recording
+from aero_bayes.bench.defaults import SimulatedSet, default_recordings, default_truth
 from aero_bayes.bench.inputs import (
     Chirp,
     InputDesign,
@@ -15,7 +15,6 @@ from aero_bayes.bench.inputs import (
 )
 from aero_bayes.bench.rig import TrueRun, effect, measure, sample_times, simulate, simulate_recording
 from aero_bayes.bench.sensors import Noise, Sensors, clean, real, white
-from aero_bayes.bench.trial import TrialSpec, draw_trial
 from aero_bayes.bench.truth import HALF_QUAD, EffectTruth, Parameters, Truth
 from aero_bayes.data import write_csv
 
@@ -30,17 +29,14 @@ __all__ = [
     "Parameters",
     "Sensors",
     "SimulatedSet",
-    "TrialSpec",
     "TrueRun",
     "Truth",
     "clean",
     "default_recordings",
     "default_truth",
-    "draw_trial",
     "effect",
     "measure",
     "multi_sine",
-    "paper_recording",
     "paper_step",
     "prbs",
     "pulse",

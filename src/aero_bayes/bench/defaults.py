@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.bench.inputs import paper_step, random_levels, staircase
+from aero_bayes.bench.inputs import random_levels, staircase
 from aero_bayes.bench.rig import effect, simulate_recording
 from aero_bayes.bench.sensors import Sensors, real, white
 from aero_bayes.bench.truth import Parameters, Truth
@@ -76,11 +76,3 @@ def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
         for (name, design), stream in zip(designs, streams[2:], strict=True)
     ]
     return SimulatedSet((made[0], made[1]), (made[2],), truth, sensors)
-
-
-def paper_recording(seed: int = 0, truth: Truth | None = None, sensors: Sensors | None = None) -> Recording:
-    """The paper's experiment on the same rig: 24 V for 20 s, 0 V for 20 s, 2,001 samples."""
-    rng = np.random.default_rng([seed, 2])
-    return simulate_recording(
-        truth or default_truth(), paper_step(), sensors or white(), rng, duration=40.0, rate_hz=50.0, name="paper_step"
-    )

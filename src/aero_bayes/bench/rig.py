@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench import effects, outside
+from aero_bayes.bench.effects import KINDS, EffectKind
 from aero_bayes.bench.inputs import InputDesign
 from aero_bayes.bench.integrate import Integrator
 from aero_bayes.bench.plan import Plan
@@ -39,11 +40,11 @@ def sample_times(duration: float, rate_hz: float) -> FloatArray:
     return np.arange(round(duration * rate_hz) + 1) / rate_hz
 
 
-def plan_of(truth: Truth) -> Plan:
-    """The equations of a rig. Raises InputError for an effect that the bench does not have."""
+def plan_of(truth: Truth, kinds: Mapping[str, EffectKind] = KINDS) -> Plan:
+    """Assemble the equations of a rig. Raises InputError for an effect that is not in ``kinds``."""
     plan = Plan.of(truth)
     for effect in truth.effects:
-        kind = effects.KINDS.get(effect.id) or outside.KINDS.get(effect.id)
+        kind = kinds.get(effect.id)
         if kind is None:
             raise InputError(f"bench: no effect {effect.id}")
         kind.truth(**effect.parameters)
@@ -51,8 +52,15 @@ def plan_of(truth: Truth) -> Plan:
     return plan
 
 
-def simulate(truth: Truth, design: InputDesign, time: FloatArray, theta_start: float | None = None) -> TrueRun:
-    """What a rig truly does, without noise.
+def simulate(
+    truth: Truth,
+    design: InputDesign,
+    time: FloatArray,
+    theta_start: float | None = None,
+    *,
+    kinds: Mapping[str, EffectKind] = KINDS,
+) -> TrueRun:
+    """Simulate a rig without noise.
 
     Parameters
     ----------
@@ -63,8 +71,15 @@ def simulate(truth: Truth, design: InputDesign, time: FloatArray, theta_start: f
         Sample times in s.
     theta_start : float, optional
         Pitch in rad from which the body is let go; by default where it rests undriven. Rotor and body start at rest.
+    kinds : mapping of str to EffectKind
+        The effects that the rig may have, by id; those of the catalogue by default.
+
+    Raises
+    ------
+    InputError
+        For an effect that is not in ``kinds``.
     """
-    plan = plan_of(truth)
+    plan = plan_of(truth, kinds)
     commands = design.volts(time)
     changes = np.concatenate(([True], commands[1:] != commands[:-1]))
     jump_times = time[changes] + truth.input_delay
@@ -117,12 +132,13 @@ def simulate_recording(
     duration: float = 60.0,
     rate_hz: float = 100.0,
     name: str = "simulated",
+    kinds: Mapping[str, EffectKind] = KINDS,
 ) -> Recording:
-    """One recording of a simulated rig, ``duration`` s at ``rate_hz``; see :func:`simulate` and :func:`measure`.
+    """Simulate one recording of a rig, ``duration`` s at ``rate_hz``; see :func:`simulate` and :func:`measure`.
 
     ``rng`` is needed where ``sensors`` has noise.
     """
-    run = simulate(truth, design, sample_times(duration, rate_hz))
+    run = simulate(truth, design, sample_times(duration, rate_hz), kinds=kinds)
     chosen = sensors or clean()
     if rng is None:
         if chosen != clean():
@@ -132,8 +148,8 @@ def simulate_recording(
 
 
 def effect(id: str, **parameters: float) -> EffectTruth:
-    """An effect of the catalogue or outside it, by id. Raises InputError for unknown names."""
-    kind = effects.KINDS.get(id) or outside.KINDS.get(id)
+    """Make an effect of the catalogue by its id. Raises InputError for unknown names."""
+    kind = KINDS.get(id)
     if kind is None:
         raise InputError(f"bench: no effect {id}")
     return kind.truth(**parameters)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
+from aero_bayes.plot_backend import plot_backend
 from aero_bayes.show import nearest, table_html
 
 if TYPE_CHECKING:
@@ -216,9 +217,7 @@ class Recording:
         >>> len(recording.plot().axes)  # the force, the position
         2
         """
-        from aero_bayes.plots import recording_figure
-
-        return recording_figure(self, figure=ax or figure, dark=dark)
+        return plot_backend().recording_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Every column by time (s), in SI units.

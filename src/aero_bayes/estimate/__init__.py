@@ -5,9 +5,11 @@ from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration
 from aero_bayes.estimate.identifiability import Combination, Identifiability, Status
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.estimate.result import Estimate, Fit, StageReport
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.sensors.noise import NoiseModel, OutputNoise, estimate_noise, innovations

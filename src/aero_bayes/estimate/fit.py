@@ -33,10 +33,12 @@ from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, parameter_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, Wish, chosen_parameters
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
-from aero_bayes.estimate.result import Fit, stage_report, structure_warnings
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors

@@ -48,6 +48,15 @@ class SwarmResult:
     failures: int
     reason: str
 
+    def to_dict(self) -> dict[str, object]:
+        """The ``pso`` entry of result.json."""
+        return {
+            "evaluations": self.evaluations,
+            "history": self.history.tolist(),
+            "failures": self.failures,
+            "reason": self.reason,
+        }
+
 
 class Swarm:
     """A swarm that is asked for positions and told their costs, so that a batch is evaluated in one call.

@@ -29,7 +29,7 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
     "posterior": lambda rig, options: run_posterior(rig.train, options),
     "loop": lambda rig, options: run_close_loop(rig.train, rig.test, options),
-    "all": lambda rig, options: run_all(rig.train, rig.test, options, paper=False),
+    "all": lambda rig, options: run_all(rig.train, rig.test, options),
 }
 
 

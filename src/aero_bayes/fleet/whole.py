@@ -21,9 +21,9 @@ from aero_bayes.fleet.runner import Progress, failure, run_all
 from aero_bayes.fleet.summary import summarise
 from aero_bayes.fleet.table import Row, Table
 from aero_bayes.fleet.task import RigTask, attempt
-from aero_bayes.library import load_model
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.schema import FleetResult
+from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.job import RunOptions, which_model
 from aero_bayes.workflow.results import versions
 

@@ -15,12 +15,12 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.family import Family
-from aero_bayes.predict.carry import first_reading, typical
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]

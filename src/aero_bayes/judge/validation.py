@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from aero_bayes.check.structure import ResidualReport, those_structured
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_worse
 from aero_bayes.judge.recordings import Recordings
-
-if TYPE_CHECKING:
-    from aero_bayes.loop.base_fit import BaseFit
-    from aero_bayes.loop.workbench import Workbench
+from aero_bayes.judge.unseen import Unseen
 
 #: Largest ratio of an output's error on validation data with the named terms to that without them, required of at
 #: least one output where the named terms leave structure.
@@ -50,18 +48,42 @@ class FarOff:
     beyond: Mapping[tuple[str, str], float]
 
 
-def far_off(bench: Workbench, base: BaseFit, before: Prediction) -> FarOff:
-    """Where the first model, adequate where it was fitted, misses unseen data by far."""
-    settled = {(r.recording, r.output): r.rms for r in base.reports if r.verdict == "adequate"}
+def far_off(
+    unseen: Unseen,
+    calibration: Calibration,
+    fit: Optimum,
+    reports: Sequence[ResidualReport],
+    floors: Mapping[tuple[str, str], float],
+    before: Prediction,
+    max_error_ratio: float,
+) -> FarOff:
+    """Where a model, adequate where it was fitted, misses unseen data by far.
+
+    Parameters
+    ----------
+    unseen : Unseen
+    calibration : Calibration
+    fit : Optimum
+        Of ``calibration``.
+    reports : sequence of ResidualReport
+        What the fit leaves.
+    floors : mapping of (recording, output) to float
+        Noise floors.
+    before : Prediction
+        Of the fit.
+    max_error_ratio : float
+        Largest error on unseen data over that where the model was fitted.
+    """
+    settled = {(r.recording, r.output): r.rms for r in reports if r.verdict == "adequate"}
     far: dict[tuple[str, str], float] = {}
     for (name, output), error in before.test.items():
         own = [rms for (_, other), rms in settled.items() if other == output]
-        expected = max([base.fit.noise[output].sd, base.floors.get((name, output), 0.0), *own])
-        if error.rms > bench.settings.times_fitted * expected:
+        expected = max([fit.noise[output].sd, floors.get((name, output), 0.0), *own])
+        if error.rms > max_error_ratio * expected:
             far[name, output] = error.rms / expected
     if not far:
         return FarOff({}, {})
-    unsure = bench.unseen.uncertainty_of(base.plain, base.fit)
+    unsure = unseen.uncertainty_of(calibration, fit)
     sensitive = {k for k in far if before.test[k].rms <= MAX_PREDICTION_DEVIATIONS * unsure[k]}
     return FarOff(
         {k: v for k, v in far.items() if k in sensitive}, {k: v for k, v in far.items() if k not in sensitive}

@@ -8,8 +8,9 @@
 """
 
 from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.loop import LoopSettings, close_loop
-from aero_bayes.loop.result import FoundEffect, LoopResult, NewParameter
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.search.settings import StructureSettings
 
 __all__ = [

@@ -16,7 +16,8 @@ from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.family import Extension
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.extend import ExtendedFit, extend
-from aero_bayes.loop.result import FoundEffect, LoopOutcome
+from aero_bayes.loop.found_effect import FoundEffect
+from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
@@ -115,7 +116,7 @@ def _nothing_named(
     steps = steps_of(explored, best, within)
     structured = those_structured(base.reports)
     last = steps[-1].why if steps else "nothing was tried"
-    far = far_off(bench, base, before)
+    far = far_off(bench.unseen, base.plain, base.fit, base.reports, base.floors, before, bench.settings.times_fitted)
     if not structured and not choice.refused:
         sentence = f"The model is adequate for these recordings: {last}."
         if far.beyond:

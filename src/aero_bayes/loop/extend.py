@@ -17,7 +17,7 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.family import Basis, Extension
 from aero_bayes.loop.base_fit import BaseFit
-from aero_bayes.loop.result import FoundEffect, LearnedCurve, NewParameter
+from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.explored import Explored

@@ -17,7 +17,9 @@ from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.steps import Step
+from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.show import nearest, table_html
 from aero_bayes.simulation.interface import Interpolation
@@ -30,90 +32,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 LoopOutcome = Literal["adequate", "extended", "unexplained"]
-
-
-@dataclass(frozen=True)
-class NewParameter:
-    """A parameter that came with an effect: value, standard deviation and central 90 % interval in SI units."""
-
-    name: str
-    value: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
-    description: str
-
-    def __float__(self) -> float:
-        return self.value
-
-    def to_dict(self) -> dict[str, object]:
-        return {
-            "value": self.value,
-            "sd": self.sd,
-            "q05": self.q05,
-            "q50": self.value,
-            "q95": self.q95,
-            "unit": self.unit,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedCurve:
-    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
-
-    x: FloatArray
-    value: FloatArray
-    sd: FloatArray
-    x_unit: str
-    unit: str
-
-    def to_dict(self) -> dict[str, object]:
-        numbers = {name: getattr(self, name).tolist() for name in ("x", "value", "sd")}
-        return {**numbers, "x_unit": self.x_unit, "unit": self.unit}
-
-
-@dataclass(frozen=True)
-class FoundEffect:
-    """An effect that earned its place.
-
-    ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
-    ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
-    they are doubled. ``odds`` are those of the effect or one that the data do not tell from it, in the round that found
-    it. ``curve`` is what was learned, where it is no law.
-    """
-
-    id: str
-    port: str
-    kind: Literal["catalogue", "free_form"]
-    parameters: tuple[NewParameter, ...]
-    gain: float
-    needed: float
-    summary: str
-    widths: Mapping[str, float] = field(default_factory=dict)
-    width_influence: float | None = None
-    over: str = ""
-    odds: float | None = None
-    curve: LearnedCurve | None = None
-
-    def to_dict(self, modelica: str) -> dict[str, object]:
-        found: dict[str, object] = {
-            "id": self.id,
-            "port": self.port,
-            "kind": self.kind,
-            "parameters": {p.name: p.to_dict() for p in self.parameters},
-            "evidence": {"log_evidence_gain": self.gain, "needed": self.needed},
-            "modelica": modelica,
-            "summary": self.summary,
-            "widths": dict(self.widths),
-            "width_influence_sd": self.width_influence,
-            "odds": self.odds,
-        }
-        if self.over:
-            found["over"] = self.over
-        if self.curve is not None:
-            found["curve"] = self.curve.to_dict()
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,9 +180,7 @@ class LoopResult:
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        from aero_bayes.plots import loop_figure
-
-        return loop_figure(self, figure=ax or figure, dark=dark)
+        return plot_backend().loop_figure(self, figure=ax or figure, dark=dark)
 
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw the log-evidence (nats) that each candidate would gain, step by step; orange: chosen.
@@ -287,10 +203,7 @@ class LoopResult:
         --------
         >>> loop.plot_rounds().savefig("rounds.png")
         """
-        from aero_bayes.plots import rounds_figure
-        from aero_bayes.plots.view import loop_part
-
-        return rounds_figure(loop_part(self), figure=ax or figure, dark=dark)
+        return plot_backend().rounds_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.
@@ -342,7 +255,7 @@ class LoopResult:
             "before_sd": {role: self.before.uncertainty(role) for role in ("train", "test")},
             "after_sd": {role: self.after.uncertainty(role) for role in ("train", "test")},
             "noise_floor": _pooled_floors(self.floors),
-            "steps": [_step(step) for step in self.steps],
+            "steps": [step.to_dict() for step in self.steps],
             "shifts": {
                 s.name: {
                     "before": s.before,
@@ -378,27 +291,6 @@ class LoopResult:
         for (recording, output), fitted in self.after.fitted.items():
             arrays[f"after/{recording}/{output}"] = fitted
         return arrays
-
-
-def _step(step: Step) -> dict[str, object]:
-    return {
-        "round": step.number,
-        "candidates": [
-            {
-                "id": rival.id,
-                "port": rival.port,
-                "delta_evidence": rival.gain if np.isfinite(rival.gain) else None,
-                "refitted": rival.refitted,
-                "odds": rival.odds,
-            }
-            for rival in step.rivals
-        ],
-        "threshold": step.threshold,
-        "chosen": step.chosen,
-        "equivalent": list(step.equivalent),
-        "odds": {"nothing": step.nothing, "untried": step.untried},
-        "why": step.why,
-    }
 
 
 def _pooled_floors(floors: Mapping[tuple[str, str], float]) -> dict[str, float]:

@@ -43,6 +43,28 @@ class Step:
     nothing: float
     untried: float
 
+    def to_dict(self) -> dict[str, object]:
+        """The entry of result.json."""
+        candidates = [
+            {
+                "id": rival.id,
+                "port": rival.port,
+                "delta_evidence": rival.gain if math.isfinite(rival.gain) else None,
+                "refitted": rival.refitted,
+                "odds": rival.odds,
+            }
+            for rival in self.rivals
+        ]
+        return {
+            "round": self.number,
+            "candidates": candidates,
+            "threshold": self.threshold,
+            "chosen": self.chosen,
+            "equivalent": list(self.equivalent),
+            "odds": {"nothing": self.nothing, "untried": self.untried},
+            "why": self.why,
+        }
+
 
 def in_order(explored: Explored, fitted: FittedModel) -> tuple[str, ...]:
     """Terms of a structure, those first that would be missed most."""

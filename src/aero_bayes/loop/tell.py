@@ -20,8 +20,9 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.extend import fitted_parameters
+from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.loop.held_values import Doubt
-from aero_bayes.loop.result import LoopResult, NewParameter
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench

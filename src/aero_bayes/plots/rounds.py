@@ -7,13 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aero_bayes.errors import InputError
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
+from aero_bayes.plots.view import loop_part
 from aero_bayes.report.loop_figures import gain_text, rounds
-from aero_bayes.schema import LoopPart
 
 
-def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
+def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """A row for each candidate, a column for each round, bars of log-evidence gained.
 
     Raises
@@ -21,7 +22,7 @@ def rounds_figure(loop: LoopPart, *, figure: Figure | Axes | None = None, dark: 
     InputError
         If the loop tried nothing.
     """
-    steps, _, ids = rounds(loop)
+    steps, _, ids = rounds(loop_part(loop))
     if not steps:
         raise InputError("the loop tried no candidate: there are no rounds to draw")
     colours = palette(dark)

@@ -23,8 +23,8 @@ from aero_bayes.report import (
     overview,
     posterior_figures,
     profile_figures,
-    replay,
     residual_figures,
+    study,
 )
 from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
 from aero_bayes.report.drawing import FloatArray
@@ -37,8 +37,8 @@ from aero_bayes.report.text import named_effect, sentence, symbol
 from aero_bayes.schema import LoopPart, RunResult
 
 _TITLES = {
-    "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "replay": "The paper, replayed",
-    "design": "The next experiment", "all": "From model to posterior",
+    "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "design": "The next experiment",
+    "all": "From model to posterior",
 }  # fmt: skip
 SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
 _OUTCOMES = {
@@ -165,12 +165,13 @@ def _plates(values: Iterable[Any]) -> Iterable[Plate]:
 def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     model = (result.loop.base if result.loop else "") or result.model.name or run.path.name
+    heading = result.study.title if result.study else _TITLES.get(result.command, "Run")
     scene = curves.opening_scene(run)
     equations = loop_story.changed_equations(result.loop) if result.loop else None
     plates = [diagram_plate(d) for d in result.diagrams if not (equations and is_all_equations(d))]
     diagrams = [plate for plate in plates if plate]
     return {
-        "title": f"{_TITLES.get(result.command, 'Run')}: {model}",
+        "title": f"{heading}: {model}",
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": overview.verdict(result), "simulated": result.simulated,
         "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
@@ -189,7 +190,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
         "loop": _loop(run, result.loop) if result.loop else None,
-        "replay": _replay(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
+        "study": _study(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
     }  # fmt: skip
 
 
@@ -231,11 +232,11 @@ def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _replay(run: RunDirectory) -> dict[str, Any] | None:
-    found = run.result.replay
+def _study(run: RunDirectory) -> dict[str, Any] | None:
+    found = run.result.study
     if found is None:
         return None
     return {
-        "table": replay.replay_table(found), "figure": replay.replay_plate(run),
-        "notes": [sentence(note) for note in found.notes],
+        "name": found.name, "title": found.title, "table": study.study_table(found),
+        "figure": study.study_plate(run, found), "notes": [sentence(note) for note in found.notes],
     }  # fmt: skip

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from aero_bayes.errors import InputError
+from aero_bayes.plot_backend import plot_backend
 from aero_bayes.schema import SCHEMA, RunResult
 from aero_bayes.show import table_html
 
@@ -122,11 +123,9 @@ class RunDirectory:
         >>> len(run.plot("test").axes)  # the force, the position, what is left of it
         3
         """
-        from aero_bayes.plots import run_figure, scene_figure
-
         if recording is None:
-            return scene_figure(self, figure=ax or figure, dark=dark)
-        return run_figure(self, recording, figure=ax or figure, dark=dark)
+            return plot_backend().scene_figure(self, figure=ax or figure, dark=dark)
+        return plot_backend().run_figure(self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

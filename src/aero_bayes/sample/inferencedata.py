@@ -11,18 +11,16 @@ from __future__ import annotations
 import re
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.files import whole_file
-
-if TYPE_CHECKING:
-    from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sample.draws import PosteriorDraws
 
 
-def _groups(posterior: Posterior) -> tuple[dict[str, dict[str, Any]], dict[str, Any], dict[str, list[str]]]:
+def _groups(posterior: PosteriorDraws) -> tuple[dict[str, dict[str, Any]], dict[str, Any], dict[str, list[str]]]:
     """Groups of variables, coordinates and dimensions."""
     chains = posterior.draws.shape[0]
     groups: dict[str, dict[str, Any]] = {
@@ -59,7 +57,7 @@ def _groups(posterior: Posterior) -> tuple[dict[str, dict[str, Any]], dict[str, 
     return groups, coords, dims
 
 
-def _prior(posterior: Posterior) -> dict[str, Any]:
+def _prior(posterior: PosteriorDraws) -> dict[str, Any]:
     """As many draws from the priors of the parameters as a chain has; the noise has none that can be drawn from."""
     fit = posterior.fit
     part = ParameterSet(tuple(fit.calibration.parameters.items[j] for j in fit.free))
@@ -67,7 +65,7 @@ def _prior(posterior: Posterior) -> dict[str, Any]:
     return {name: drawn[None, :, j] for j, name in enumerate(part.names)}
 
 
-def to_inference_data(posterior: Posterior) -> Any:
+def to_inference_data(posterior: PosteriorDraws) -> Any:
     """ArviZ InferenceData, or the DataTree that takes its place from ArviZ 1.0 on."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -86,7 +84,7 @@ def to_inference_data(posterior: Posterior) -> Any:
         return data
 
 
-def save(posterior: Posterior, path: Path) -> Path:
+def save(posterior: PosteriorDraws, path: Path) -> Path:
     """Write netCDF to a temporary file beside ``path`` and rename it."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)

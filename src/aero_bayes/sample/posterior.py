@@ -1,55 +1,34 @@
-"""The posterior: draws in physical units, what they say of each parameter, and how far they can be trusted."""
+"""The posterior of a fit: draws, intervals, predictions and figures."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one
-from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.data import Recording
-from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.identifiability import Status, status_of
-from aero_bayes.estimate.result import (
-    Estimate,
-    Fit,
-    Json,
-    estimates_frame,
-    estimates_html,
-    fixed_parameters,
-    named_estimate,
-    noise_table,
-)
-from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sample.diagnostics import Diagnosis
-from aero_bayes.sample.mcmc import Chain, SampleSettings, run
-from aero_bayes.sample.moves import WarpedStudentT
-from aero_bayes.sample.predictive import Predictive, predict
-from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation.interface import Outcome, Simulator
+from aero_bayes.estimate.noise_report import noise_table
+from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
+from aero_bayes.plot_backend import plot_backend
+from aero_bayes.sample.draws import PosteriorDraws
+from aero_bayes.sample.inferencedata import save, to_inference_data
+from aero_bayes.sample.prediction import RecordingPrediction, predict_recording
+from aero_bayes.simulation.interface import Outcome
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from aero_bayes.predict import RecordingPrediction
-
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, str], None]
+Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(PosteriorDraws, EstimateTable):
     """Draws from the posterior of a fit.
 
     Parameters
@@ -61,15 +40,16 @@ class Posterior:
     draws : ndarray, shape (ensembles, draws, d)
         In SI units, thinned evenly from the chain; the ensembles are independent.
     log_posterior : ndarray, shape (ensembles, draws)
-    trace : ndarray, shape (ensembles, steps, d)
-        Mean over the walkers of each ensemble after each step, in SI units, for trace plots.
-    diagnoses : mapping of str to Diagnosis
     predictive : tuple of Predictive
         One a recording.
+    diagnoses : mapping of str to Diagnosis
     converged : bool
         False unless every criterion of the settings was met.
     reason : str
         Which was not.
+    seed : int
+    trace : ndarray, shape (ensembles, steps, d)
+        Mean over the walkers of each ensemble after each step, in SI units, for trace plots.
     acceptance : float
         Share of proposals that were taken.
     steps, walkers, evaluations : int
@@ -77,7 +57,6 @@ class Posterior:
     outcomes : mapping of Outcome to int
         How many simulations ended how.
     seconds : float
-    seed : int
 
     Examples
     --------
@@ -96,98 +75,13 @@ class Posterior:
     'posterior.nc'
     """
 
-    fit: Fit
-    names: tuple[str, ...]
-    draws: FloatArray
-    log_posterior: FloatArray
     trace: FloatArray
-    diagnoses: Mapping[str, Diagnosis]
-    predictive: tuple[Predictive, ...]
-    converged: bool
-    reason: str
     acceptance: float
     steps: int
     walkers: int
     evaluations: int
     outcomes: Mapping[Outcome, int]
     seconds: float
-    seed: int
-
-    @property
-    def calibration(self) -> Calibration:
-        """What was fitted to what."""
-        return self.fit.calibration
-
-    @property
-    def tau(self) -> float:
-        """Longest autocorrelation time in steps."""
-        return max(d.tau for d in self.diagnoses.values())
-
-    @property
-    def r_hat_max(self) -> float:
-        """Largest rank-normalised R-hat of any parameter; at most 1.01 is asked for."""
-        return max(d.r_hat for d in self.diagnoses.values())
-
-    @property
-    def ess_bulk_min(self) -> float:
-        """Fewest effective draws for the middle of any parameter."""
-        return min(d.ess_bulk for d in self.diagnoses.values())
-
-    @property
-    def ess_tail_min(self) -> float:
-        """Fewest effective draws for the tails of any parameter."""
-        return min(d.ess_tail for d in self.diagnoses.values())
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a reader must know before trusting an interval."""
-        unfinished = () if self.converged else (f"The sampling has not converged: {self.reason}.",)
-        return unfinished + self.fit.warnings
-
-    def __getitem__(self, name: str) -> Estimate:
-        return named_estimate(self.parameters, name)
-
-    def samples(self, name: str) -> FloatArray:
-        """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
-        return self.draws[:, :, self.names.index(name)].ravel()
-
-    @property
-    def parameters(self) -> dict[str, Estimate]:
-        """Every parameter: median, standard deviation, quantiles; the model's fixed ones included."""
-        table: dict[str, Estimate] = {}
-        prior_sd = dict(
-            zip(self.calibration.parameters.names, self.calibration.parameters.prior_sd().tolist(), strict=True)
-        )
-        for name, estimate in self.fit.parameters.items():
-            if name not in self.names:
-                table[name] = estimate
-                continue
-            item = self.calibration.parameters[name]
-            x = self.samples(name)
-            axis = np.log(x) if item.scale == "log" else x / (item.upper - item.lower)
-            ratio = float(np.std(axis)) / prior_sd[name]
-            q05, q50, q95 = np.quantile(x, [0.05, 0.5, 0.95]).tolist()
-            if estimate.status is Status.AT_BOUND:
-                table[name] = estimate
-                continue
-            base = replace(estimate, value=q50, status=self.fit.identifiability.capped(name, status_of(ratio)), note="")
-            if base.status is Status.UNIDENTIFIED:
-                table[name] = replace(
-                    base, sd=None, q05=None, q50=None, q95=None, note="the data says no more of it than the prior"
-                )
-            else:
-                table[name] = replace(base, sd=float(np.std(x)), q05=q05, q50=q50, q95=q95)
-        return table | fixed_parameters(self.calibration)
-
-    @property
-    def noise(self) -> dict[str, OutputNoise]:
-        """Noise of each output at the posterior's median."""
-        found = {}
-        for output, held in self.fit.noise.items():
-            parts = {p: f"noise.{output}.{p}" for p in ("sd_white", "sd_ou", "tau")}
-            middle = {p: float(np.median(self.samples(n))) for p, n in parts.items() if n in self.names}
-            found[output] = OutputNoise(**{**held.__dict__, **middle})
-        return found
 
     def to_dict(self) -> Json:
         """The keys of result.json that a posterior fills, those of its fit included."""
@@ -221,8 +115,6 @@ class Posterior:
 
     def save(self, path: Path | str) -> Path:
         """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
-        from aero_bayes.sample.inferencedata import save
-
         return save(self, Path(path))
 
     @property
@@ -235,8 +127,6 @@ class Posterior:
         >>> arviz.summary(posterior.idata, var_names=["k", "d"]).index.to_list()
         ['k', 'd']
         """
-        from aero_bayes.sample.inferencedata import to_inference_data
-
         return to_inference_data(self)
 
     def predict(
@@ -277,9 +167,8 @@ class Posterior:
         >>> posterior.predict(test, draws=50).to_frame().shape == (test.rows, 3)
         True
         """
-        from aero_bayes.predict import predict
-
-        return predict(self, inputs, draws=draws, seed=seed, workers=workers)
+        points = self.draws.reshape(-1, self.draws.shape[-1])
+        return predict_recording(self.fit, points, inputs, draws=draws, seed=seed, workers=workers)
 
     def plot(
         self,
@@ -312,11 +201,9 @@ class Posterior:
         >>> len(posterior.plot(["k", "d"]).axes)
         4
         """
-        from aero_bayes.plots import pairs_figure
-
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
+        return plot_backend().pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
 
     def plot_bands(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
@@ -343,19 +230,7 @@ class Posterior:
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        from aero_bayes.plots import bands_figure
-
-        return bands_figure(self, recording, figure=ax or figure, dark=dark)
-
-    def to_frame(self) -> pandas.DataFrame:
-        """A row for each parameter: median, standard deviation, quantiles (SI), unit, status, prior, bounds.
-
-        Examples
-        --------
-        >>> bool(posterior.to_frame().loc["k", "q05"] < posterior.to_frame().loc["k", "q95"])
-        True
-        """
-        return estimates_frame(self.parameters)
+        return plot_backend().bands_figure(self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
@@ -366,116 +241,3 @@ class Posterior:
         return (
             f"<Posterior {self.calibration.model.name}: {self.draws.shape[0]} ensembles, {self.steps} steps, {state}>"
         )
-
-
-def sample(
-    fit: Fit,
-    *,
-    draws: int | None = None,
-    chains: int | None = None,
-    settings: SampleSettings | None = None,
-    seed: int = 1,
-    workers: int | None = None,
-    checkpoint: Checkpoint | Path | str | None = None,
-    progress: Progress | None = None,
-) -> Posterior:
-    """Draw from the posterior of physical parameters, nuisances and noise together.
-
-    Parameters
-    ----------
-    fit : Fit
-    draws, chains : int, optional
-        Draws that each chain keeps, and how many chains, four at least; as ``settings`` say by default. A chain is an
-        ensemble of walkers.
-    settings : SampleSettings, optional
-    seed : int
-    workers : int, optional
-        Worker processes; all cores by default.
-    checkpoint : Checkpoint or path, optional
-        File to resume from and to keep up to date.
-    progress : callable, optional
-        Told a phase, how far it is (0 to 1), and a line of text.
-
-    Raises
-    ------
-    CannotFinishError
-        If no starting point of finite density can be found.
-
-    Examples
-    --------
-    >>> settings = aero_bayes.SampleSettings(max_steps=20)  # too few to converge
-    >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
-    >>> short.converged, short.draws.shape[0]
-    (False, 4)
-    """
-    from aero_bayes.simulation import open_simulator
-
-    settings = settings or SampleSettings()
-    settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
-    if settings.ensembles < 4:
-        raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
-    engine: Literal["native", "fmpy"] = "fmpy" if one(fit, Fit, "fit").engine == "fmpy" else "native"
-    with ExitStack() as stack:
-        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
-        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
-        return _sample(fit, settings, seed, checkpoint, progress, simulator)
-
-
-def _sample(
-    fit: Fit,
-    settings: SampleSettings,
-    seed: int,
-    checkpoint: Checkpoint | Path | str | None,
-    progress: Progress | None,
-    simulator: Simulator,
-) -> Posterior:
-    began = time.perf_counter()
-    joint = fit.joint_target(simulator)
-    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
-    chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
-    if chain.points.shape[1] < 8:
-        raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
-    rng = np.random.default_rng([seed, 1])
-    points, density = _thin(chain, settings.draws)
-    each = max(1, settings.predictive // len(points))
-    rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = predict(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
-    return Posterior(
-        fit=fit,
-        names=joint.names,
-        draws=_physical(joint, points),
-        log_posterior=density,
-        trace=_physical(joint, chain.points.mean(axis=2)),
-        diagnoses=dict(zip(joint.names, chain.diagnoses, strict=True)),
-        predictive=predictive,
-        converged=chain.converged,
-        reason=chain.reason,
-        acceptance=chain.acceptance,
-        steps=chain.points.shape[1],
-        walkers=chain.points.shape[2],
-        evaluations=chain.evaluations,
-        outcomes=dict(joint.target.outcomes),
-        seconds=max(chain.seconds, time.perf_counter() - began),
-        seed=seed,
-    )
-
-
-def identity(fit: Fit) -> str:
-    """Hash of what makes a posterior this one: model, data, parameters, noise kinds."""
-    return digest(fit.calibration.identity, fit.free, fit.values, fit.noise)
-
-
-def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:
-    """At most ``draws`` points of each ensemble, evenly over steps and walkers: (e, draws, d) and (e, draws)."""
-    ensembles, steps, walkers, d = chain.points.shape
-    flat = chain.points.reshape(ensembles, steps * walkers, d)
-    rows = np.unique(np.linspace(0, steps * walkers - 1, min(draws, steps * walkers)).astype(np.int64))
-    return flat[:, rows], chain.log_density.reshape(ensembles, -1)[:, rows]
-
-
-def _physical(joint: JointTarget, points: FloatArray) -> FloatArray:
-    free = len(joint.target.free)
-    return np.concatenate(
-        [joint.target.parameters.from_search(points[..., :free]), np.exp(points[..., free:])], axis=-1
-    )

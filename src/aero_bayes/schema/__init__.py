@@ -39,8 +39,8 @@ from aero_bayes.schema.loop import (
     StepResult,
 )
 from aero_bayes.schema.model import Component, Connection, Diagram, ModelResult, Shape, Signal
-from aero_bayes.schema.replay import ReplayResult, ReplayRow
 from aero_bayes.schema.run import SCHEMA, RunResult, undeclared
+from aero_bayes.schema.study import StudyColumn, StudyResult, StudyRow
 
 __all__ = [
     "SCHEMA",
@@ -76,8 +76,6 @@ __all__ = [
     "Quantiles",
     "Range",
     "RecordingResult",
-    "ReplayResult",
-    "ReplayRow",
     "ResidualResult",
     "RigReason",
     "RippleOrder",
@@ -91,6 +89,9 @@ __all__ = [
     "StageResult",
     "StepResult",
     "StretchesResult",
+    "StudyColumn",
+    "StudyResult",
+    "StudyRow",
     "SwarmResult",
     "Verdict",
     "undeclared",

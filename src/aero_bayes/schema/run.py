@@ -22,7 +22,7 @@ from aero_bayes.schema.estimate import (
 )
 from aero_bayes.schema.loop import LoopPart
 from aero_bayes.schema.model import Diagram, ModelResult, Signal
-from aero_bayes.schema.replay import ReplayResult
+from aero_bayes.schema.study import StudyResult
 
 SCHEMA = 1
 
@@ -52,7 +52,7 @@ class RunResult(Part):
     prediction: PredictionResult = PredictionResult()
     mcmc: McmcResult | None = None
     loop: LoopPart | None = None
-    replay: ReplayResult | None = None
+    study: StudyResult | None = None
     design: DesignResult | None = None
     failures: dict[str, int] = {}
     warnings: list[str] = []

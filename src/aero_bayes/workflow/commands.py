@@ -19,10 +19,10 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.files import one_run_at_a_time, whole_file
-from aero_bayes.replay import Replay, replay_paper
+from aero_bayes.files import whole_file
 from aero_bayes.report import write_report
-from aero_bayes.sample.posterior import Posterior, sample
+from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sample.sample import sample
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
@@ -49,7 +49,7 @@ from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
-from aero_bayes.workflow.results import SCHEMA, merge, versions, write_result, write_series
+from aero_bayes.workflow.results import merge, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
@@ -95,11 +95,10 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
 
-def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *, paper: bool = True) -> None:
-    """What plain ``make`` runs: fit, closed loop, posterior of the model that came out, the paper's table; one page.
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+    """What plain ``make`` runs: fit, closed loop, posterior of the model that came out; one page.
 
-    Without recordings it runs on those of the simulated bench, and the page says so. ``paper=False`` leaves its table
-    out.
+    Without recordings it runs on those of the simulated bench, and the page says so.
     """
     began = time.perf_counter()
     if not files:
@@ -115,11 +114,10 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
             found = base if final is job else fit_job(final, progress, kept, again=True)
             doubts = _doubts(final, found, progress)
             posterior = _sample(final, found, progress, kept)
-            table = _paper(job, progress) if paper else None
         result, series = fit_part(final, found)
         sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, doubts, {"replay": table.to_dict()} if table is not None else {})
-        series = series | bands | (table.series if table is not None else {})
+        result = merge(result, sampled, doubts)
+        series = series | bands
         if loop is None:
             _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
             return
@@ -130,51 +128,10 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions, *
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
-def _paper(job: Job, progress: ProgressBar) -> Replay:
-    options = job.options
-    return replay_paper(
-        seed=options.seed, workers=options.workers, engine=job.engine, out=options.out / "replay", progress=progress
-    )
-
-
-def run_replay(out: Path, seed: int, quiet: bool) -> None:
-    """``aero-bayes replay``: the paper's Table 1 and Fig. 6 on a page of their own."""
-    with one_run_at_a_time(out), ProgressBar(quiet) as progress:
-        table = replay_paper(seed=seed, out=out, progress=progress)
-    best = min((row for row in table.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
-    write_series(out, table.series)
-    write_result(
-        out,
-        {
-            "schema": SCHEMA,
-            "command": "replay",
-            "seed": seed,
-            "versions": versions(),
-            "data": [],
-            "simulated": True,
-            "replay": table.to_dict(),
-            "failures": table.failures,
-            "seconds": table.seconds,
-            "verdict": {
-                "level": "good",
-                "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad².",
-            },
-        },
-    )
-    click.echo(f"wrote {write_report(out)}")
-
-
 def run_bench(out: Path, seed: int) -> None:
     """``aero-bayes bench``: recordings of the simulated AERO."""
     train, test = write_simulated(out, seed)
     click.echo(f"simulated, not measured: {', '.join(str(path) for path in (*train, *test))}")
-
-
-def run_bench_fleet(out: Path, kind: str, count: int, seed: int) -> None:
-    """``aero-bayes bench --fleet``: a fleet of simulated rigs, some with an effect that the others lack."""
-    from aero_bayes.bench.rigs import draw_fleet, write_fleet  # the source tree's models are needed for this alone
-
-    click.echo(f"simulated, not measured: {write_fleet(out, draw_fleet(kind, seed), count)}")
 
 
 def write_simulated(folder: Path, seed: int) -> tuple[tuple[Path, ...], tuple[Path, ...]]:

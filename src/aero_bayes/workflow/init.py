@@ -25,8 +25,8 @@ from aero_bayes.files import whole_file
 from aero_bayes.language.own_parameters import OwnClasses
 from aero_bayes.language.sources import main_class, read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
-from aero_bayes.library import load_model
 from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Variable
 from aero_bayes.workflow.job import columns_of, layout_of
 

@@ -24,9 +24,9 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
-from aero_bayes.library import load_model
 from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.workflow.timescale import check_duration, check_sampling
 

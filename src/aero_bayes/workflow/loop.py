@@ -10,11 +10,11 @@ import numpy as np
 from aero_bayes.check.structure import reports_table, those_structured
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
-from aero_bayes.estimate.result import held_because
-from aero_bayes.library import load_model
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
+from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.progress import ProgressBar
@@ -183,7 +183,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         if entry["status"] in ("unidentified", "at_bound"):
             entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
         table[name] = entry
-    reasons = held_because(job.model, job.fixed)
+    reasons = fixed_reasons(job.model, job.fixed)
     for variable in job.model.parameters:
         name = variable.name
         value = job.fixed.get(name, variable.start)

@@ -35,9 +35,8 @@ def doubtful(found: Fit) -> list[str]:
     for position, column in enumerate(found.free):
         item = found.calibration.parameters.items[column]
         room = min(point[column] - low[column], high[column] - point[column])
-        unsure = (
-            found.status(column) is not Status.IDENTIFIED or room < MIN_BOUND_DEVIATIONS * found.laplace.sd[position]
-        )
+        identified = found.identifiability.status[item.name] is Status.IDENTIFIED
+        unsure = not identified or room < MIN_BOUND_DEVIATIONS * found.laplace.sd[position]
         if isinstance(item.target, ParameterTarget) and unsure:
             doubts.append((-found.identifiability.ratio[item.name], item.name))
     return [name for _, name in sorted(doubts)]

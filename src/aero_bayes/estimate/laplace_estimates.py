@@ -1,0 +1,74 @@
+"""Estimates of all parameters from the Gaussian approximation at the optimum."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.identifiability import Identifiability, Status
+from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.parameter_estimates import Estimate, fixed_parameters
+
+FloatArray = NDArray[np.float64]
+_NO_INTERVAL: tuple[float | None, float | None, float | None, float | None] = (None, None, None, None)
+#: 95 % quantile of the standard normal distribution.
+_Q95 = 1.6448536269514722
+
+
+def laplace_estimates(
+    calibration: Calibration,
+    values: FloatArray,
+    free: tuple[int, ...],
+    identifiability: Identifiability,
+    laplace: Laplace,
+) -> dict[str, Estimate]:
+    """Value, central 90 % interval and status of every parameter, the model's fixed ones included.
+
+    The interval is that of the Gaussian in search coordinates, mapped to SI units. Parameters that the data do not
+    determine, and those on a bound of their search, get none.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    values : ndarray, shape (p,)
+        SI values of all parameters of the calibration.
+    free : tuple of int
+        Columns that were fitted.
+    identifiability : Identifiability
+    laplace : Laplace
+        Over the free columns, then the noise.
+    """
+    slopes = calibration.parameters.jacobian(values)
+    recordings = calibration.names
+    table = {}
+    for column, item in enumerate(calibration.parameters):
+        status = identifiability.status[item.name] if column in free else Status.UNIDENTIFIED
+        interval = _NO_INTERVAL
+        if status in (Status.IDENTIFIED, Status.WEAK):
+            position = free.index(column)
+            mean, sd = laplace.mean[position], laplace.sd[position]
+            u = mean + sd * np.array([-_Q95, 0.0, _Q95])
+            x = np.exp(u) if item.scale == "log" else u * (item.upper - item.lower)
+            low, middle, high = np.clip(x, item.lower, item.upper).tolist()
+            interval = float(sd * slopes[column]), low, middle, high
+        table[item.name] = Estimate(
+            item.name, float(values[column]), *interval, item.unit, status, item.description,
+            item.prior.describe(item.unit), item.start, item.lower, item.upper,
+            _note(status, column in free, item.name in identifiability.no_effect),
+            recordings[item.recording] if item.recording is not None and len(recordings) > 1 else "",
+        )  # fmt: skip
+    return table | fixed_parameters(calibration)
+
+
+def _note(status: Status, free: bool, no_effect: bool) -> str:
+    """Why a parameter has no interval; empty if it has one."""
+    if no_effect:
+        return "changes no recorded output; left at its start"
+    if not free:
+        return "not visible in this data; left at its start"
+    if status is Status.UNIDENTIFIED:
+        return "the data says no more of it than the prior"
+    if status is Status.AT_BOUND:
+        return "ended on a bound of its search: no interval from there; widen the bound or look at the model"
+    return ""

@@ -1,0 +1,63 @@
+"""Delay and initial state of a recording that was not fitted, from those that were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording, noise_of
+from aero_bayes.data.beginning import Beginning, first_level
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.initial_states import state_of
+from aero_bayes.simulation.interface import ProblemTarget, StartTarget
+
+FloatArray = NDArray[np.float64]
+
+
+def typical(
+    calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]
+) -> dict[ProblemTarget, FloatArray]:
+    """Mean over the fitted recordings of what belongs to each alone.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    values : ndarray, shape (..., p)
+        SI values of its parameters.
+    recordings : sequence of Recording
+        Those of the calibration.
+
+    Returns
+    -------
+    dict of Target to ndarray, shape (...)
+        Of a start whose state was read, the mean distance from where the readings begin, as far as their noise does
+        not account for it.
+    """
+    found: dict[ProblemTarget, list[tuple[FloatArray, float]]] = {}
+    for j, p in enumerate(calibration.parameters):
+        if p.recording is not None:
+            first = first_reading(recordings[p.recording], p.target, calibration) or Beginning(0.0, 0.0)
+            found.setdefault(p.target, []).append((values[..., j] - first.level, first.sd))
+    return {target: _beyond_noise(parts) for target, parts in found.items()}
+
+
+def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
+    """Mean of distances, less the share that their standard deviations let expect."""
+    mean = np.mean([distance for distance, _ in parts], axis=0)
+    variance = sum(sd**2 for _, sd in parts) / len(parts) ** 2
+    square = np.square(mean)
+    share = 1.0 - np.divide(variance, square, out=np.zeros_like(square), where=square > 0.0)
+    return np.asarray(mean * np.maximum(share, 0.0))
+
+
+def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> Beginning | None:
+    """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
+    if not isinstance(target, StartTarget):
+        return None
+    states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
+    output = next((o for o, s in states.items() if s == target.state), None)
+    if output is None or (values := recording.outputs.get(output)) is None:
+        return None
+    return first_level(values, recording.time, noise_of(recording, output).sd or 0.0)

@@ -1,0 +1,108 @@
+"""A parameter with its interval and status, and tables of parameters for readers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.show import nearest, table_html
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.model import Model
+
+if TYPE_CHECKING:
+    import pandas
+
+Json = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter as a reader sees it; spread and quantiles are None where the data says nothing of it."""
+
+    name: str
+    value: float
+    sd: float | None
+    q05: float | None
+    q50: float | None
+    q95: float | None
+    unit: str
+    status: Status
+    description: str = ""
+    prior: str = ""
+    start: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    note: str = ""
+    recording: str = ""
+
+    def __float__(self) -> float:
+        return self.value
+
+    def to_dict(self) -> Json:
+        """The entry of result.json."""
+        return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
+
+
+class EstimateTable(ABC):
+    """A result with a table of parameters: an entry by its name, and the table as a data frame."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, Estimate]:
+        """Every parameter by name."""
+
+    def __getitem__(self, name: str) -> Estimate:
+        table = self.parameters
+        if name not in table:
+            raise InputError(f"no parameter {name!r}{nearest(str(name), table)}")
+        return table[name]
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        The value of a posterior is its median.
+
+        Examples
+        --------
+        >>> fit.to_frame().loc["k", ["unit", "status"]].to_list()
+        ['N/m', 'identified']
+        >>> bool(posterior.to_frame().loc["k", "q05"] < posterior.to_frame().loc["k", "q95"])
+        True
+        """
+        import pandas
+
+        rows = {name: entry.to_dict() for name, entry in self.parameters.items()}
+        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+
+def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:
+    """A table of parameters for a notebook."""
+    rows = []
+    for e in table.values():
+        span = "" if e.q05 is None or e.q95 is None else f"{e.q05:.4g} to {e.q95:.4g}"
+        rows.append((e.name, f"{e.value:.4g}", span, e.unit, str(e.status), e.prior))
+    return table_html(("parameter", "value", "90 % interval", "unit", "status", "prior"), rows, caption, warnings)
+
+
+def fixed_reasons(model: Model, fixed: Collection[str]) -> dict[str, str]:
+    """Why parameters of a model are not fitted, by name; ``fixed`` are those that the configuration sets."""
+    return {name: "held at the value that the configuration gives" for name in fixed} | dict(model.declared.fixed)
+
+
+def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
+    """Parameters of the model that are not fitted, where the reason is known."""
+    fitted = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
+    reasons = fixed_reasons(calibration.model, calibration.fixed)
+    table = {}
+    for v in calibration.model.parameters:
+        value, note = calibration.fixed.get(v.name, v.start), reasons.get(v.name)
+        if v.name not in fitted and note is not None and value is not None:
+            table[v.name] = Estimate(
+                v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
+            )
+    return table

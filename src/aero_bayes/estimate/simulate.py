@@ -1,0 +1,153 @@
+"""Simulate a fitted model on other inputs, with other parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aero_bayes.data import Recording, to_experiment
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.new_recording import first_reading, typical
+from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.interface import Outcome, ParameterTarget, ProblemTarget, StartTarget, Trajectories
+
+FloatArray = NDArray[np.float64]
+
+
+def simulate(
+    calibration: Calibration,
+    values: FloatArray,
+    inputs: Recording | Mapping[str, ArrayLike],
+    *,
+    parameters: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    engine: str = "native",
+) -> Recording:
+    """Simulate a model with fitted values (p,) on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
+    recording = as_recording(inputs, calibration)
+    found = run_problem(calibration, recording, values[np.newaxis], parameters=parameters, start=start, engine=engine)
+    outcome = Outcome(int(found.outcomes[0, 0]))
+    if outcome is not Outcome.OK:
+        raise CannotFinishError(f"{calibration.model.name} could not be simulated: {outcome.text}")
+    variables = {v.name: v.unit for v in (*calibration.model.inputs, *calibration.model.outputs)}
+    outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(calibration.outputs)}
+    return Recording(f"{recording.name} (simulated)", recording.time, recording.inputs, outputs, variables)
+
+
+def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calibration) -> Recording:
+    """Inputs by name as a recording of nothing; InputError for what the model does not take."""
+    if not isinstance(inputs, Recording):
+        columns = {name: np.asarray(values, dtype=np.float64) for name, values in inputs.items()}
+        if "time" not in columns:
+            raise InputError("inputs given by name need their times in s under 'time'")
+        time = columns.pop("time")
+        signals = {name: np.broadcast_to(values, time.shape).copy() for name, values in columns.items()}
+        inputs = Recording("inputs", time, signals, {})
+    if inputs.rows < 2 or not np.all(np.diff(inputs.time) > 0.0):
+        raise InputError(f"{inputs.name}: times must be at least two and increase")
+    known = [v.name for v in calibration.model.inputs]
+    driven = {signal.name for experiment in calibration.experiments for signal in experiment.inputs}
+    for name, values in inputs.inputs.items():
+        if name not in known:
+            raise InputError(f"model {calibration.model.name} has no input {name}; it has {', '.join(known) or 'none'}")
+        if not np.isfinite(values).all():
+            raise InputError(f"{inputs.name}: input {name} is not finite everywhere")
+    if missing := sorted(driven - set(inputs.inputs)):
+        raise InputError(f"{inputs.name}: input {missing[0]} is missing, which the fit was driven by")
+    return inputs
+
+
+def run_problem(
+    calibration: Calibration,
+    recording: Recording,
+    values: FloatArray,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+    workers: int | None = 0,
+    engine: str = "native",
+) -> Trajectories:
+    """Outputs of a calibration's model over a recording's times for many parameter vectors.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recording : Recording
+        One that was fitted keeps its own delay and start; another takes the mean delay of those, and starts at its own
+        first readings, off by as much as theirs were; without readings, where the model starts.
+    values : ndarray, shape (n, p)
+        SI values of the calibration's parameters.
+    parameters : mapping of str to float, optional
+        Other values of parameters of the model.
+    start : mapping of str to float, optional
+        Initial values of states.
+    workers : int, optional
+        Worker processes; none beside this one by default.
+    engine : {"native", "fmpy"}
+        What simulates.
+
+    Raises
+    ------
+    InputError
+        For a parameter or state that the model does not have.
+    """
+    own = _index(recording, calibration)
+    experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
+    experiment = replace(experiment, outputs=calibration.outputs, measured=None)
+    if own is not None:
+        experiment = replace(experiment, start=calibration.experiments[own].start)
+    else:
+        experiment = replace(experiment, start=_first_readings(recording, calibration))
+    columns = _columns(calibration, recording, values, own)
+    fixed = dict(calibration.fixed)
+    for name, value in (parameters or {}).items():
+        calibration.model.parameter(name)
+        if not math.isfinite(value):
+            raise InputError(f"parameter {name} is {value}, which is no finite number")
+        columns.pop(ParameterTarget(name), None)
+        fixed[name] = float(value)
+    for name, value in (start or {}).items():
+        state = calibration.model.states[calibration.model.state_index(name)].name
+        columns.pop(StartTarget(state), None)
+        experiment = replace(experiment, start={**experiment.start, state: float(value)})
+    alone = replace(calibration, experiments=(experiment,), names=(recording.name,), recordings=(recording,))
+    problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
+    matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
+    known: Literal["native", "fmpy"] = "fmpy" if engine == "fmpy" else "native"
+    with open_simulator(problem, known, workers) as simulator:
+        return simulator.simulate(matrix)
+
+
+def _index(recording: Recording, calibration: Calibration) -> int | None:
+    """Which of the fitted recordings this is, if any."""
+    same = (k for k, fitted in enumerate(calibration.recordings) if fitted.sha256 == recording.sha256)
+    return next(same, None)
+
+
+def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:
+    """Where a recording that was not fitted starts, of the states that started at a reading in those that were."""
+    begun = {state for experiment in calibration.experiments for state in experiment.start}
+    readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
+    return {state: first.level for state, first in readings.items() if first is not None}
+
+
+def _columns(
+    calibration: Calibration, recording: Recording, values: FloatArray, own: int | None
+) -> dict[ProblemTarget, FloatArray]:
+    """What each column of the simulated problem means, and its values (n,)."""
+    columns: dict[ProblemTarget, FloatArray] = {
+        p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.recording in (None, own)
+    }
+    if own is None:
+        for target, mean in typical(calibration, values, calibration.recordings).items():
+            first = first_reading(recording, target, calibration)
+            if isinstance(target, StartTarget) and first is None and recording.outputs == {}:
+                continue
+            columns[target] = mean + (first.level if first else 0.0)
+    return columns

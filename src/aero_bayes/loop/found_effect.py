@@ -1,0 +1,96 @@
+"""An effect that the loop added to the model: its parameters, its evidence and its curve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NewParameter:
+    """A parameter that came with an effect: value, standard deviation and central 90 % interval in SI units."""
+
+    name: str
+    value: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+    description: str
+
+    def __float__(self) -> float:
+        return self.value
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "value": self.value,
+            "sd": self.sd,
+            "q05": self.q05,
+            "q50": self.value,
+            "q95": self.q95,
+            "unit": self.unit,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedCurve:
+    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
+
+    x: FloatArray
+    value: FloatArray
+    sd: FloatArray
+    x_unit: str
+    unit: str
+
+    def to_dict(self) -> dict[str, object]:
+        numbers = {name: getattr(self, name).tolist() for name in ("x", "value", "sd")}
+        return {**numbers, "x_unit": self.x_unit, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that earned its place.
+
+    ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
+    ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
+    they are doubled. ``odds`` are those of the effect or one that the data do not tell from it, in the round that found
+    it. ``curve`` is what was learned, where it is no law.
+    """
+
+    id: str
+    port: str
+    kind: Literal["catalogue", "free_form"]
+    parameters: tuple[NewParameter, ...]
+    gain: float
+    needed: float
+    summary: str
+    widths: Mapping[str, float] = field(default_factory=dict)
+    width_influence: float | None = None
+    over: str = ""
+    odds: float | None = None
+    curve: LearnedCurve | None = None
+
+    def to_dict(self, modelica: str) -> dict[str, object]:
+        found: dict[str, object] = {
+            "id": self.id,
+            "port": self.port,
+            "kind": self.kind,
+            "parameters": {p.name: p.to_dict() for p in self.parameters},
+            "evidence": {"log_evidence_gain": self.gain, "needed": self.needed},
+            "modelica": modelica,
+            "summary": self.summary,
+            "widths": dict(self.widths),
+            "width_influence_sd": self.width_influence,
+            "odds": self.odds,
+        }
+        if self.over:
+            found["over"] = self.over
+        if self.curve is not None:
+            found["curve"] = self.curve.to_dict()
+        return found

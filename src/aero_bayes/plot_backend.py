@@ -1,0 +1,73 @@
+"""The plotting backend: how results get their figures without importing the code that draws them.
+
+``plots`` imports the classes of results, so they cannot import ``plots``. They ask the backend instead. The package
+registers ``plots`` as the backend (``aero_bayes/__init__.py``). Matplotlib is loaded with the first figure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+
+class PlotBackend(Protocol):
+    """One function for each figure, as ``aero_bayes.plots`` has them.
+
+    ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new figure by default. ``dark``
+    chooses colours for a dark background.
+    """
+
+    def recording_figure(
+        self, recording: Any, *, figure: Figure | Axes | None = None, dark: bool = False
+    ) -> Figure: ...
+
+    def fit_figure(
+        self, fit: Any, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
+    ) -> Figure: ...
+
+    def bands_figure(
+        self, posterior: Any, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
+    ) -> Figure: ...
+
+    def pairs_figure(
+        self,
+        draws: Mapping[str, NDArray[np.float64]],
+        units: Mapping[str, str],
+        parameters: Sequence[str] | None = None,
+        *,
+        figure: Figure | Axes | None = None,
+        dark: bool = False,
+    ) -> Figure: ...
+
+    def prediction_figure(
+        self, prediction: Any, *, figure: Figure | Axes | None = None, dark: bool = False
+    ) -> Figure: ...
+
+    def loop_figure(self, loop: Any, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure: ...
+
+    def rounds_figure(self, loop: Any, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure: ...
+
+    def scene_figure(self, run: Any, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure: ...
+
+    def run_figure(
+        self, run: Any, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
+    ) -> Figure: ...
+
+
+_loaders: list[Callable[[], PlotBackend]] = []
+
+
+def register_plot_backend(load: Callable[[], PlotBackend]) -> None:
+    """Make the backend that ``load`` returns the one in use; ``load`` is called when a figure is drawn."""
+    _loaders[:] = [load]
+
+
+def plot_backend() -> PlotBackend:
+    """The registered backend."""
+    return _loaders[-1]()

@@ -1,0 +1,179 @@
+"""What a posterior predicts for a recording, whether it was fitted or not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.simulate import as_recording, run_problem
+from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.plot_backend import plot_backend
+from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
+from aero_bayes.show import table_html
+from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.model import Model
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+#: Sample times of which whole draws are kept, and blocks of time whose density is given.
+_STORED, _BLOCKS = 600, 60
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingPrediction:
+    """What a posterior predicts for one recording.
+
+    Parameters
+    ----------
+    model : Model
+    recording : Recording
+        Its inputs, and what was read if anything was.
+    outputs : tuple of str, length m
+    predictive : Predictive
+        Median and bands, shape (n, m) each, and some draws.
+
+    Examples
+    --------
+    >>> prediction = posterior.predict(test)
+    >>> prediction.predictive.median.shape == (test.rows, 1)
+    True
+    """
+
+    model: Model
+    recording: Recording
+    outputs: tuple[str, ...]
+    predictive: Predictive
+
+    @property
+    def rms(self) -> dict[str, float]:
+        """Root mean square of readings minus median by output, in its SI unit; outputs without readings are left out.
+
+        Examples
+        --------
+        >>> sorted(posterior.predict(test).rms)
+        ['position']
+        """
+        return {o: float(np.sqrt(np.mean(r**2))) for o, r, _ in self._read()}
+
+    @property
+    def coverage(self) -> dict[str, float]:
+        """Share (0 to 1) of readings within the 90 % band, by output; near 0.9 where the model is right.
+
+        Examples
+        --------
+        >>> 0.0 <= posterior.predict(test).coverage["position"] <= 1.0
+        True
+        """
+        return {o: float(np.mean(inside)) for o, _, inside in self._read()}
+
+    def _read(self) -> list[tuple[str, FloatArray, NDArray[np.bool_]]]:
+        found, part = [], self.predictive
+        for k, output in enumerate(self.outputs):
+            y = self.recording.outputs.get(output)
+            if y is not None and (seen := np.isfinite(y)).any():
+                inside = (y >= part.lower[:, k]) & (y <= part.upper[:, k])
+                found.append((output, (y - part.median[:, k])[seen], inside[seen]))
+        return found
+
+    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
+        """Draw the median and the 90 % band over what was read.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place in a larger figure it takes.
+        figure : matplotlib.figure.Figure, optional
+            To draw into; a new one by default.
+        dark : bool
+            Colours for a dark ground.
+
+        Examples
+        --------
+        >>> posterior.predict(test).plot().savefig("prediction.png")
+        """
+        return plot_backend().prediction_figure(self, figure=ax or figure, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
+
+        Examples
+        --------
+        >>> posterior.predict(test).to_frame()["position"].columns.to_list()
+        ['lower', 'median', 'upper']
+        """
+        import pandas
+
+        part = self.predictive
+        columns = {
+            (output, name): values[:, k]
+            for k, output in enumerate(self.outputs)
+            for name, values in (("lower", part.lower), ("median", part.median), ("upper", part.upper))
+        }
+        return pandas.DataFrame(columns, index=pandas.Index(part.time, name="time"))
+
+    def __repr__(self) -> str:
+        errors = "; ".join(f"{o}: RMS {r:.3g}, {self.coverage[o]:.0%} in the 90 % band" for o, r in self.rms.items())
+        return f"<RecordingPrediction of {self.recording.name}: {errors or ', '.join(self.outputs)}>"
+
+    def _repr_html_(self) -> str:
+        units = {v.name: v.unit for v in self.model.outputs}
+        rows = [(o, f"{r:.4g}", units.get(o, ""), f"{self.coverage[o]:.0%}") for o, r in self.rms.items()]
+        return table_html(("output", "RMS error", "unit", "within the 90 % band"), rows, repr(self).strip("<>"))
+
+
+def predict_recording(
+    fit: Fit,
+    points: FloatArray,
+    inputs: Recording | Mapping[str, ArrayLike],
+    *,
+    draws: int = 200,
+    seed: int = 1,
+    workers: int | None = 0,
+) -> RecordingPrediction:
+    """Outputs with their noise for draws of a posterior; :meth:`aero_bayes.Posterior.predict` says how.
+
+    Parameters
+    ----------
+    fit : Fit
+        What the posterior belongs to.
+    points : ndarray, shape (n, d)
+        Draws in SI units: free parameters, then noise parameters. At most ``draws`` of them are simulated.
+    inputs : Recording or mapping of str to array_like, shape (n,)
+    draws : int
+    seed : int
+    workers : int, optional
+
+    Raises
+    ------
+    CannotFinishError
+        If no draw can be simulated.
+    """
+    calibration = fit.calibration
+    recording = as_recording(inputs, calibration)
+    chosen = points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
+    values = np.tile(fit.values, (len(chosen), 1))
+    values[:, list(fit.free)] = chosen[:, : len(fit.free)]
+    found = run_problem(calibration, recording, values, workers=workers, engine=fit.engine)
+    good = found.outcomes[:, 0] == Outcome.OK
+    if not good.any():
+        raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
+    noise = NoiseLayout.of(calibration, fit.noise).unpack(np.log(chosen[:, len(fit.free) :]))[good, 0]
+    outputs = found.outputs[0][good]
+    unread = np.full(recording.rows, np.nan)
+    measured = np.column_stack([recording.outputs.get(o, unread) for o in fit.outputs])
+    density = recording_log_density(recording.time, measured - outputs, noise)
+    density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
+    rng = np.random.default_rng(seed)
+    part = summarise(recording.time, outputs.astype(np.float32), noise, density, rng, _STORED, _BLOCKS)
+    return RecordingPrediction(calibration.model, recording, fit.outputs, part)

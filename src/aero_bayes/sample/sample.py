@@ -1,0 +1,140 @@
+"""Sample the posterior of a fit by ensembles of walkers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.arguments import one
+from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.target import JointTarget
+from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample.moves import WarpedStudentT
+from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sample.predictive import predict
+from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.interface import Simulator
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, float, str], None]
+
+
+def sample(
+    fit: Fit,
+    *,
+    draws: int | None = None,
+    chains: int | None = None,
+    settings: SampleSettings | None = None,
+    seed: int = 1,
+    workers: int | None = None,
+    checkpoint: Checkpoint | Path | str | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """Draw from the posterior of physical parameters, nuisances and noise together.
+
+    Parameters
+    ----------
+    fit : Fit
+    draws, chains : int, optional
+        Draws that each chain keeps, and how many chains, four at least; as ``settings`` say by default. A chain is an
+        ensemble of walkers.
+    settings : SampleSettings, optional
+    seed : int
+    workers : int, optional
+        Worker processes; all cores by default.
+    checkpoint : Checkpoint or path, optional
+        File to resume from and to keep up to date.
+    progress : callable, optional
+        Told a phase, how far it is (0 to 1), and a line of text.
+
+    Raises
+    ------
+    CannotFinishError
+        If no starting point of finite density can be found.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.SampleSettings(max_steps=20)  # too few to converge
+    >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
+    >>> short.converged, short.draws.shape[0]
+    (False, 4)
+    """
+    settings = settings or SampleSettings()
+    settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
+    if settings.ensembles < 4:
+        raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
+    engine: Literal["native", "fmpy"] = "fmpy" if one(fit, Fit, "fit").engine == "fmpy" else "native"
+    with ExitStack() as stack:
+        # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
+        stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
+        simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
+        return _sample(fit, settings, seed, checkpoint, progress, simulator)
+
+
+def _sample(
+    fit: Fit,
+    settings: SampleSettings,
+    seed: int,
+    checkpoint: Checkpoint | Path | str | None,
+    progress: Progress | None,
+    simulator: Simulator,
+) -> Posterior:
+    began = time.perf_counter()
+    joint = fit.joint_target(simulator)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
+    chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
+    if chain.points.shape[1] < 8:
+        raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
+    rng = np.random.default_rng([seed, 1])
+    points, density = _thin(chain, settings.draws)
+    each = max(1, settings.predictive // len(points))
+    rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
+    predictive = predict(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    return Posterior(
+        fit=fit,
+        names=joint.names,
+        draws=_physical(joint, points),
+        log_posterior=density,
+        trace=_physical(joint, chain.points.mean(axis=2)),
+        diagnoses=dict(zip(joint.names, chain.diagnoses, strict=True)),
+        predictive=predictive,
+        converged=chain.converged,
+        reason=chain.reason,
+        acceptance=chain.acceptance,
+        steps=chain.points.shape[1],
+        walkers=chain.points.shape[2],
+        evaluations=chain.evaluations,
+        outcomes=dict(joint.target.outcomes),
+        seconds=max(chain.seconds, time.perf_counter() - began),
+        seed=seed,
+    )
+
+
+def identity(fit: Fit) -> str:
+    """Hash of what makes a posterior this one: model, data, parameters, noise kinds."""
+    return digest(fit.calibration.identity, fit.free, fit.values, fit.noise)
+
+
+def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:
+    """At most ``draws`` points of each ensemble, evenly over steps and walkers: (e, draws, d) and (e, draws)."""
+    ensembles, steps, walkers, d = chain.points.shape
+    flat = chain.points.reshape(ensembles, steps * walkers, d)
+    rows = np.unique(np.linspace(0, steps * walkers - 1, min(draws, steps * walkers)).astype(np.int64))
+    return flat[:, rows], chain.log_density.reshape(ensembles, -1)[:, rows]
+
+
+def _physical(joint: JointTarget, points: FloatArray) -> FloatArray:
+    free = len(joint.target.free)
+    return np.concatenate(
+        [joint.target.parameters.from_search(points[..., :free]), np.exp(points[..., free:])], axis=-1
+    )

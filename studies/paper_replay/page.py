@@ -1,0 +1,74 @@
+"""The replay as ``result.json`` holds it: the section of the page, and all numbers behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from aero_bayes.report import write_report
+from aero_bayes.schema import SCHEMA, StudyColumn, StudyResult, StudyRow
+from aero_bayes.workflow.results import versions, write_result, write_series
+from paper_replay.result import Replay
+
+#: Prefix of the curves in series.npz, and the key of the numbers in result.json.
+NAME = "replay"
+
+
+def write_run(replay: Replay, folder: Path) -> Path:
+    """Write ``result.json``, ``series.npz`` and the page into a folder; return the page's path."""
+    write_series(folder, replay.series)
+    write_result(folder, run_result(replay))
+    return write_report(folder)
+
+
+def run_result(replay: Replay) -> dict[str, Any]:
+    """Return the content of ``result.json``.
+
+    ``study`` is what the page shows; ``replay`` holds all numbers, those of every search among them.
+    """
+    best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
+    return {
+        "schema": SCHEMA,
+        "command": NAME,
+        "seed": replay.seed,
+        "versions": versions(),
+        "data": [],
+        "simulated": replay.simulated,
+        "study": study_section(replay).model_dump(),
+        NAME: replay.to_dict(),
+        "failures": dict(replay.failures),
+        "seconds": replay.seconds,
+        "verdict": {
+            "level": "good",
+            "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad².",
+        },
+    }
+
+
+def study_section(replay: Replay) -> StudyResult:
+    """Describe the section of the page: Fig. 6, Table 1 beside the paper's fitness, and the notes."""
+    names = list(dict.fromkeys(name for row in replay.rows for name in row.parameters))
+    columns = [
+        *(StudyColumn(title=f"`{name}`") for name in names),
+        StudyColumn(title="fitness, here", digits=4),
+        StudyColumn(title="fitness, paper", digits=6),
+    ]
+    rows = [
+        StudyRow(
+            label=row.label,
+            note=row.note,
+            values=[*(row.parameters.get(name) for name in names), row.fitness, row.paper_fitness],
+        )
+        for row in replay.rows
+    ]
+    return StudyResult(
+        name=NAME,
+        title="The paper, replayed",
+        output="the paper's output (SI units)",
+        figure_caption="The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it.",
+        table_caption="Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)",
+        columns=columns,
+        rows=rows,
+        smallest_in=len(names),
+        notes=list(replay.notes),
+    )

@@ -1,0 +1,178 @@
+"""What the replay of the paper found: rows beside Table 1, curves for Fig. 6, and sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate import Fit
+from paper_replay.descent import Descent
+from paper_replay.swarm import StageEnd
+from paper_replay.visibility import Visibility
+
+FloatArray = NDArray[np.float64]
+Variant = Literal["paper's values", "recipe rerun", "scaled axes", "joint fit"]
+PAPER: Variant = "paper's values"
+RERUN: Variant = "recipe rerun"
+SCALED: Variant = "scaled axes"
+JOINT: Variant = "joint fit"
+
+
+@dataclass(frozen=True)
+class ReplayRow:
+    """One model on the paper's experiment.
+
+    Parameters
+    ----------
+    model : str
+        What a table calls it.
+    variant : str
+        The paper's own numbers; its recipe rerun on our data; the same stages on logarithmic axes (the local search
+        with exact slopes); or a joint fit of all outputs that also frees constants Table 1 does not hold.
+    parameters : mapping of str to float
+        In SI units, with the sign convention of our models (drag opposes the rotation: ``k_d`` positive).
+    fitness : float or None
+        Eq. 6 of the pitch in rad^2, None where the simulation failed.
+    paper_fitness : float or None
+        The paper's, on the paper's data.
+    note : str
+    rms : mapping of str to float
+        Error of every output that the model has.
+    """
+
+    model: str
+    variant: Variant
+    parameters: Mapping[str, float]
+    fitness: float | None
+    paper_fitness: float | None
+    note: str
+    rms: Mapping[str, float]
+
+    @property
+    def label(self) -> str:
+        """Model and variant."""
+        return f"{self.model}: {self.variant}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The row as result.json holds it."""
+        return {
+            "model": self.label,
+            "variant": self.variant,
+            "parameters": dict(self.parameters),
+            "fitness": self.fitness,
+            "paper_fitness": self.paper_fitness,
+            "note": self.note,
+            "rms": dict(self.rms),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Details:
+    """The runs behind the notes: where each stage of each search ended, and what the data can see.
+
+    ``endings`` has shape (seeds, iterations): J_r + J_s of the swarm's best in the speed stage, for several seeds.
+    """
+
+    swarm: tuple[StageEnd, ...]
+    swarm_scaled: tuple[StageEnd, ...]
+    line_search: tuple[Descent, ...]
+    interior_point: tuple[Descent, ...]
+    exact: tuple[Descent, ...]
+    endings: FloatArray
+    visibility: Visibility
+    linear: Fit
+    quadratic: Fit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, without the fits (their rows hold them)."""
+        return {
+            "pso": [_stage(end) for end in self.swarm],
+            "pso_scaled": [_stage(end) for end in self.swarm_scaled],
+            "fmincon_line_search": [_stage(end) for end in self.line_search],
+            "fmincon_interior_point": [_stage(end) for end in self.interior_point],
+            "fmincon_exact": [_stage(end) for end in self.exact],
+            "slopes": [dict(slope.__dict__) for end in self.line_search for slope in end.slopes],
+            "rotor_inertia_by_iteration": {
+                "median": np.median(self.endings, axis=0).tolist(),
+                "largest": np.max(self.endings, axis=0).tolist(),
+                "seeds": len(self.endings),
+            },
+            "visibility": self.visibility.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """The paper's Table 1 and Fig. 6 on a simulated bench.
+
+    Parameters
+    ----------
+    rows : tuple of ReplayRow
+        The five models of Table 1, each in its variants, then the models fitted jointly.
+    notes : tuple of str
+        Short sentences, each with a number from this run.
+    time, measured : ndarray, shape (n,)
+        Sample times in s and the recorded pitch in rad.
+    pitch : mapping of str to ndarray, shape (n,)
+        Pitch in rad of the models that Fig. 6 shows.
+    details : Details
+    failures : mapping of str to int
+        Simulations by how they ended.
+    seed : int
+    seconds : float
+    simulated : bool
+        Always true: the paper's own recording is not public.
+    """
+
+    rows: tuple[ReplayRow, ...]
+    notes: tuple[str, ...]
+    time: FloatArray
+    measured: FloatArray
+    pitch: Mapping[str, FloatArray]
+    details: Details
+    failures: Mapping[str, int]
+    seed: int
+    seconds: float
+    simulated: bool = True
+
+    def row(self, model: str, variant: Variant) -> ReplayRow:
+        """A row by name. Raises KeyError if there is none."""
+        for row in self.rows:
+            if row.model == model and row.variant == variant:
+                return row
+        raise KeyError(f"{model}, {variant}")
+
+    @property
+    def series(self) -> dict[str, FloatArray]:
+        """Curves for Fig. 6 by their key in series.npz."""
+        curves = {"replay/time": self.time, "replay/measured": self.measured}
+        return curves | {f"replay/{label}": values for label, values in self.pitch.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The ``replay`` entry of result.json."""
+        return {
+            "rows": [row.to_dict() for row in self.rows],
+            "notes": list(self.notes),
+            "simulated": self.simulated,
+            "seed": self.seed,
+            "samples": int(self.time.size),
+            "failures": dict(self.failures),
+            "seconds": self.seconds,
+            "details": self.details.to_dict(),
+        }
+
+
+def _stage(end: StageEnd | Descent) -> dict[str, Any]:
+    common: dict[str, Any] = {
+        "output": end.stage.outputs[0],
+        "values": {name: end.values[name] for name in end.stage.parameters},
+        "start_cost": end.start_cost,
+        "cost": end.cost,
+    }
+    if isinstance(end, Descent):
+        return common | {"reason": end.reason, "evaluations": end.evaluations}
+    return common | {"failures": end.failures}

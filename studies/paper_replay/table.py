@@ -1,0 +1,92 @@
+"""Table 1, row by row: the paper's five models in their variants, then the models fitted to all outputs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate import Fit
+from paper_replay.published import (
+    FMINCON,
+    PSO,
+    PSO_DATASHEET,
+    TABLE_PARAMETERS,
+    TRANSFER,
+    UNOPTIMISED,
+    Published,
+)
+from paper_replay.result import JOINT, PAPER, RERUN, SCALED, Details, ReplayRow, Variant
+from paper_replay.rigs import Rigs
+from paper_replay.runner import Runner
+
+FloatArray = NDArray[np.float64]
+
+#: A second rerun of the fourth model.
+INTERIOR_POINT = replace(FMINCON, label="fmincon interior")
+LINEAR_LAW, QUADRATIC_LAW = "Linear law", "Quadratic law"
+_DATASHEET = {name: UNOPTIMISED.parameters[name] for name in ("R_a", "L_a")}
+
+
+def build(rigs: Rigs, details: Details) -> tuple[tuple[ReplayRow, ...], dict[str, FloatArray]]:
+    """All rows, and the pitch of those that Fig. 6 shows."""
+    swarm, scaled = details.swarm[-1].values, details.swarm_scaled[-1].values
+    line, interior, exact = (ends[-1].values for ends in (details.line_search, details.interior_point, details.exact))
+    linear, transfer = rigs.linear, rigs.transfer
+    entries: list[tuple[Published, Variant, Runner, Mapping[str, float], str]] = [
+        (UNOPTIMISED, PAPER, linear, UNOPTIMISED.model_values, "linear law, as the units say"),
+        (PSO, PAPER, linear, PSO.model_values, "the rotor hardly turns"),
+        (PSO, RERUN, linear, swarm, "8 particles, linear axes"),
+        (PSO, SCALED, linear, scaled, "8 particles, log axes"),
+        (PSO_DATASHEET, PAPER, linear, PSO_DATASHEET.model_values, "the rotor hardly turns"),
+        (PSO_DATASHEET, RERUN, linear, dict(swarm) | _DATASHEET, "R_a and L_a put back"),
+        (PSO_DATASHEET, SCALED, linear, dict(scaled) | _DATASHEET, "R_a and L_a put back"),
+        (FMINCON, PAPER, linear, FMINCON.model_values, "only J_r + J_s acts"),
+        (FMINCON, RERUN, linear, line, "steps of 0.1, line search"),
+        (INTERIOR_POINT, RERUN, linear, interior, "steps of 0.1, linear axes"),
+        (FMINCON, SCALED, linear, exact, "exact slopes, log axes"),
+        (TRANSFER, PAPER, transfer, transfer.start, "0.0011 N·m/V, no motor in it"),
+    ]
+    rows, pitch = [], {}
+    for published, variant, runner, values, note in entries:
+        outputs = runner.simulate(runner.vector(values))[0]
+        shown = {name: float(values[name]) for name in TABLE_PARAMETERS if name in values}
+        paper_fitness = published.fitness if variant == PAPER else None
+        rows.append(_row(published.label, variant, shown, paper_fitness, note, runner, outputs))
+        if variant == PAPER:
+            pitch[published.label] = outputs[:, runner.column("theta")]
+    for label, fit, note in (
+        (LINEAR_LAW, details.linear, "c_m, D_p, K_sp, delay free too"),
+        (QUADRATIC_LAW, details.quadratic, "k_d in N·m·s²/rad², k_t in N·s²/rad²"),
+    ):
+        rows.append(_fitted(label, fit, note))
+    pitch["Joint fit"] = details.quadratic.fitted[0][:, details.quadratic.outputs.index("theta")]
+    return tuple(rows), pitch
+
+
+def _row(
+    label: str,
+    variant: Variant,
+    parameters: Mapping[str, float],
+    paper_fitness: float | None,
+    note: str,
+    runner: Runner,
+    outputs: FloatArray,
+) -> ReplayRow:
+    """A row from one simulation; a failed one has no fitness and says so."""
+    if not np.isfinite(outputs).all():
+        return ReplayRow(label, variant, parameters, None, paper_fitness, f"the simulation failed; {note}", {})
+    error = runner.measured - outputs
+    rms = {name: float(np.sqrt(np.nanmean(error[:, k] ** 2))) for k, name in enumerate(runner.outputs)}
+    fitness = float(np.nansum(error[:, runner.column("theta")] ** 2))
+    return ReplayRow(label, variant, parameters, fitness, paper_fitness, note, rms)
+
+
+def _fitted(label: str, fit: Fit, note: str) -> ReplayRow:
+    """A row from a joint fit."""
+    known = {name: estimate.value for name, estimate in fit.parameters.items()}
+    shown = {name: float(known[name]) for name in TABLE_PARAMETERS if name in known}
+    fitness = float(np.nansum(fit.residuals[0][:, fit.outputs.index("theta")] ** 2))
+    return ReplayRow(label, JOINT, shown, fitness, None, note, dict(fit.rms))

@@ -1,0 +1,189 @@
+"""The many-rig trial's table: rates over the information distance, false names, odds; as JSON and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from trial_runs import BANDS, Row, quantile, rate, show
+
+FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
+#: Limits of the odds between which their calibration is given.
+ODDS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+
+
+def in_class(row: Row, name: str) -> set[str]:
+    """A name and all that the program calls equivalent to it."""
+    return {name, *(other for same in row["equivalent"] if name in same for other in same)}
+
+
+def right_law(row: Row) -> bool:
+    """Whether the true law at its place was found first, or stands in the class of what was found first."""
+    return bool(row["found"]) and bool(in_class(row, row["found"][0]["id"]) & set(row["ids"][0]))
+
+
+def right_kin(row: Row) -> bool:
+    """As :func:`right_law`, any dry friction passing for another at the same place."""
+    law = row["truth"][0]["law"]
+    kin = FRICTION if law in FRICTION else {law}
+    wanted = {f"{one}@{id_.partition('@')[2]}" for id_ in row["ids"][0] for one in kin}
+    return bool(row["found"]) and bool(in_class(row, row["found"][0]["id"]) & wanted)
+
+
+def right_place(row: Row) -> bool:
+    """Whether what was found first, or its class, acts where the true law does."""
+    places = {id_.partition("@")[2] for id_ in row["ids"][0]}
+    found = in_class(row, row["found"][0]["id"]) if row["found"] else set()
+    return bool(found and ({one.partition("@")[2] for one in found} & places or row["found"][0]["port"] in places))
+
+
+def right_pair(row: Row) -> bool:
+    """Whether both laws were found and no third one was."""
+    classes = [in_class(row, one["id"]) for one in row["found"]]
+    return len(classes) == 2 and all(any(one & set(ids) for one in classes) for ids in row["ids"])
+
+
+def named(row: Row) -> bool:
+    """Whether a law of the library was named."""
+    return any(one["kind"] != "free_form" for one in row["found"])
+
+
+def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[str, Any], str]:
+    """Summary and the table to print."""
+    good = [row for row in rows if "error" not in row]
+    law, none, pair, outside = ([r for r in good if r["what"] == what] for what in ("law", "none", "pair", "outside"))
+    strong = [row for row in law if row["d"][0] >= 20.0]
+    weak = [row for row in law if 8.0 <= row["d"][0] < 20.0]
+    seen = [*strong, *weak]
+    clear_pairs = [row for row in pair if min(row["d"]) >= 20.0]
+    after = [max(row["after_over_noise"].values()) for row in seen if row["after_over_noise"]]
+    summary: dict[str, Any] = {
+        "trials": len(rows),
+        "right_law": {"d>=20": rate(strong, right_law), "8<=d<20": rate(weak, right_law)},
+        "right_law_or_kin": {"d>=20": rate(strong, right_kin), "8<=d<20": rate(weak, right_kin)},
+        "right_place": rate(seen, right_place),
+        "right_pair": rate(clear_pairs, right_pair),
+        "nothing_missing": rate(none, lambda row: row["outcome"] == "adequate"),
+        "false_name": rate(none, named),
+        "no_name_outside": rate(outside, lambda row: not named(row)),
+        "after_over_noise_median": quantile(after, 0.5),
+        "after_over_noise_q95": quantile(after, 0.95),
+        "seconds_median": quantile([row["seconds"] for row in good], 0.5),
+        "counts": {
+            "d>=20": len(strong), "8<=d<20": len(weak), "none": len(none), "pair": len(clear_pairs),
+            "outside": len(outside), "failed": len(rows) - len(good),
+        },
+        "odds": calibration(law + none),
+        "by_rig": _by(good, lambda row: row["rig"]),
+        "by_law": _by(law, lambda row: row["truth"][0]["law"]),
+        "by_noise": _by(good, lambda row: row["noise"]),
+        "by_law_outside": {
+            name: {"trials": len(of), "no_name": rate(of, lambda row: not named(row))}
+            for name, of in _groups(outside, lambda row: row["truth"][0]["law"]).items()
+        },
+        "curve": [_band(law, low, high) for low, high in BANDS],
+        "seeds": {"table": [base, "rig", "number", "what"], "development": [development, "rig", "number", "what"]},
+        "table": list(rows),
+    }  # fmt: skip
+    return summary, _text(summary, rows, seen)
+
+
+def calibration(rows: Sequence[Row]) -> dict[str, Any]:
+    """How often an answer is right that was given such odds; "nothing" is an answer too.
+
+    An answer is what the first round holds likeliest, its equivalents' odds added to it.
+    """
+    answers: list[tuple[float, bool]] = []
+    for row in rows:
+        if not row["odds"]:
+            continue
+        best = max(row["odds"], key=lambda name: float(row["odds"][name]))
+        same = in_class(row, best)
+        odds = min(sum(float(row["odds"].get(name, 0.0)) for name in same), 1.0)
+        truth = {id_ for ids in row["ids"] for id_ in ids} or {"nothing"}
+        answers.append((odds, bool(same & truth)))
+    bins = []
+    for low, high in pairwise(ODDS):
+        inside = [(p, right) for p, right in answers if low <= p < high or p == high == 1.0]
+        bins.append(
+            {
+                "odds": [low, high],
+                "answers": len(inside),
+                "mean_odds": float(np.mean([p for p, _ in inside])) if inside else None,
+                "right": float(np.mean([right for _, right in inside])) if inside else None,
+            }
+        )
+    sure = [right for p, right in answers if p >= 0.9]
+    return {"given_90": {"answers": len(sure), "right": float(np.mean(sure)) if sure else None}, "bins": bins}
+
+
+def _groups(rows: Sequence[Row], key: Any) -> dict[str, list[Row]]:
+    return {name: [row for row in rows if key(row) == name] for name in sorted({key(row) for row in rows})}
+
+
+def _by(rows: Sequence[Row], key: Any) -> dict[str, Any]:
+    found = {}
+    for name, of in _groups(rows, key).items():
+        seen = [row for row in of if row["what"] == "law" and row["d"][0] >= 8.0]
+        none = [row for row in of if row["what"] == "none"]
+        found[name] = {"seen": len(seen), "right_law": rate(seen, right_law), "false_name": rate(none, named)}
+    return found
+
+
+def _band(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
+    inside = [row for row in rows if low <= row["d"][0] < high]
+    return {
+        "d": [low, high if np.isfinite(high) else None],
+        "trials": len(inside),
+        "right_law": rate(inside, right_law),
+        "right_place": rate(inside, right_place),
+        "found_something": rate(inside, lambda row: bool(row["found"])),
+    }
+
+
+def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> str:
+    counts, sure = summary["counts"], summary["odds"]["given_90"]
+    lines = [
+        f"{summary['trials']} trials ({counts['failed']} failed)",
+        f"right law, d >= 20          {show(summary['right_law']['d>=20']):>8}  of {counts['d>=20']}",
+        f"right law, 8 <= d < 20      {show(summary['right_law']['8<=d<20']):>8}  of {counts['8<=d<20']}",
+        f"  or a kindred friction     {show(summary['right_law_or_kin']['d>=20']):>8}  "
+        f"{show(summary['right_law_or_kin']['8<=d<20'])}",
+        f"right place, d >= 8         {show(summary['right_place']):>8}",
+        f"both of two, d >= 20 each   {show(summary['right_pair']):>8}  of {counts['pair']}",
+        f"nothing missing: adequate   {show(summary['nothing_missing']):>8}  of {counts['none']}",
+        f"nothing missing: false name {show(summary['false_name']):>8}",
+        f"outside: no false name      {show(summary['no_name_outside']):>8}  of {counts['outside']}",
+        f"right where odds >= 90 %    {show(sure['right']):>8}  of {sure['answers']}",
+        f"unseen error over noise     {show(summary['after_over_noise_median'], False):>8}  median, "
+        f"{show(summary['after_over_noise_q95'], False)} at 95 %",
+        f"seconds a loop              {show(summary['seconds_median'], False):>8}  median",
+        "",
+        "      d         trials   right law   right place   something found",
+    ]
+    for band in summary["curve"]:
+        low, high = band["d"]
+        label = f"{low:g} to {high:g}" if high is not None else f"{low:g} and more"
+        lines.append(
+            f"{label:>14} {band['trials']:7d} {show(band['right_law']):>11} {show(band['right_place']):>13} "
+            f"{show(band['found_something']):>17}"
+        )
+    for title in ("rig", "law"):
+        lines += ["", f"{title:<24} d >= 8   right law   false name"]
+        lines += [
+            f"  {name:<22} {item['seen']:6d} {show(item['right_law']):>11} {show(item['false_name']):>12}"
+            for name, item in summary[f"by_{title}"].items()
+        ]
+    wrong = [row for row in seen if not right_law(row)]
+    if wrong:
+        lines += ["", "missed with d >= 8:"]
+        for row in wrong:
+            found = ", ".join(one["id"] for one in row["found"]) or row["outcome"]
+            lines.append(f"  {row['key']} {row['noise']}: {row['ids'][0][0]} (d = {row['d'][0]:.1f}) -> {found}")
+    failed = [row for row in rows if "error" in row]
+    if failed:
+        lines += ["", "failed:", *(f"  {row['key']}: {row['error']}" for row in failed)]
+    return "\n".join(lines)

@@ -1,0 +1,164 @@
+"""A simulated fleet: rigs of one kind whose parameters come from a distribution that is known, some with a law more."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from math import exp, log
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from aero_bayes.bench.sensors import Noise
+from aero_bayes.data import write_csv
+from aero_bayes.errors import InputError
+from simulated_rigs.distance import Yardstick
+from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.trial import MODELS, Quiet, RigTrial, make_trial, sized
+from simulated_rigs.truth import LawTruth, places
+
+FloatArray = NDArray[np.float64]
+#: First number of a fleet's seeds.
+FLEET = 23001
+#: How far the fleet's typical values lie from the model's, and how much rigs differ, each as a share.
+OFF, SPREADS = 0.15, (0.03, 0.12)
+#: Distance of the law in a typical rig, and how much its level differs from rig to rig.
+DISTANCE, LEVEL = 40.0, 0.3
+
+
+@dataclass(frozen=True)
+class FleetTruth:
+    """What only the judge of a fleet knows.
+
+    Parameters
+    ----------
+    kind : str
+    typical : mapping of str to float
+        Median of each free parameter.
+    spread : mapping of str to float
+        Standard deviation of its logarithm.
+    law : LawTruth
+        As in a typical rig.
+    share : float
+        Probability that a rig has it.
+    noise : mapping of str to Noise
+        Per output, the same in all rigs.
+    seed : int
+    """
+
+    kind: str
+    typical: Mapping[str, float]
+    spread: Mapping[str, float]
+    law: LawTruth
+    share: float
+    noise: Mapping[str, Noise]
+    seed: int
+
+
+def draw_fleet(kind: str, seed: int, *, share: float = 0.3, law: str | None = None) -> FleetTruth:
+    """Draw what the rigs of a fleet share.
+
+    Parameters
+    ----------
+    kind : str
+        One of :func:`simulated_rigs.rig_kinds`.
+    seed : int
+    share : float
+        Probability that a rig has the law.
+    law : str, optional
+        What some rigs have more, such as ``coulomb_friction``; by default the first of the kind that has one size.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, or a law that the kind cannot have.
+    """
+    if kind not in KINDS:
+        raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
+    rig = KINDS[kind]
+    rng = np.random.default_rng([FLEET, list(KINDS).index(kind), seed])
+    typical = {name: rig.parameters[name] * float(rng.uniform(1.0 - OFF, 1.0 + OFF)) for name in rig.free}
+    low, high = SPREADS
+    spread = {name: exp(float(rng.uniform(log(low), log(high)))) for name in rig.free}
+    choices = places(rig)
+    wanted = [one for one in choices if one[0] == (law or "coulomb_friction")] or ([] if law else choices)
+    if not wanted:
+        raise InputError(f"bench: {kind} has no {law}; it has {', '.join(dict.fromkeys(name for name, _ in choices))}")
+    made: list[tuple[Mapping[str, Noise], LawTruth]] = []
+
+    def size(stream: Generator, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
+        found = sized(stream, yardstick, yardstick.sensitivities(), quiet, wanted[0], DISTANCE)
+        if found is None:
+            raise InputError(f"bench: {kind} does not show {wanted[0][0]}")
+        made.append((yardstick.noise, found))
+        return []
+
+    make_trial(rig, rng, _whole(rig, typical), size, what="none", seed=(FLEET, seed))
+    return FleetTruth(kind, typical, spread, made[0][1], share, made[0][0], seed)
+
+
+def draw_rig(truth: FleetTruth, number: int) -> RigTrial:
+    """Draw and record one rig of a fleet; the same arguments always give the same numbers."""
+    rig = KINDS[truth.kind]
+    seed = (FLEET, list(KINDS).index(truth.kind), truth.seed, number)
+    rng = np.random.default_rng(seed)
+    own = {name: value * exp(truth.spread[name] * rng.standard_normal()) for name, value in truth.typical.items()}
+    has, level = rng.random() < truth.share, exp(LEVEL * rng.standard_normal())
+    first, size = next(iter(truth.law.parameters.items()))
+    law = replace(truth.law, parameters={**truth.law.parameters, first: level * size})
+
+    def choose(stream: Generator, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
+        return [replace(law, d=yardstick.distance([law], [], yardstick.sensitivities()))] if has else []
+
+    what = "law" if has else "none"
+    return make_trial(rig, rng, _whole(rig, own), choose, what=what, seed=seed, noise=truth.noise)  # type: ignore[arg-type]
+
+
+def write_fleet(folder: Path | str, truth: FleetTruth, count: int, *, work: str = "loop") -> Path:
+    """Write ``fleet.toml``, ``rigs.csv``, the model, each rig's recordings, and beside them all ``truth.json``.
+
+    Returns
+    -------
+    Path
+        The configuration.
+    """
+    if count < 1:
+        raise InputError(f"bench: a fleet of {count} rigs; expected one at least")
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    model = MODELS / truth.kind
+    (root / "Rig.mo").write_text((model / "Rig.mo").read_text("utf-8"), "utf-8")
+    head = f'[fleet]\nwork = "{work}"\nrigs = "rigs.csv"\n\n'
+    (root / "fleet.toml").write_text(head + (model / "rig.toml").read_text("utf-8"), "utf-8")
+    rigs = []
+    with (root / "rigs.csv").open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(("name", "train", "test"))
+        for name, trial in _rigs(truth, count):
+            own = root / "recordings" / name
+            own.mkdir(parents=True, exist_ok=True)
+            for recording in (trial.train, trial.test):
+                write_csv(recording, own / f"{recording.name}.csv")
+            label = {"simulated": True, "recordings": [trial.train.name, trial.test.name]}
+            (own / "simulated.json").write_text(json.dumps(label) + "\n", "utf-8")
+            table.writerow((name, *(f"recordings/{name}/{run.name}.csv" for run in (trial.train, trial.test))))
+            laws = [{"id": law.id, "d": law.d, **law.parameters} for law in trial.truth.laws]
+            rigs.append({"name": name, "parameters": dict(trial.truth.parameters), "laws": laws})
+    known: dict[str, Any] = {"fleet": asdict(truth), "rigs": rigs}
+    (root / "truth.json").write_text(json.dumps(known, indent=1) + "\n", "utf-8")
+    return root / "fleet.toml"
+
+
+def _rigs(truth: FleetTruth, count: int) -> Iterator[tuple[str, RigTrial]]:
+    digits = len(str(count))
+    for number in range(1, count + 1):
+        yield f"{truth.kind}-{number:0{digits}}", draw_rig(truth, number)
+
+
+def _whole(rig: RigKind, free: Mapping[str, float]) -> dict[str, float]:
+    return dict(rig.parameters) | dict(free)

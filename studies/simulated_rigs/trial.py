@@ -1,0 +1,351 @@
+"""Blind trials over many kinds of rigs, drawn at random; the truth stays apart from what the program is given."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import exp, isfinite, log
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from aero_bayes.bench.inputs import Chirp, InputDesign, multi_sine, prbs, random_levels
+from aero_bayes.bench.sensors import Noise
+from aero_bayes.data import Recording, write_csv
+from aero_bayes.errors import InputError
+from simulated_rigs.distance import Yardstick
+from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.truth import LawTruth, Place, law_kind, outside_places, places, scale_at, simulate
+
+FloatArray = NDArray[np.float64]
+Quiet = tuple[FloatArray, FloatArray]
+What = Literal["law", "none", "pair", "outside"]
+WHATS: tuple[What, ...] = ("law", "none", "pair", "outside")
+#: First numbers of the seeds ``[base, kind, number]``: trials that methods may be tuned on, and those of the report.
+DEVELOPMENT, REPORT = 11001, 17601
+#: Folder of the kinds' Modelica models: ``NAME/Rig.mo`` and ``NAME/rig.toml``.
+MODELS = Path(__file__).with_name("models")
+#: True parameters are within this share of those in the Modelica file.
+SPREAD = 0.3
+#: Distances that sizes of laws are drawn for, and how close is close enough.
+NEAREST, FARTHEST, CLOSE = 2.0, 300.0, 0.15
+#: Standard deviation of the noise as a share of the signal's.
+QUIET, LOUD = 2e-3, 2e-2
+#: A law that no size makes this visible is another one under another name.
+INVISIBLE = 1.0
+#: Share of a recording at whose beginning nothing is driven yet.
+LEAD = 0.01
+
+
+@dataclass(frozen=True)
+class RigTruth:
+    """What only the judge of a trial knows.
+
+    Parameters
+    ----------
+    kind : str
+    what : {"law", "none", "pair", "outside"}
+    laws : tuple of LawTruth
+    parameters : mapping of str to float
+        Named as in the Modelica model.
+    starts : mapping of str to mapping of str to float
+        Initial states of the recordings ``train`` and ``test``.
+    noise : mapping of str to Noise
+        Per output.
+    aliases : mapping of str to str
+        States that an output shows, and that output: a compiler may call the state by either name.
+    seed : tuple of int
+    """
+
+    kind: str
+    what: What
+    laws: tuple[LawTruth, ...]
+    parameters: Mapping[str, float]
+    starts: Mapping[str, Mapping[str, float]]
+    noise: Mapping[str, Noise]
+    aliases: Mapping[str, str]
+    seed: tuple[int, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For a file that the program never sees."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class RigTrial:
+    """A rig's recordings, the first model of it, and the truth.
+
+    Parameters
+    ----------
+    train, test : Recording
+        With noise, under the names of the Modelica model.
+    silent : mapping of str to Recording
+        Both without noise.
+    truth : RigTruth
+    model : Path
+        The Modelica file.
+    toml : Path
+        The configuration that goes with it.
+    """
+
+    train: Recording
+    test: Recording
+    silent: Mapping[str, Recording]
+    truth: RigTruth
+    model: Path
+    toml: Path
+
+
+def rig_kinds() -> tuple[str, ...]:
+    """Names of the kinds of rigs."""
+    return tuple(KINDS)
+
+
+def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "law") -> RigTrial:
+    """Draw and simulate one trial; the same arguments always give the same numbers.
+
+    Parameters
+    ----------
+    kind : str
+        One of :func:`rig_kinds`.
+    number : int
+    base : int
+        First number of the seed: :data:`DEVELOPMENT` or :data:`REPORT`.
+    what : {"law", "none", "pair", "outside"}
+        One law of the library missing from the model, none, two at different places, or one outside the library.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind or another ``what``.
+    """
+    if kind not in KINDS:
+        raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
+    if what not in WHATS:
+        raise InputError(f"bench: no trial of {what}, expected one of {', '.join(WHATS)}")
+    rig = KINDS[kind]
+    seed = (base, list(KINDS).index(kind), number, WHATS.index(what))
+    rng = np.random.default_rng(seed)
+    parameters = {
+        name: value * (1.0 if name in rig.known else float(rng.uniform(1.0 - SPREAD, 1.0 + SPREAD)))
+        for name, value in rig.parameters.items()
+    }
+    return make_trial(rig, rng, parameters, lambda *seen: _laws(seen[0], what, *seen[1:]), what=what, seed=seed)
+
+
+def make_trial(
+    rig: RigKind,
+    rng: Generator,
+    parameters: Mapping[str, float],
+    choose: Callable[[Generator, Yardstick, Quiet], list[LawTruth]],
+    *,
+    what: What,
+    seed: tuple[int, ...],
+    noise: Mapping[str, Noise] | None = None,
+) -> RigTrial:
+    """Record a rig of known parameters.
+
+    Parameters
+    ----------
+    rig : RigKind
+    rng : Generator
+        Draws the experiments, and the noise if it is not given.
+    parameters : mapping of str to float
+    choose : callable
+        What the model lacks, from a generator, a yardstick and a run (outputs, states) without it.
+    what, seed : str, tuple of int
+        For the record.
+    noise : mapping of str to Noise, optional
+    """
+    time: FloatArray = np.arange(rig.rows, dtype=np.float64) * rig.step
+    commands = {run: _commands(rng, rig, time) for run in ("train", "test")}
+    starts = {run: _start(rng, rig, parameters) for run in ("train", "test")}
+    quiet = simulate(rig, parameters, [], time, commands["train"], starts["train"])
+    noise = noise if noise is not None else draw_noise(rng, rig, quiet[0])
+    yardstick = Yardstick(rig, parameters, starts["train"], time, commands["train"], noise)
+    laws = choose(rng, yardstick, quiet)
+    silent = {
+        run: _recording(
+            run, rig, time, commands[run], simulate(rig, parameters, laws, time, commands[run], starts[run])[0]
+        )
+        for run in ("train", "test")
+    }
+    measured = {run: _measure(stream, silent[run], noise) for run, stream in zip(silent, rng.spawn(2), strict=True)}
+    states, shown = tuple(rig.states), rig.plant(parameters).shown
+    truth = RigTruth(
+        kind=rig.name,
+        what=what,
+        laws=tuple(laws),
+        parameters=dict(parameters),
+        starts={run: dict(zip(states, start, strict=True)) for run, start in starts.items()},
+        noise=noise,
+        aliases={states[index]: output for index, output in zip(shown, rig.outputs, strict=True)},
+        seed=seed,
+    )
+    folder = MODELS / rig.name
+    return RigTrial(measured["train"], measured["test"], silent, truth, folder / "Rig.mo", folder / "rig.toml")
+
+
+def write_trial(trial: RigTrial, folder: Path | str, truth: Path | str | None = None) -> Path:
+    """Write ``Rig.mo``, ``rig.toml``, ``train.csv`` and ``test.csv``, and the truth to a file elsewhere if asked."""
+    seen = Path(folder)
+    seen.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(trial.model, seen / "Rig.mo")
+    shutil.copyfile(trial.toml, seen / "rig.toml")
+    write_csv(trial.train, seen / "train.csv")
+    write_csv(trial.test, seen / "test.csv")
+    if truth is not None:
+        Path(truth).write_text(json.dumps(trial.truth.to_dict(), indent=1) + "\n", encoding="utf-8")
+    return seen
+
+
+def _design(rng: Generator, duration: float) -> InputDesign:
+    """A signal within -1 and 1; times in units of the rig's clock."""
+    which = int(rng.integers(4))
+    if which == 0:
+        return random_levels(rng, 1.0, duration)
+    if which == 1:
+        return prbs(rng, 1.0, duration)
+    if which == 2:
+        return multi_sine(rng, 1.0, 0.03, 0.6)
+    return Chirp(1.0, 0.02, 0.6, duration / 2.0)
+
+
+def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
+    columns = []
+    for drive in kind.inputs.values():
+        duration = float(time[-1]) / drive.clock
+        height = drive.height * float(rng.uniform(0.7, 1.0))
+        values = drive.centre + height * _design(rng, duration).volts(time / drive.clock)
+        values[: max(2, round(LEAD * time.size))] = drive.centre
+        columns.append(values)
+    return np.column_stack(columns)
+
+
+def _start(rng: Generator, kind: RigKind, parameters: Mapping[str, float]) -> tuple[float, ...]:
+    return tuple(
+        at + spread * float(rng.uniform(-1.5, 1.5))
+        for at, spread in zip(kind.rest(parameters), kind.shake, strict=True)
+    )
+
+
+def draw_noise(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, Noise]:
+    """White noise by output; in a third of the trials some that is correlated over 3 to 30 samples as well."""
+    level = exp(float(rng.uniform(log(QUIET), log(LOUD))))
+    correlated = rng.random() < 1.0 / 3.0
+    noise = {}
+    for k, name in enumerate(kind.outputs):
+        white = level * float(np.std(outputs[:, k])) * float(rng.uniform(0.7, 1.4))
+        slow, steps = white * float(rng.uniform(0.3, 1.0)), float(rng.uniform(3.0, 30.0))
+        noise[name] = Noise(white, slow, steps * kind.step) if correlated else Noise(white)
+    return noise
+
+
+def _laws(rng: Generator, what: What, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
+    """Laws as asked for, each scaled to a distance of its own, and their distances in each other's presence."""
+    if what == "none":
+        return []
+    kind = yardstick.kind
+    choices = outside_places(kind) if what == "outside" else places(kind)
+    order = [choices[int(k)] for k in rng.permutation(len(choices))]
+    basis = yardstick.sensitivities()
+    count, lowest = (2, 8.0) if what == "pair" else (1, 8.0 if what == "outside" else NEAREST)
+    chosen: list[LawTruth] = []
+    for law, place in order:
+        if any(place == one.place for one in chosen):
+            continue
+        target = exp(float(rng.uniform(log(lowest), log(FARTHEST))))
+        found = sized(rng, yardstick, basis, quiet, (law, place), target)
+        if found is None or found.d < INVISIBLE:
+            continue
+        both = _together(yardstick, basis, [*chosen, replace(found, named=what != "outside")])
+        if min(one.d for one in both) >= (lowest if chosen else INVISIBLE):
+            chosen = both
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _together(yardstick: Yardstick, basis: FloatArray, laws: Sequence[LawTruth]) -> list[LawTruth]:
+    """The laws with the distance of each where the model knows the others."""
+    if len(laws) == 1:
+        return list(laws)
+    return [
+        replace(one, d=yardstick.distance(laws, [other for other in laws if other is not one], basis)) for one in laws
+    ]
+
+
+def sized(
+    rng: Generator,
+    yardstick: Yardstick,
+    basis: FloatArray,
+    quiet: Quiet,
+    which: tuple[str, Place],
+    target: float,
+) -> LawTruth | None:
+    """A law of about the distance ``target``, or as near to it as sizes that make sense bring it.
+
+    ``basis`` and ``quiet`` are the sensitivities and the run (outputs, states) without the law. None where no size is
+    seen at all or the rig cannot be simulated with it.
+    """
+    law, place = which
+    kind, entropy = yardstick.kind, int(rng.integers(2**63))
+    formula = law_kind(kind, law, place)
+    scale = scale_at(kind, place, yardstick.time, yardstick.commands, *quiet)
+
+    def at(size: float) -> LawTruth:
+        truth = LawTruth(law, place, formula.draw(np.random.default_rng(entropy), size, scale))
+        try:
+            d = yardstick.distance([truth], [], basis)
+        except OverflowError:
+            d = float("nan")
+        return replace(truth, d=d)
+
+    tried: list[tuple[float, LawTruth]] = []
+    size = min(0.03, formula.most)
+    for _ in range(6):
+        found = at(size)
+        if not isfinite(found.d):
+            size /= 10.0
+            continue
+        tried.append((size, found))
+        if abs(log(max(found.d, 1e-9) / target)) < CLOSE or (found.d < target and size >= formula.most):
+            break
+        power = _power(tried)
+        size = min(size * float(np.clip((target / max(found.d, 1e-9)) ** (1.0 / power), 1e-2, 1e2)), formula.most)
+    return min((one for _, one in tried), key=lambda one: abs(log(max(one.d, 1e-9) / target)), default=None)
+
+
+def _power(tried: Sequence[tuple[float, LawTruth]]) -> float:
+    """Exponent with which the distance grows with the size, from the last two tried."""
+    if len(tried) < 2:
+        return 1.0
+    (size, one), (other_size, other) = tried[-1], tried[-2]
+    if size == other_size or min(one.d, other.d) < 1e-6:
+        return 1.0
+    return float(np.clip(log(one.d / other.d) / log(size / other_size), 0.3, 3.0))
+
+
+def _recording(name: str, kind: RigKind, time: FloatArray, commands: FloatArray, outputs: FloatArray) -> Recording:
+    units = {"time": "s", **{column: kind.units.get(column, "") for column in (*kind.inputs, *kind.outputs)}}
+    return Recording(
+        name,
+        time,
+        {column: commands[:, k] for k, column in enumerate(kind.inputs)},
+        {column: outputs[:, k] for k, column in enumerate(kind.outputs)},
+        units,
+    )
+
+
+def _measure(rng: Generator, silent: Recording, noise: Mapping[str, Noise]) -> Recording:
+    nothing = np.zeros(silent.rows)
+    readings = {
+        name: values + noise[name].sample(stream, silent.time, nothing, nothing)
+        for stream, (name, values) in zip(rng.spawn(len(noise)), silent.outputs.items(), strict=True)
+    }
+    return replace(silent, outputs=readings, sha256="")

@@ -1,0 +1,178 @@
+"""What a simulated rig truly is, and what it then does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from simulated_rigs.kinds import RigKind
+from simulated_rigs.laws import LAWS, LawKind, Scale
+from simulated_rigs.linear import run_linear
+from simulated_rigs.outside import OUTSIDE
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a law acts.
+
+    Parameters
+    ----------
+    kind : str
+        ``input``, ``output``, ``balance`` (of a state: forces, flows, voltages) or ``coupling`` (in series with the
+        elastic element whose stretch is that state).
+    name : str
+        The input, output or state, as the Modelica model names it.
+    """
+
+    kind: str
+    name: str
+
+
+@dataclass(frozen=True)
+class LawTruth:
+    """A law at a place, its parameters in SI units, and how visible it is.
+
+    Parameters
+    ----------
+    law : str
+    place : Place
+    parameters : mapping of str to float
+    named : bool
+        Whether the library has this law.
+    d : float
+        Size of what no change of the base parameters can imitate, in units of the noise; NaN before it was measured.
+    """
+
+    law: str
+    place: Place
+    parameters: Mapping[str, float]
+    named: bool = True
+    d: float = field(default=float("nan"), compare=False)
+
+    @property
+    def id(self) -> str:
+        """``law@name``."""
+        return f"{self.law}@{self.place.name}"
+
+
+def places(kind: RigKind) -> list[tuple[str, Place]]:
+    """All (law, place) that may be missing from a kind's model."""
+    found = []
+    for where, laws in kind.laws.items():
+        prefix, _, name = where.rpartition(":")
+        for law in laws.split():
+            sort = {"in": "input", "out": "output"}.get(prefix) or ("coupling" if law == "backlash" else "balance")
+            found.append((law, Place(sort, name)))
+    return found
+
+
+def outside_places(kind: RigKind) -> list[tuple[str, Place]]:
+    """All (law, place) outside the library that a kind may have."""
+    found = [(law, Place("input", name)) for family, law in OUTSIDE if family == "input" for name in kind.inputs]
+    found += [(law, Place("output", name)) for family, law in OUTSIDE if family == "output" for name in kind.outputs]
+    return found + [
+        (law, Place("balance", name))
+        for name, balance in kind.states.items()
+        for family, law in OUTSIDE
+        if family == balance.family
+    ]
+
+
+def law_kind(kind: RigKind, law: str, place: Place) -> LawKind:
+    """The formula of a law at a place. Raises InputError where there is none."""
+    family = kind.states[place.name].family if place.kind == "balance" and place.name in kind.states else place.kind
+    found = LAWS.get((family, law)) or OUTSIDE.get((family, law))
+    names = {"input": kind.inputs, "output": kind.outputs}.get(place.kind, kind.states)
+    if found is None or place.name not in names:
+        raise InputError(f"bench: {kind.name} has no {law} at {place.kind} {place.name}")
+    return found
+
+
+def simulate(
+    kind: RigKind,
+    parameters: Mapping[str, float],
+    laws: Sequence[LawTruth],
+    time: FloatArray,
+    commands: FloatArray,
+    start: Sequence[float],
+    fineness: int = 1,
+) -> tuple[FloatArray, FloatArray]:
+    """Outputs and states of a rig without noise.
+
+    Parameters
+    ----------
+    kind : RigKind
+    parameters : mapping of str to float
+    laws : sequence of LawTruth
+    time : ndarray, shape (n,)
+        Even sample times in s.
+    commands : ndarray, shape (n, inputs)
+        Each value holds from its sample to the next.
+    start : sequence of float
+        States at ``time[0]``.
+    fineness : int
+        Integration steps are so many times shorter than usual.
+
+    Returns
+    -------
+    outputs : ndarray, shape (n, outputs)
+    states : ndarray, shape (n, states)
+
+    Raises
+    ------
+    InputError
+        For a law that the kind cannot have.
+    """
+    if kind.linear and not laws:
+        return run_linear(kind.plant(parameters), kind.step, commands, start)
+    assembly, sizes = kind.assemble(parameters), dict(zip(kind.states, kind.sizes, strict=True))
+    for law in laws:
+        # Rounding at an event is no event: 1e-9 of what a state usually is.
+        slack = 1e-9 * sizes.get(law.place.name, 1.0)
+        law_kind(kind, law.law, law.place).install(assembly, law.place.name, law.parameters, slack)
+    return assembly.run(time, commands, start, kind.step / kind.pieces / fineness)
+
+
+def scale_at(
+    kind: RigKind, place: Place, time: FloatArray, commands: FloatArray, outputs: FloatArray, states: FloatArray
+) -> Scale:
+    """What happens at a place in a run without laws (``outputs``, ``states``: see :func:`simulate`)."""
+    names = list(kind.states)
+    if place.kind == "input":
+        values = commands[:, list(kind.inputs).index(place.name)]
+        # A held signal jumps; what counts is how fast the rig answers it.
+        answer = outputs[:, 0]
+        pace = float(np.std(answer) / np.std(np.gradient(answer, time)))
+    else:
+        values = (
+            outputs[:, kind.outputs.index(place.name)] if place.kind == "output" else states[:, names.index(place.name)]
+        )
+        pace = float(np.std(values) / np.std(np.gradient(values, time)))
+    effort = position = farthest = difference = 0.0
+    if place.kind == "balance":
+        index, balance = names.index(place.name), kind.states[place.name]
+        effort = kind.plant(kind.parameters).capacity[index] * float(np.std(np.gradient(values, time)))
+        if balance.position:
+            travel = states[:, names.index(balance.position)]
+            position, farthest = float(np.std(travel)), float(np.abs(travel).max())
+        if balance.neighbour:
+            difference = float(np.std(values - states[:, names.index(balance.neighbour)]))
+    return Scale(
+        spread=float(np.std(values)),
+        largest=float(np.abs(values).max()),
+        lowest=float(values.min()),
+        highest=float(values.max()),
+        mean=float(values.mean()),
+        effort=effort,
+        time=pace,
+        duration=float(time[-1] - time[0]),
+        position=position,
+        farthest=farthest,
+        difference=difference,
+    )

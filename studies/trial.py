@@ -1,0 +1,144 @@
+"""The blind trial: recordings of a simulated rig with an undeclared effect, and what the closed loop makes of them.
+
+The loop sees nothing but CSV files. Truths are drawn at random: base parameters off nominal by up to 15 %, an effect of
+the catalogue of random size (half of them scaled down to where the data begin to fail), none, two, or one that no
+catalogue lists; half with white noise, half with the noise of a real AERO. Finished trials are kept, one row each, so
+that a run that was stopped goes on where it was.
+
+Seeds of the table are ``[7201, kind, number]``; what was tuned was tuned on ``[1001, kind, number]``
+(``--development``).
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aero_bayes.data import read_recording
+from aero_bayes.fleet import open_executor
+from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.loop import LoopSettings, close_loop
+from aero_trial import draw_trial
+from trial_distance import distances, scaled_to
+from trial_runs import executor_options, run_trials, write_summary
+from trial_table import summarise
+
+TABLE, DEVELOPMENT = 7201, 1001
+KINDS = ("single", "none", "pair", "outside")
+FULL = {"single": 420, "none": 200, "pair": 60, "outside": 80}
+QUICK = {"single": 10, "none": 4, "pair": 2, "outside": 2}
+BASE = "Aero.Systems.OneDof"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One trial: the root of its seed, its kind, its number, and where compiled models are kept."""
+
+    root: int
+    kind: str
+    number: int
+    cache: Path
+
+    @property
+    def noise(self) -> str:
+        return "white" if self.number % 2 == 0 else "real"
+
+    @property
+    def key(self) -> str:
+        return f"{self.root}/{self.kind}/{self.number}"
+
+
+def tasks_of(root: int, counts: dict[str, int], cache: Path) -> list[Task]:
+    """All trials, kinds interleaved so that a partial run says something of each."""
+    tasks = [Task(root, kind, k, cache) for kind, n in counts.items() for k in range(n)]
+    return sorted(tasks, key=lambda t: ((t.number + 0.5) / counts[t.kind], t.kind))
+
+
+def run(task: Task) -> dict[str, Any]:
+    """Draw, record, close the loop, and compare with the truth."""
+    began = time.perf_counter()
+    rng = np.random.default_rng([task.root, KINDS.index(task.kind), task.number])
+    spec = draw_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
+    family = RigFamily(BASE, (), task.cache)
+    if task.kind == "single" and (task.number // 2) % 2 == 0:
+        spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
+    with tempfile.TemporaryDirectory(prefix="trial-") as folder:
+        made = spec.record()
+        paths = spec.write(made, Path(folder) / "seen", Path(folder) / "truth" / "truth.json")
+        train, test = (read_recording(path) for path in paths)
+        loop_began, cpu = time.perf_counter(), time.process_time()
+        settings = LoopSettings(cache=task.cache)
+        result = close_loop([train], [test], model=BASE, settings=settings, workers=0, out_dir=Path(folder) / "out")
+        seconds, cpu = time.perf_counter() - loop_began, time.process_time() - cpu
+    silent = spec.silent().record()
+    over = {}
+    for output, values in made.test[0].outputs.items():
+        noise = values - silent.test[0].outputs[output]
+        after = result.after.test[test.name, output].rms
+        over[output] = after / float(np.sqrt(np.nanmean(noise**2)))
+    truth = [effect.id for effect in spec.truth.effects]
+    return {
+        "key": task.key,
+        "kind": task.kind,
+        "noise": task.noise,
+        "truth": [{"id": e.id, "port": e.port, **e.parameters} for e in spec.truth.effects],
+        "d": distances(spec, silent.train[0], family, truth),
+        "outcome": result.outcome,
+        "found": [{"id": e.id, "port": e.port, "kind": e.kind, "gain": e.gain} for e in result.effects],
+        "equivalent": [list(ids) for ids in result.equivalent],
+        "best": [(rival.id, round(rival.gain, 2)) for rival in (result.steps[0].rivals[:3] if result.steps else ())],
+        "after_over_noise": over,
+        "sentence": result.sentence,
+        "simulations": result.simulations,
+        "seconds": round(seconds, 3),
+        "cpu_seconds": round(cpu, 3),
+        "whole_seconds": round(time.perf_counter() - began, 3),
+    }
+
+
+def attempt(task: Task) -> dict[str, Any]:
+    """As :func:`run`; a trial that fails is a row that says so."""
+    try:
+        return run(task)
+    except Exception as error:
+        return {"key": task.key, "kind": task.kind, "noise": task.noise, "error": f"{type(error).__name__}: {error}"}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--quick", action="store_true", help="a small fixed part, within three minutes")
+    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
+    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder of trial.json and of finished trials")
+    executor_options(parser)
+    parser.add_argument("--only", choices=KINDS)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int)
+    arguments = parser.parse_args()
+    counts = dict(QUICK if arguments.quick else FULL)
+    if arguments.only:
+        counts = {arguments.only: arguments.count or counts[arguments.only]}
+    root = DEVELOPMENT if arguments.development else TABLE
+    work = arguments.out / "trial"
+    cache = (work / "fmu").resolve()
+    RigFamily(BASE, (), cache).plain()
+    tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
+    with open_executor(arguments.dask, arguments.processes) as executor:
+        rows = run_trials(tasks, attempt, work / "trials.sqlite", executor)
+    summary, text = summarise(rows, root, DEVELOPMENT)
+    print(text)
+    write_summary(summary, arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""How much of an effect a recording holds: the information distance of the blind trial.
+
+The recording without its noise is fitted by the model that lacks the effect, all its parameters free; what remains, in
+units of the true noise (its correlation counted), is the part of the effect's signature that no change of the others
+can imitate. From its square is taken what the model that has the effect leaves (a smoothed step is not a step).
+Readings of an encoder that stands still count as little as they do for the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from aero_bayes.bench.truth import EffectTruth
+from aero_bayes.data import Recording
+from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.loop import LoopSettings
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.interface import Problem, Simulator, SolverSettings
+from aero_trial.draw import TrialSpec
+
+OUTPUTS = ("i_m", "omega_m", "theta")
+
+
+def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
+    """Noise of each output; an encoder's counts add the variance of their width, ripple counts as removable."""
+    noise = {}
+    for output in OUTPUTS:
+        item = getattr(spec.sensors, output)
+        white = item.white
+        if output == "theta" and spec.sensors.encoder_counts:
+            white = float(np.hypot(white, 2.0 * np.pi / spec.sensors.encoder_counts / np.sqrt(12.0)))
+        noise[output] = OutputNoise(white, item.slow, item.slow_time) if item.slow > 0.0 else OutputNoise(white)
+    return noise
+
+
+def distances(spec: TrialSpec, silent: Recording, family: RigFamily, ids: Sequence[str]) -> list[float]:
+    """Distance of each effect, the others of the truth being known to the model (catalogue effects only)."""
+    if not ids:
+        return []
+    left = _distance(spec, silent, family, ids) if all(id_ in family.declared.effects for id_ in ids) else 0.0
+    found = [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
+    return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
+
+
+def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
+    """The trial with its one effect's magnitude changed so that its distance is about ``wanted``."""
+    (effect,) = spec.truth.effects
+    name = next(c.law.switch.name for c in family.every if c.id == effect.id)
+    if effect.id == "amplifier_saturation":
+        return spec
+    for _ in range(2):
+        silent = spec.silent().recording("train")
+        d = _distance(spec, silent, family, [])
+        if d < 0.5:
+            # A twin of a base parameter: no size makes it visible.
+            return spec
+        factor = float(np.clip(wanted / max(d, 1e-3), 1e-3, 3.0))
+        effect = EffectTruth(effect.id, effect.port, {**effect.parameters, name: effect.parameters[name] * factor})
+        spec = replace(spec, truth=replace(spec.truth, effects=(effect,)))
+        if 0.7 < factor < 1.4:
+            break
+    return spec
+
+
+def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequence[str]) -> float:
+    model = family.plain()
+    shared = parameters_from_model(
+        model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
+    )
+    loop = LoopSettings()
+    settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
+    read = calibrate([_as_read(spec, silent)], model, shared, settings=settings)
+    (experiment,) = read.experiments
+    assert experiment.measured is not None
+    exact = silent.measured(experiment.outputs)[np.searchsorted(silent.time, experiment.time)]
+    experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
+    plain = replace(read, experiments=(experiment,))
+    with _here(plain.problem()) as simulator:
+        every = range(len(plain.parameters))
+        search = GlobalSearch(Objective(plain, simulator), loop.ascent)
+        first = search.run(every, _here, np.random.default_rng(1)).optimum
+    family.prepare(plain, first, _here)
+    listed = [k for k in known if k in family.declared.effects]
+    calibration, extra = plain, []
+    if listed:
+        offer = family.offer(listed)
+        names = {p.name for id_ in listed for p in family.parameters(id_)}
+        calibration, extra = family.on(plain, offer.model), [p for p in offer.parameters if p.name in names]
+    parameters = calibration.parameters.extended(extra)
+    calibration = replace(calibration, parameters=parameters)
+    truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
+    values = [*plain.parameters.from_search(first.coordinates), *(truth.get(p.name, p.start) for p in extra)]
+    with _here(calibration.problem()) as simulator:
+        found = local_fit(
+            Objective(calibration, simulator), parameters.to_search(np.array(values)), range(len(parameters)),
+            noise=true_noise(spec), settings=LocalFitSettings(hold_noise=True),
+        )  # fmt: skip
+    return float(np.linalg.norm(found.whitened.residual))
+
+
+def _here(problem: Problem) -> Simulator:
+    return open_simulator(problem, workers=0)
+
+
+def _as_read(spec: TrialSpec, silent: Recording) -> Recording:
+    """The noise-free pitch as the encoder counts it, which says where it stands still."""
+    counts = spec.sensors.encoder_counts
+    if not counts:
+        return silent
+    step = 2.0 * np.pi / counts
+    outputs = {**silent.outputs, "theta": np.floor(silent.outputs["theta"] / step + 0.5) * step}
+    return replace(silent, outputs=outputs, sha256="")

@@ -1,0 +1,79 @@
+"""What plain `make` is given, and that nothing leaks from the truth to the fitting side."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+
+import aero_bayes
+from aero_bayes.bench import default_recordings
+from aero_bayes.bench.effects import KINDS
+from aero_bayes.data import read_recording
+
+CATALOGUE = {
+    "electrical": ("supply_resistance brush_drop winding_heating amplifier_deadzone amplifier_saturation"),
+    "rotor": "rotor_coulomb_friction rotor_viscous_friction",
+    "thrust": "thrust_inflow_loss thrust_lag thrust_asymmetry",
+    "body": "pivot_coulomb_friction pivot_presliding_friction body_quadratic_drag gravity_offset cubic_stiffness",
+    "sensor": "current_offset speed_lag pitch_delay pitch_offset",
+}
+
+
+def test_the_catalogue_is_the_contract() -> None:
+    expected = {name: port for port, names in CATALOGUE.items() for name in names.split()}
+    assert {kind.id: kind.port for kind in KINDS.values()} == expected
+
+
+def test_default_recordings(tmp_path: Path) -> None:
+    made = default_recordings(1)
+    assert [one.name for one in (*made.train, *made.test)] == ["train_1", "train_2", "test_1"]
+    assert [effect.id for effect in made.truth.effects] == ["pivot_coulomb_friction"]
+    train, test = made.write(tmp_path)
+    for path, recording in zip((*train, *test), (*made.train, *made.test), strict=True):
+        text = path.read_text()
+        assert "simul" not in text
+        assert "coulomb" not in text
+        read = read_recording(path)
+        np.testing.assert_array_equal(
+            read.measured(("i_m", "omega_m", "theta")), recording.measured(("i_m", "omega_m", "theta"))
+        )
+    assert json.loads((tmp_path / "simulated.json").read_text())["simulated"] is True
+
+
+def test_nothing_that_fits_imports_the_bench_and_it_imports_nothing_of_theirs() -> None:
+    root = Path(aero_bayes.__file__).parent
+    rooms = "export simulation data estimate sample check sensors language ports laws search judge loop"
+    for stage in rooms.split():
+        paths = list((root / stage).rglob("*.py"))
+        assert paths, stage
+        for path in paths:
+            assert not any(name.startswith("aero_bayes.bench") for name in imports(path)), path
+    for path in (root / "bench").rglob("*.py"):
+        for name in imports(path):
+            assert name.split(".")[:2] in (
+                ["aero_bayes", "bench"],
+                ["aero_bayes", "data"],
+                ["aero_bayes", "errors"],
+                ["aero_bayes", "files"],
+            ) or (not name.startswith("aero_bayes")), path
+
+
+def test_the_package_imports_no_study() -> None:
+    studies = {path.stem for path in (Path(__file__).parents[2] / "studies").iterdir()}
+    assert {"paper_replay", "simulated_rigs", "aero_trial"} <= studies
+    for path in Path(aero_bayes.__file__).parent.rglob("*.py"):
+        assert not studies & {name.split(".")[0] for name in imports(path)}, path
+
+
+def imports(path: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found.append("." * node.level + (node.module or ""))
+            found += [f"{node.module}.{alias.name}" for alias in node.names if node.module == "aero_bayes"]
+    return found

@@ -1,0 +1,128 @@
+"""The measuring bench of real rigs: its references, its simulated drive, how answers are judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+import play_drive
+import real_rigs
+import rig_references
+from aero_bayes.config import load_config
+from aero_bayes.export import export_fmu
+from real_rigs_table import judge, table
+
+STARTS = {"tanks": (5.0, 5.0)}
+STEPS = {"play": 0.05, "aero_step": 16.5, "aero_pulse": 16.5, "aero_2dof": 10.0}
+
+
+@pytest.mark.parametrize("name", rig_references.RIGS)
+def test_the_equations_of_a_reference_are_those_of_the_first_model(name: str, tmp_path: Path) -> None:
+    """Simulated as FMU and by hand, with an input that holds between samples."""
+    rig = rig_references.RIGS[name]
+    config = load_config(real_rigs.MODELS / name / "rig.toml")
+    assert set(rig.start) == {n for n, p in config.parameters.items() if p.free} or name in ("aero_step", "aero_pulse")
+    fmu = export_fmu(config.model.name, tmp_path / "Rig.fmu", compiler="embedded", sources=config.model.sources)
+    rate = np.sqrt(rig.start["a"] / rig.start["m"]) if name == "silverbox" else 1.0
+    time = np.arange(0.0, 4.0, 0.01) / rate
+    waves = STEPS[name] + 0.0 * time if name in STEPS else 1.0 + 0.5 * np.sin(3.0 * rate * time)
+    inputs = np.column_stack([waves] * len(rig.inputs))
+    table = np.array([(t, *u) for t, u in zip(time, inputs, strict=True)], [(n, "f8") for n in ("time", *rig.inputs)])
+    parameters = {n: 1.1 * value for n, value in rig.start.items()}
+    found = fmpy.simulate_fmu(
+        str(fmu), fmi_type="CoSimulation", stop_time=time[-1], output_interval=time[1], input=table,
+        start_values=parameters, output=rig.outputs, relative_tolerance=1e-8,
+    )  # fmt: skip
+    start = np.array(STARTS.get(name, (0.0,) * len(rig.steps)))
+    mine = rig.motion({**parameters, "delay": 0.0}, start, time, inputs, False)
+    for column, output in enumerate(rig.outputs):
+        wanted = np.interp(time, found["time"], found[output])
+        assert mine[:, column] == pytest.approx(wanted, rel=2e-4, abs=2e-4 * np.ptp(wanted)), output
+
+
+@pytest.mark.parametrize("name", ["servo", "emps", "tanks", "cartpendulum"])
+def test_a_straight_input_is_one_that_holds_for_ever_shorter_times(name: str) -> None:
+    rig = rig_references.RIGS[name]
+    coarse, fine = np.linspace(0.0, 4.0, 201), np.linspace(0.0, 4.0, 200 * 10 + 1)
+    wave = 1.0 + 0.5 * np.sin(2.0 * coarse)
+    start = np.array(STARTS.get(name, (0.0,) * len(rig.steps)))
+    mine = rig.motion(rig.start, start, coarse, wave[:, np.newaxis], True)
+    middle = np.interp(fine + 0.5 * fine[1], coarse, wave)
+    wanted = rig.motion(rig.start, start, fine, middle[:, np.newaxis], False)[::10]
+    assert mine == pytest.approx(wanted, rel=1e-3, abs=1e-4)
+
+
+def test_a_reference_comes_down_to_the_noise_where_nothing_is_missing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    time = 0.02 * np.arange(400)
+    command = np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+    angle = np.empty(400)
+    angle[0] = 0.3
+    for k in range(399):
+        angle[k + 1] = command[k] + (angle[k] - command[k]) * np.exp(-0.02 / 0.15)
+    path = tmp_path / "train.csv"
+    rows = np.column_stack([time, command, angle + 0.01 * rng.standard_normal(400)])
+    np.savetxt(path, rows, delimiter=",", header="time,command,angle", comments="")
+    found = rig_references.residuals_of("servo", [path], whole=True)
+    assert found["free"]["parameters"]["T"] == pytest.approx(0.15, rel=0.01)
+    assert found["free"]["rms"]["angle"] == pytest.approx(0.01, rel=0.1)
+    assert found["free"]["rms"]["angle"] <= found["as_read"]["rms"]["angle"] < 0.0115
+
+
+def test_the_drive_moves_freely_within_its_play_and_rests_on_its_spring_outside() -> None:
+    a = play_drive.FRICTION / play_drive.INERTIA
+    time = play_drive.INTERVAL * np.arange(30)
+    slow = play_drive.angles(np.full(30, 0.01))
+    speed = play_drive.GAIN * 0.01 / play_drive.FRICTION
+    assert np.abs(slow).max() < play_drive.PLAY
+    assert slow == pytest.approx(speed * (time - (1.0 - np.exp(-a * time)) / a), abs=1e-12)
+    rest = play_drive.angles(np.full(600, 4.0))[-1]
+    assert rest == pytest.approx(play_drive.PLAY + play_drive.GAIN * 4.0 / play_drive.STIFFNESS, rel=1e-6)
+
+
+def test_every_case_has_its_model_and_reference() -> None:
+    for case in real_rigs.cases().values():
+        config = load_config(case.folder / "rig.toml")
+        assert config.model.name
+        assert all(source.is_file() for source in config.model.sources)
+        assert case.folder.name in rig_references.RIGS
+
+
+def row(*named: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, object]:
+    return {
+        "key": "rig", "code": "0", "seconds": 1.0, "outcome": "extended", "named": list(named),
+        "equivalent": [list(ids) for ids in equivalent], "before": {"train": {"y": 0.3}, "test": {"y": 0.4}},
+        "after": {"train": {"y": 0.1}, "test": {"y": 0.2}}, "parameters": {"x_b": {"value": 0.032, "sd": 0.001}},
+    }  # fmt: skip
+
+
+def test_names_are_right_missed_false_or_other() -> None:
+    expected, fine, false = [["overflow@h1"], ["lag@u", "delay@u"]], ["offset@*"], ["gain@*"]
+    best = {start: {"rms": {"y": rms}} for start, rms in (("free", 0.2), ("as_read", 0.3))}
+    answer = row("overflow@h1", "offset@h2", "gain@u", "curve@y")
+    one = judge(answer, best, expected, fine, false, {"x_b": 0.03, "gone": 1.0})
+    assert (one["right"], one["missed"]) == (["overflow@h1"], ["lag@u or delay@u"])
+    assert (one["false"], one["other"]) == (["gain@u"], ["curve@y"])
+    assert one["over_reference"]["free"]["together"] == pytest.approx(1.5)
+    assert one["standard_deviations_off"] == {"x_b": pytest.approx(2.0), "gone": None}
+    same = judge(row("gain@u", equivalent=(("gain@u", "delay@u"),)), {}, expected, fine, false, {})
+    assert (same["right"], same["false"]) == (["gain@u"], [])
+    alone = judge(row("backlash@w", "offset@w"), {}, [["backlash@w"]], [], ["*"], {})
+    assert (alone["right"], alone["false"]) == (["backlash@w"], ["offset@w"])
+    text = table([one, {"key": "other", "code": "0", "seconds": 2.0, "error": "stopped"}])
+    assert "1 of 2 expected names found, 1 false names" in text
+    assert "with the start free: 1 of 1" in text
+    assert "failed: stopped" in text
+
+
+def test_a_case_whose_recordings_are_not_there_is_left_out(tmp_path: Path) -> None:
+    case = real_rigs.Case("rig", ("a.csv",), ("b.csv",))
+    (tmp_path / "a.csv").touch()
+    assert case.find([tmp_path]) is None
+    (tmp_path / "b.csv").touch()
+    assert case.find([tmp_path / "none", tmp_path]) == {
+        "train": [(tmp_path / "a.csv").resolve()], "test": [(tmp_path / "b.csv").resolve()]
+    }  # fmt: skip

@@ -1,0 +1,142 @@
+"""The whole replay: rows, ranks, curves and what goes into result.json."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from aero_closed_form import linear_run
+from click.testing import CliRunner
+
+from aero_bayes.cli import main
+from aero_bayes.schema import RunResult, undeclared
+from aero_bayes.simulation import Outcome
+from paper_replay import paper_recording, replay_paper, write_run
+from paper_replay.published import TABLE_1, TABLE_PARAMETERS
+from paper_replay.result import JOINT, PAPER, RERUN, SCALED
+
+
+@pytest.fixture(scope="module")
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory, told):
+    folder = tmp_path_factory.mktemp("paper")
+    return replay_paper(seed=4, workers=2, out=folder, progress=lambda phase, share, value: told.append(share))
+
+
+def test_every_model_of_the_paper_is_there(replay):
+    for published in TABLE_1:
+        row = replay.row(published.label, PAPER)
+        assert row.paper_fitness == published.fitness
+        assert row.fitness is not None
+    for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
+        assert {row.variant for row in replay.rows if row.model == label} == {PAPER, RERUN, SCALED}
+    labels = [row.label for row in replay.rows]
+    assert len(set(labels)) == len(labels)
+
+
+def test_fitness_is_eq6_of_the_pitch(replay):
+    """Every row under the linear law without nuisances, by an independent solution and a plain sum."""
+    checked = 0
+    for row in replay.rows:
+        if set(row.parameters) != set(TABLE_PARAMETERS) or row.variant == JOINT:
+            continue
+        pitch = linear_run(row.parameters, replay.time)[:, 2]
+        assert row.fitness == pytest.approx(
+            sum((y - x) ** 2 for y, x in zip(replay.measured, pitch, strict=True)), rel=2e-4
+        )
+        assert row.rms["theta"] == pytest.approx(math.sqrt(row.fitness / replay.time.size), rel=1e-9)
+        checked += 1
+    assert checked == 11
+
+
+def test_the_joint_fit_ranks_first(replay):
+    best = min(row.fitness for row in replay.rows if row.variant == JOINT)
+    assert all(best <= row.fitness for row in replay.rows)
+    for label in ("PSO Model 1", "PSO + data sheet", "fmincon"):
+        assert replay.row(label, SCALED).fitness < replay.row(label, PAPER).fitness
+    details = replay.details
+    assert details.swarm_scaled[1].cost < 1e-2 * details.swarm[1].cost
+    assert all(end.cost <= end.start_cost for end in details.exact)
+    assert details.exact[0].cost < min(details.line_search[0].cost, details.interior_point[0].cost)
+
+
+def test_data_choose_the_law_they_were_made_with(replay):
+    linear, quadratic = replay.details.linear, replay.details.quadratic
+    assert quadratic.log_likelihood > linear.log_likelihood + 50.0
+    assert quadratic.rms["i_m"] < linear.rms["i_m"]
+    assert quadratic.value("k_d") == pytest.approx(2.4e-8 * 1.08, rel=0.02)
+    assert quadratic.value("R_a") == pytest.approx(8.4 * 1.07, rel=0.02)
+
+
+def test_curves_of_figure_6(replay):
+    series = replay.series
+    assert {"replay/time", "replay/measured", "replay/Joint fit"} <= set(series)
+    assert all(values.shape == (2001,) and np.isfinite(values).all() for values in series.values())
+    assert {f"replay/{one.label}" for one in TABLE_1} <= set(series)
+    np.testing.assert_allclose(
+        np.sum((series["replay/fmincon"] - replay.measured) ** 2), replay.row("fmincon", PAPER).fitness
+    )
+
+
+def test_goes_into_result_json(replay):
+    entry = json.loads(json.dumps(replay.to_dict(), allow_nan=False))
+    assert {"model", "parameters", "fitness", "paper_fitness", "note"} <= set(entry["rows"][0])
+    assert entry["simulated"] is True
+    assert entry["details"]["visibility"]["relative_sd"]["J_s"] is None
+    assert entry["failures"]["completed"] > 1000
+    assert set(entry["failures"]) == {outcome.key for outcome in Outcome}
+
+
+def test_page_shows_every_row_and_can_be_drawn_again(replay, tmp_path):
+    page = write_run(replay, tmp_path)
+    text = page.read_text("utf-8")
+    result = RunResult.model_validate_json((tmp_path / "result.json").read_text("utf-8"))
+    assert {key.partition(".")[0] for key in undeclared(result)} == {"replay"}  # kept for programs, not shown
+    assert [row.label for row in result.study.rows] == [row.label for row in replay.rows]
+    assert text.count("<small>") >= len(replay.rows)
+    assert all(f"replay/{one.label}" in text for one in TABLE_1)
+    assert CliRunner().invoke(main, ["report", str(tmp_path)]).exit_code == 0
+    assert page.read_text("utf-8") == text
+
+
+def test_notes_stand_on_numbers(replay):
+    notes = " ".join(replay.notes)
+    assert all(re.search(r"\d", note) for note in replay.notes)
+    assert "nan" not in notes
+    assert "simulated" in replay.notes[0]
+    failed = sum(count for kind, count in replay.failures.items() if kind != "completed")
+    assert f"{failed} of {sum(replay.failures.values())} simulations failed" in notes
+    assert "wrong sign" in notes
+
+
+def test_progress_runs_from_nothing_to_all(replay, told):
+    assert told[0] == 0.0
+    assert told[-1] == 1.0
+    assert told == sorted(told)
+
+
+def test_same_seed_same_numbers(replay, tmp_path):
+    """Other number of workers, same rows, notes and curves."""
+    again = replay_paper(seed=4, workers=1, out=tmp_path)
+    first, second = replay.to_dict(), again.to_dict()
+    first.pop("seconds")
+    second.pop("seconds")
+    assert first == second
+    for key, values in replay.series.items():
+        np.testing.assert_array_equal(values, again.series[key])
+
+
+def test_paper_recording() -> None:
+    recording = paper_recording(0)
+    assert recording.rows == 2001
+    assert recording.duration == 40.0
+    np.testing.assert_array_equal(recording.inputs["V_m"], np.where(recording.time < 20.0, 24.0, 0.0))
+    assert paper_recording(0).sha256 == recording.sha256 != paper_recording(1).sha256
+    assert 0.4 < np.nanmax(recording.outputs["theta"]) < 1.5

@@ -1,0 +1,136 @@
+"""The many-rig trial's runner and table, with programs whose answers are known beforehand."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.data import Layout, Quantity, read_recording
+from rig_trial import Answer, Task, answer_of, attempt, tasks_of
+from rig_trial_table import calibration, right_kin, right_law, right_pair, right_place, summarise
+from simulated_rigs import LawTruth, Place, draw_trial
+from simulated_rigs.nodes import connected, same_places
+from trial_runs import run_trials, write_summary
+
+
+def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
+    """A program that always answers the same, having looked at what it was given."""
+    assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
+    layout = Layout((Quantity("P", "W"),), (Quantity("T_heater", "K"), Quantity("T_plate", "K")))
+    test = read_recording(folder / "test.csv", layout=layout)
+    rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
+    found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "odds": 0.9} for one in ids)
+    return Answer("extended" if ids else "adequate", found, equivalent, {"nothing": 1.0}, rms)
+
+
+def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Path) -> None:
+    task = Task(11001, "heat", "law", 1)
+    trial = draw_trial("heat", 1)
+    (law,) = trial.truth.laws
+    ids = same_places(trial, law)
+    rows = {}
+    for name, answer, same in (
+        ("right", ids[0], ()),
+        ("equivalent", "delay@elsewhere", (("delay@elsewhere", ids[-1]),)),
+        ("wrong", "delay@elsewhere", ()),
+    ):
+        program = lambda folder, answer=answer, same=same: says(answer, folder=folder, equivalent=same)  # noqa: E731
+        (rows[name],) = run_trials([task], partial(attempt, program=program), tmp_path / name / "rows.sqlite")
+        assert "error" not in rows[name]
+    assert [right_law(row) for row in rows.values()] == [True, True, False]
+    assert [right_place(row) for row in rows.values()] == [True, True, False]
+    noise = trial.test.outputs["T_plate"] - trial.silent["test"].outputs["T_plate"]
+    expected = np.std(trial.test.outputs["T_plate"]) / np.sqrt(np.mean(noise**2))
+    assert rows["right"]["after_over_noise"]["T_plate"] == pytest.approx(expected)
+    summary, text = summarise(list(rows.values()), 17001, 11001)
+    assert summary["counts"]["d>=20"] + summary["counts"]["8<=d<20"] == (3 if law.d >= 8.0 else 0)
+    assert "right law" in text
+
+
+def test_finished_trials_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
+    tasks = tasks_of(11001, {"none": 2}, ("heat",))
+
+    def fails(folder: Path) -> Answer:
+        raise RuntimeError("no such thing")
+
+    first = run_trials(tasks[:1], partial(attempt, program=_nothing), tmp_path / "rows.sqlite")
+    both = run_trials(tasks, partial(attempt, program=fails), tmp_path / "rows.sqlite")
+    assert both[0] == first[0]
+    assert both[1]["error"] == "RuntimeError: no such thing"
+    summary, text = summarise(both, 17001, 11001)
+    assert summary["counts"]["failed"] == 1
+    assert summary["false_name"] == 0.0
+    assert summary["nothing_missing"] == 1.0
+    assert "no such thing" in text
+    write_summary(summary, tmp_path / "rig_trial.json")
+    assert (tmp_path / "rig_trial.json").stat().st_size > 100
+
+
+def _nothing(folder: Path) -> Answer:
+    return says(folder=folder)
+
+
+def row(what: str, truth: str, found: tuple[str, ...], odds: float = 0.5, **more) -> dict:
+    laws = [{"law": one.partition("@")[0]} for one in truth.split()]
+    return {
+        "key": "k", "rig": "cart", "noise": "white", "what": what, "truth": laws, "d": [30.0] * len(laws),
+        "ids": [[one] for one in truth.split()], "outcome": "extended" if found else "adequate", "equivalent": [],
+        "found": [{"id": one, "port": one.partition("@")[2], "kind": "catalogue"} for one in found], "seconds": 1.0,
+        "odds": {(found or ("nothing",))[0]: odds, "other": 0.01}, "after_over_noise": {"y": 1.0}, **more,
+    }  # fmt: skip
+
+
+def test_rates_and_odds_are_counted() -> None:
+    friction = row("law", "stribeck_friction@v", ("coulomb_friction@v",))
+    assert not right_law(friction)
+    assert right_kin(friction)
+    assert right_place(friction)
+    assert right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u")))
+    assert not right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
+    rows = [row("law", "offset@u", ("offset@u",), 0.97) for _ in range(9)] + [row("law", "lag@y", ("offset@u",), 0.93)]
+    rows += [row("none", "", (), 0.92), row("none", "", ("gain@u",), 0.6)]
+    found = calibration(rows)
+    assert found["given_90"] == {"answers": 11, "right": pytest.approx(10 / 11)}
+    bins = {item["odds"][0]: item for item in found["bins"]}
+    assert (bins[0.95]["answers"], bins[0.95]["right"]) == (9, 1.0)
+    assert (bins[0.9]["answers"], bins[0.9]["right"]) == (2, 0.5)
+    summary, _ = summarise(rows, 17001, 11001)
+    assert summary["right_law"]["d>=20"] == pytest.approx(0.9)
+    assert summary["false_name"] == 0.5
+    shared = row("law", "offset@u", ("offset@u",), 0.5, equivalent=[["offset@u", "offset@v"]])
+    shared["odds"]["offset@v"] = 0.45
+    assert calibration([shared])["given_90"] == {"answers": 1, "right": 1.0}
+
+
+def test_places_go_by_all_their_names() -> None:
+    text = "connect(a.p, b.p);\n connect( c.p , b.p ); connect(d.p, e.n);"
+    assert sorted(map(sorted, connected(text))) == [["a.p", "b.p", "c.p"], ["d.p", "e.n"]]
+    motor, circuit = (draw_trial(name, 0, what="none") for name in ("motor", "circuit"))
+    assert same_places(motor, LawTruth("offset", Place("balance", "w"), {})) == ["offset@w"]
+    assert same_places(motor, LawTruth("lag", Place("output", "speed"), {})) == ["lag@speed", "lag@output_speed"]
+    drop = {id_.partition("@")[2] for id_ in same_places(circuit, LawTruth("heating", Place("balance", "coil.i"), {}))}
+    assert drop == {"coil.i", "coil.p", "coil.n", "source.p"}
+    cart = draw_trial("cart", 0, what="none")
+    names = same_places(cart, LawTruth("coulomb_friction", Place("balance", "mass.v"), {}))
+    assert names[0] == "coulomb_friction@mass.v"
+    assert {"coulomb_friction@mass.flange", "coulomb_friction@drive.flange"} <= set(names)
+
+
+def test_result_json_is_read_by_its_contract() -> None:
+    result = {
+        "loop": {
+            "outcome": "extended",
+            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "odds": 0.8, "parameters": {}}],
+            "equivalent": [["lag@u", "delay@u"]],
+            "after": {"train": {"y": 0.2}, "test": {"y": 0.1}},
+            "steps": [{"odds": {"lag@u": 0.8, "delay@u": 0.2}}],
+        }
+    }
+    answer = answer_of(result)
+    assert answer.found[0]["id"] == "lag@u"
+    assert answer.equivalent == (("lag@u", "delay@u"),)
+    assert answer.odds == {"lag@u": 0.8, "delay@u": 0.2}
+    assert answer.unseen == {"y": 0.1}
