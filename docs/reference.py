@@ -86,7 +86,7 @@ KEYS: Mapping[str, str] = {
     "fit.local.starts": "points of the swarm that it starts from",
     "noise.process": 'diffusion by state, in its unit over the square root of a second, or `"estimated"`; every reading\'s '
     "noise is then white and estimated beside it",
-    "noise.initial_sd": "with process noise, standard deviation of a state's initial value; zero for those not named",
+    "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard deviation)",
     "posterior.ensembles": "independent ensembles of walkers",
     "posterior.walkers": "walkers of an ensemble; left out: twice the dimension and two",
     "posterior.max_steps": "most steps of the kept chain",

@@ -27,6 +27,7 @@ from aero_bayes.simulation.interface import (
     Problem,
     ProcessNoise,
     SolverSettings,
+    StartTarget,
 )
 from aero_bayes.simulation.model import Model
 
@@ -253,6 +254,8 @@ def calibrate(
     experiments: list[Experiment] = []
     nuisances: list[Parameter] = []
     floors: dict[str, float] = {}
+    noise = noise or NoiseModel()
+    uncertain = {model.states[model.state_index(name)].name for name in noise.initial_sd}
     for index, recording in enumerate(recordings):
         missing = [name for name in recording.inputs if name not in driven]
         if missing:
@@ -260,7 +263,8 @@ def calibrate(
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
-        nuisances += extra
+        start = {name: value for name, value in start.items() if name not in uncertain}
+        nuisances += [p for p in extra if not (isinstance(p.target, StartTarget) and p.target.state in uncertain)]
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
         whole.append(experiment)
@@ -271,7 +275,7 @@ def calibrate(
         _check_inputs(recordings, limit, "delay")
         nuisances += _delays(whole, limit, settings.delay)
     process = None
-    if noise is not None and noise.process:
+    if noise.process:
         process, extra = process_parameters(noise, model, experiments, floors)
         nuisances += extra
     # What the caller searches as a parameter of his own is no nuisance beside it.
@@ -283,7 +287,7 @@ def calibrate(
         tuple(recording.name for recording in recordings),
         parameters.extended(new),
         dict(fixed or {}),
-        noise or NoiseModel(),
+        noise,
         settings.solver,
         tuple(recordings),
         floors,

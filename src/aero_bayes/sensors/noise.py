@@ -80,7 +80,8 @@ class NoiseModel:
         Process noise by state: its diffusion in the state's unit over the square root of a second. Each of these states
         gains ``diffusion dW``, with W a Wiener process of its own; the noise of all readings is then white.
     initial_sd : mapping of str to float
-        With process noise, the standard deviation of a state's initial value; zero for states that are not named.
+        With process noise, how far a state's initial value may be off the model's own: its standard deviation. Other
+        states start as without process noise.
 
     Examples
     --------
