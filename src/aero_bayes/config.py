@@ -116,8 +116,10 @@ class FitSection(Section):
 
 
 class NoiseSection(Section):
-    """``[noise]``: process noise of states. ``[noise.process]`` gives each of them its diffusion, in the state's unit over
-    the square root of a second, or has it estimated; ``[noise.initial_sd]`` how far its initial value may be off.
+    """``[noise]``: process noise of states.
+
+    ``[noise.process]`` gives each of them its diffusion, in the state's unit over the square root of a second, or has
+    it estimated; ``[noise.initial_sd]`` says how far its initial value may be off.
     """
 
     process: dict[str, NotNegative | Literal["estimated"]] = Field(default_factory=dict)

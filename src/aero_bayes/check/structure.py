@@ -194,7 +194,13 @@ def inspect(
     for k, own in enumerate(series):
         residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
         assert slopes is not None
-        rows, _ = whiten(np.vstack([residual[None], slopes[k]]), own.sampling, noise)
+        rows = np.vstack([residual[None], slopes[k]])
+        floor, size = floors.get((calibration.names[own.experiment], own.output)), noise.sd
+        if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
+            sd = fit.evaluation.sd[k]
+            rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))
+        else:
+            rows, _ = whiten(rows, own.sampling, noise)
         innovations, white = rows[0], rows[1:]
         states = _states(calibration, series, fit, own, units)
         turning = any(s.experiment == own.experiment and is_rotor(s.measured, units.get(s.output, "")) for s in series)
@@ -204,7 +210,6 @@ def inspect(
         ]
         tests += [smooth_structure(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
-        floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
         structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
         lags, acf = autocorrelation(residual, own.sampling.interval)
@@ -212,7 +217,7 @@ def inspect(
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.names[own.experiment], own.output, rms, floor, noise.sd, tuple(tests), lags, acf,
+                calibration.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
                 correlations, window, share, "structured" if structured else "adequate",
             )
         )  # fmt: skip

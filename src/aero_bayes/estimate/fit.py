@@ -357,9 +357,10 @@ def _finish(search: GlobalSearch, ascent: GlobalSearchResult, settings: FitSetti
         swarm=ascent.swarm,
         iterations=ascent.iterations,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
-        warnings=structure_warnings(calibration, residual, here.noise),
+        warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
         seconds=seconds,
         engine=settings.engine,
+        states=objective.smoothed_states(values) if objective.filtered else (),
     )
 
 

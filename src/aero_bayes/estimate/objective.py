@@ -26,6 +26,7 @@ from aero_bayes.simulation.interface import (
     Simulator,
     Trajectories,
 )
+from aero_bayes.simulation.smoothing import SmoothedStates, smooth
 
 FloatArray = NDArray[np.float64]
 #: Noise of an output that does not count, over its range.
@@ -263,7 +264,7 @@ class Objective:
 
     @property
     def filtered(self) -> bool:
-        """Whether the likelihood is a filter's: there is process noise, and the reading noise is among the parameters."""
+        """Whether the likelihood is a filter's: there is process noise, and the parameters include the readings'."""
         return self.calibration.process is not None
 
     def reading_noise(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
@@ -276,7 +277,7 @@ class Objective:
         }
 
     def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """What is compared with the readings at SI values (p,): outputs (n, m) of each experiment, simulated or filtered.
+        """Outputs (n, m) of each experiment at SI values (p,), simulated or predicted by the filter.
 
         Raises
         ------
@@ -289,6 +290,20 @@ class Objective:
         found = cast(Filter, self.simulator).filter(rows)
         self._count(found.outcomes)
         return tuple(y[0] for y in found.predicted)
+
+    def by_output(self, rows: FloatArray) -> dict[str, FloatArray]:
+        """Values (N,) of all series end to end, by output."""
+        parts: dict[str, list[FloatArray]] = {output: [] for output in self.outputs}
+        ends = np.cumsum([series.sampling.size for series in self.series])
+        for series, values in zip(self.series, np.split(rows, ends[:-1]), strict=True):
+            parts[series.output].append(values)
+        return {output: np.concatenate([*values, np.zeros(0)]) for output, values in parts.items()}
+
+    def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
+        """States of each recording at SI values (p,), given all its readings; only with process noise."""
+        found = cast(Filter, self.simulator).filtered_states(values)
+        self._count(np.zeros(len(found), dtype=np.uint8))
+        return tuple(smooth(states, y) for states, y in zip(found, self.calibration.measured, strict=True))
 
     # reduced in the engine
 

@@ -22,6 +22,8 @@ from aero_bayes.simulation.spec import check_process
 
 FloatArray = NDArray[np.float64]
 
+#: What the name of a diffusion's parameter begins with; the state follows.
+DIFFUSION_PREFIX = "process."
 #: Prior of a diffusion: its median moves the state by this share of its range over a recording.
 DIFFUSION_SHARE = 0.1
 #: Prior of the reading noise: its median as a share of the output's range.
@@ -60,7 +62,7 @@ def process_parameters(
     duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
     found = [
         _parameter(
-            f"process.{name}", f"{state.unit}/s^0.5" if state.unit else "1/s^0.5",
+            f"{DIFFUSION_PREFIX}{name}", f"{state.unit}/s^0.5" if state.unit else "1/s^0.5",
             DIFFUSION_SHARE * sizes[state.name] / math.sqrt(duration), f"diffusion of {name}", DiffusionTarget(name),
         )
         for name, state in zip(wanted, states, strict=True)

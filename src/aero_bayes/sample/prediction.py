@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import as_recording, run_problem
+from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
+from aero_bayes.sample.predictive import Predictive, edges, of_outputs, of_readings, recording_log_density
 from aero_bayes.show import table_html
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -164,16 +164,21 @@ def predict_recording(
     chosen = points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
     values = np.tile(fit.values, (len(chosen), 1))
     values[:, list(fit.free)] = chosen[:, : len(fit.free)]
-    found = run_problem(calibration, recording, values, workers=workers, engine=fit.engine)
+    unread = np.full(recording.rows, np.nan)
+    measured = np.column_stack([recording.outputs.get(o, unread) for o in fit.outputs])
+    rng = np.random.default_rng(seed)
+    run = run_filter if calibration.process is not None else run_problem
+    found = run(calibration, recording, values, workers=workers, engine=fit.engine)
     good = found.outcomes[:, 0] == Outcome.OK
     if not good.any():
         raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
-    noise = NoiseLayout.of(calibration, fit.noise).unpack(np.log(chosen[:, len(fit.free) :]))[good, 0]
-    outputs = found.outputs[0][good]
-    unread = np.full(recording.rows, np.nan)
-    measured = np.column_stack([recording.outputs.get(o, unread) for o in fit.outputs])
-    density = recording_log_density(recording.time, measured - outputs, noise)
-    density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
-    rng = np.random.default_rng(seed)
-    part = summarise(recording.time, outputs.astype(np.float32), noise, density, rng, _STORED, _BLOCKS)
+    if isinstance(found, Filtered):
+        y, variance = found.predicted[0][good], found.variance[0][good]
+        part = of_readings(recording.time, measured, y, variance, rng, _STORED, _BLOCKS)
+    else:
+        noise = NoiseLayout.of(calibration, fit.noise).unpack(np.log(chosen[:, len(fit.free) :]))[good, 0]
+        density = recording_log_density(recording.time, measured - found.outputs[0][good], noise)
+        density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
+        y = found.outputs[0][good].astype(np.float32)
+        part = of_outputs(recording.time, y, noise, density, rng, _STORED, _BLOCKS)
     return RecordingPrediction(calibration.model, recording, fit.outputs, part)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sensors.innovations import reading_log_density
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import Filter, Outcome
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +78,8 @@ def predict(
     CannotFinishError
         If no draw can be simulated.
     """
+    if joint.target.objective.filtered:
+        return _filtered(joint, points[:, : len(joint.target.free)], rng, stored, blocks)
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
     experiments = joint.target.calibration.experiments
@@ -95,9 +98,48 @@ def predict(
         raise CannotFinishError("no draw of the posterior could be simulated over the recordings")
     sd = np.concatenate(kept_noise)
     return tuple(
-        summarise(experiment.time, np.concatenate(collected[e]), sd, np.concatenate(densities[e]), rng, stored, blocks)
-        for e, experiment in enumerate(experiments)
+        of_outputs(e.time, np.concatenate(y), sd, np.concatenate(density), rng, stored, blocks)
+        for e, y, density in zip(experiments, collected, densities, strict=True)
     )
+
+
+def of_outputs(
+    time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, rng: np.random.Generator,
+    stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """From simulated outputs (k, n, m), noise triples (k, m, 3) and the density of each block (k, b)."""
+    sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
+    return summarise(time, outputs, sd, lambda rows: noise_draws(rng, time[rows], noise), density, stored, blocks)
+
+
+def _filtered(
+    joint: JointTarget, coordinates: FloatArray, rng: np.random.Generator, stored: int, blocks: int
+) -> tuple[Predictive, ...]:
+    """With process noise each reading is predicted from all before it, by the filter of each draw."""
+    found = cast(Filter, joint.target.simulator).filter(joint.target.values(coordinates))
+    good = np.all(found.outcomes == Outcome.OK, axis=1)
+    if not good.any():
+        raise CannotFinishError("no draw of the posterior could be filtered over the recordings")
+    return tuple(
+        of_readings(e.time, np.asarray(e.measured), y[good], variance[good], rng, stored, blocks)
+        for e, y, variance in zip(
+            joint.target.calibration.experiments, found.predicted, found.variance, strict=True
+        )
+    )  # fmt: skip
+
+
+def of_readings(
+    time: FloatArray, measured: FloatArray, predicted: FloatArray, variance: FloatArray, rng: np.random.Generator,
+    stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """From predictions (k, n, m) of independent readings, and their variances."""
+    density = np.nansum(-0.5 * ((measured - predicted) ** 2 / variance + np.log(2.0 * np.pi * variance)), axis=2)
+    bounds = edges(time.size, blocks)
+    sd = np.sqrt(variance)
+    return summarise(
+        time, predicted.astype(np.float32), sd, lambda rows: sd[:, rows] * rng.standard_normal(sd[:, rows].shape),
+        np.add.reduceat(density, bounds[:-1], axis=1), stored, blocks,
+    )  # fmt: skip
 
 
 def edges(n: int, blocks: int) -> NDArray[np.int64]:
@@ -121,7 +163,7 @@ def _simulated(
             yield rows[good], tuple(y[good] for y in result.outputs), tuple(y[good] for y in likely.outputs)
 
 
-def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
+def noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
     """Draws of the noise, shape (k, n, m), for noise triples (k, m, 3)."""
     k, m = noise.shape[:2]
     white, ou, tau = np.moveaxis(noise, 2, 0)
@@ -138,25 +180,42 @@ def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> Flo
 def summarise(
     time: FloatArray,
     outputs: NDArray[np.float32],
-    noise: FloatArray,
+    sd: FloatArray,
+    noise: Callable[[NDArray[np.int64]], FloatArray],
     density: FloatArray,
-    rng: np.random.Generator,
     stored: int,
     blocks: int,
 ) -> Predictive:
+    """Bands and draws of readings.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    outputs : ndarray, shape (k, n, m)
+        Of k draws, without noise.
+    sd : ndarray, shape (k, 1, m) or (k, n, m)
+        Of the readings about them.
+    noise : callable
+        Draws of the noise, shape (k, r, m), at some r rows.
+    density : ndarray, shape (k, b)
+        Log-density of each block's readings.
+    stored : int
+        Rows of which whole draws are kept.
+    blocks : int
+    """
     _, n, m = outputs.shape
     lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
     fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))
-    total = np.hypot(noise[:, :, 0], noise[:, :, 1])
+    variance = np.broadcast_to(np.mean(sd**2, axis=0), (n, m))
     for first in range(0, n, 4000):
         part = outputs[:, first : first + 4000].astype(np.float64)
         fit_lower[first : first + 4000], fit_upper[first : first + 4000] = np.quantile(part, [0.05, 0.95], axis=0)
-        spread = 1.6448536269514722 * np.sqrt(np.mean(total**2, axis=0) + part.var(axis=0))
+        spread = 1.6448536269514722 * np.sqrt(variance[first : first + 4000] + part.var(axis=0))
         centre = part.mean(axis=0)
         median[first : first + 4000] = centre
         lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
     chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
-    draws = outputs[:, chosen].astype(np.float64) + _noise(rng, time[chosen], noise)
+    draws = outputs[:, chosen].astype(np.float64) + noise(chosen)
     bounds = edges(n, blocks)
     return Predictive(
         time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,

@@ -45,6 +45,7 @@ class RunResult(Part):
     recordings: list[RecordingResult] = []
     parameters: dict[str, ParameterResult] = {}
     noise: dict[str, NoiseResult] = {}
+    process_noise: dict[str, ParameterResult] = {}
     sensors: dict[str, SensorResult] = {}
     fit: FitResult = FitResult()
     identifiability: Identifiability = Identifiability()

@@ -31,8 +31,9 @@ _MAX_STEP_DEVIATION = 1e-3
 class OutputNoise:
     """Noise of one output: white (``sd_white``) plus Ornstein-Uhlenbeck (``sd_ou``, ``tau`` in s; zero for none).
 
-    ``white_seen`` is False where the data cannot tell white noise from none, and where it is one of the parameters. ``held`` marks the weight of an error that
-    no noise describes, so that the model must be at fault: its size is the residual's own and is not searched.
+    ``white_seen`` is False where the data cannot tell white noise from none, and where it is one of the parameters.
+    ``held`` marks the weight of an error that no noise describes, so that the model must be at fault: its size is the
+    residual's own and is not searched.
     """
 
     sd_white: float
