@@ -190,10 +190,12 @@ typedef struct {
     double *phi, *q;              /* of one step */
     double *middle, *end;         /* Jacobians */
     double *omega, *noise, *term, *work, *power, *part, *spare;
+    double *last_omega, *last_noise; /* exponents of the last transition */
     double *rate;                 /* variance that each state gains in a second */
     double *x, *before, *gain, *slope;
     double *variance, *y, *h;     /* of the readings, outputs and their slopes by the states (m x n) */
     double log_likelihood;
+    int begun; /* there is a last transition */
 } Kalman;
 
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */

@@ -6,7 +6,8 @@
 #include "engine.h"
 
 #define LOG_2PI 1.8378770664093454836
-enum { TERMS = 20 }; /* of the exponential series, at a norm of a quarter */
+enum { TERMS = 20 };   /* of the exponential series, at a norm of a quarter */
+#define ENOUGH 1e-13   /* a term that is smaller, of the largest number of the sum, ends the series */
 
 static double *reals(size_t count) { return calloc(count + 1, sizeof(double)); }
 
@@ -23,14 +24,14 @@ int kalman_open(Run *r)
     if (r->kalman) return 1;
     const size_t n = (size_t)r->n, m = (size_t)r->e->m, square = n * n;
     Kalman *k = calloc(1, sizeof *k);
-    double *at = k ? reals(13 * square + 5 * n + 2 * m + m * n) : NULL;
+    double *at = k ? reals(15 * square + 5 * n + 2 * m + m * n) : NULL;
     if (!at) {
         free(k);
         return 0;
     }
     k->memory = at;
     double **squares[] = {&k->p, &k->f, &k->phi, &k->q, &k->middle, &k->end, &k->omega,
-                          &k->noise, &k->term, &k->work, &k->power, &k->part, &k->spare};
+                          &k->noise, &k->term, &k->work, &k->power, &k->part, &k->spare, &k->last_omega, &k->last_noise};
     for (size_t i = 0; i < sizeof squares / sizeof *squares; i++, at += square) *squares[i] = at;
     double **vectors[] = {&k->rate, &k->x, &k->before, &k->gain, &k->slope};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++, at += n) *vectors[i] = at;
@@ -72,23 +73,23 @@ void kalman_begin(Run *r)
         if (t->kind == TARGET_READING_NOISE) k->variance[t->a] = square;
     }
     k->log_likelihood = 0.0;
+    k->begun = 0;
     identity(k->f, n);
 }
 
 /* c = a b */
-static void product(double *c, const double *a, const double *b, int n)
+static inline void product(double *restrict c, const double *restrict a, const double *restrict b, int n)
 {
-    memset(c, 0, sizeof *c * (size_t)(n * n));
     for (int i = 0; i < n; i++)
-        for (int k = 0; k < n; k++) {
-            const double v = a[i * n + k];
-            if (v != 0.0)
-                for (int j = 0; j < n; j++) c[i * n + j] += v * b[k * n + j];
+        for (int j = 0; j < n; j++) {
+            double v = 0.0;
+            for (int k = 0; k < n; k++) v += a[i * n + k] * b[k * n + j];
+            c[i * n + j] = v;
         }
 }
 
 /* a p a' into p, with `work` between */
-static void sandwich(double *p, const double *a, double *work, int n)
+static inline void sandwich(double *restrict p, const double *restrict a, double *restrict work, int n)
 {
     product(work, a, p, n);
     for (int i = 0; i < n; i++)
@@ -131,6 +132,16 @@ static double largest(const double *a, int n)
     return size;
 }
 
+/* Are these the exponents of the last step, up to the rounding of its length? Then so is the transition. */
+static int same(double *last, const double *now, int n)
+{
+    const double near = 1e-12 * largest(now, n);
+    int equal = 1;
+    for (int i = 0; i < n * n; i++) equal &= fabs(last[i] - now[i]) <= near;
+    if (!equal) memcpy(last, now, sizeof *last * (size_t)(n * n));
+    return equal;
+}
+
 /* k->phi = exp(omega) - 1 and k->q = int_0^1 exp(omega s) noise exp(omega' s) ds: series over a part of the interval
  * that is short enough, and as many doublings. */
 static void transition(Kalman *k, int n)
@@ -160,7 +171,7 @@ static void transition(Kalman *k, int n)
                 k->term[i * n + j] = scale * (k->spare[i * n + j] + k->spare[j * n + i]);
                 k->q[i * n + j] += k->term[i * n + j];
             }
-        if (largest(k->power, n) <= 1e-17 * largest(k->phi, n) && largest(k->term, n) <= 1e-17 * largest(k->q, n)) break;
+        if (largest(k->power, n) <= ENOUGH * largest(k->phi, n) && largest(k->term, n) <= ENOUGH * largest(k->q, n)) break;
     }
     for (int d = 0; d < doublings; d++) {
         memcpy(k->term, k->q, sizeof *k->q * (size_t)(n * n));
@@ -190,7 +201,9 @@ int kalman_step(Run *r, double h, double fraction)
     if (worse(status = rhs(r, r->t + fraction * h, r->x1, r->f1))) return status;
     if (worse(status = jacobian(r, r->t + fraction * h, r->x1, r->f1, k->end))) return status;
     exponents(k, r->jac, fraction * h, n);
-    transition(k, n);
+    const int known = same(k->last_omega, k->omega, n) & same(k->last_noise, k->noise, n);
+    if (!known || !k->begun) transition(k, n);
+    k->begun = 1;
     sandwich(k->p, k->phi, k->work, n);
     for (int i = 0; i < n * n; i++) k->p[i] += k->q[i];
     if (r->mode == MODE_FILTER_STATES) {
