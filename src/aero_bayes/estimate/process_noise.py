@@ -62,7 +62,7 @@ def process_parameters(
     duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
     found = [
         _parameter(
-            f"{DIFFUSION_PREFIX}{name}", f"{state.unit}/s^0.5" if state.unit else "1/s^0.5",
+            f"{DIFFUSION_PREFIX}{name}", f"{state.unit or 1}/sqrt(s)",
             DIFFUSION_SHARE * sizes[state.name] / math.sqrt(duration), f"diffusion of {name}", DiffusionTarget(name),
         )
         for name, state in zip(wanted, states, strict=True)
