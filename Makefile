@@ -115,7 +115,7 @@ ablation: setup ## the development trials with each part of the search left out 
 	$(BIN)/python studies/ablation.py --out reports
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[export,fleet]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet]'
 	test -e reports/fleet/simulated/fleet.toml || $(BIN)/python studies/simulate_fleet.py --rigs 12 --out reports/fleet/simulated --seed $(SEED)
 	$(RUN) fleet --config $(or $(CONFIG),reports/fleet/simulated/fleet.toml) --out $(or $(OUT),reports/fleet) --dask local --seed $(SEED)
 

@@ -32,7 +32,7 @@ OTHERS = {
 
 
 def print_goals(path: Path) -> None:
-    """The figures with their goals, met or not."""
+    """Print the figures with their goals, met or not."""
     report = json.loads(path.read_text())
     print(f"\n{'figure':<66} {'goal':>10} {'measured':>12}")
     for goal in GOALS:
@@ -52,7 +52,7 @@ def main() -> None:
     for part in (bench_engine, bench_sampling):
         part.run(options.out, options.rounds)
     print_goals(options.out / "bench.json")
-    bench_plot.draw(options.out / "bench.json", options.out / "bench.svg")
+    bench_plot.draw_bench(options.out / "bench.json", options.out / "bench.svg")
     print(f"\n{time.perf_counter() - began:.0f} s; written: {options.out / 'bench.json'}, {options.out / 'bench.svg'}")
 
 

@@ -11,7 +11,7 @@ from aero_bayes.estimate.target import Target
 
 
 def density(fit: Fit, target: Target) -> Callable[[np.ndarray], np.ndarray]:
-    """Log-posterior of the eight parameters with the noise held."""
+    """Make the log-posterior of the eight parameters with the noise held."""
     noise = target.objective.noise_rows(fit.noise)
 
     def value(points: np.ndarray) -> np.ndarray:

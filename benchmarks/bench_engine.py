@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from bench_growth import memory, states
-from harness import Route, Row, measure, ratio, update
+from harness import Route, TimingRow, ratio, time_routes, update
 
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
@@ -36,27 +36,27 @@ GROUPS = ("one run", "cores", "sensitivities", "noise", "growth", "states")
 TOLERANCE = 1e-6
 
 
-def experiment(samples: int = 2001, seconds: float = 40.0) -> Experiment:
-    """24 V, then 0 V from half time on."""
+def paper_experiment(samples: int = 2001, seconds: float = 40.0) -> Experiment:
+    """Make the paper's experiment: 24 V, then 0 V from half time on."""
     time = np.linspace(0.0, seconds, samples)
     signal = InputSignal("V_m", np.array([0.0, seconds / 2]), np.array([24.0, 0.0]))
     return Experiment(time, OUTPUTS, (signal,), measured=np.zeros((samples, 3)))
 
 
-def problem(model: Model, what: Experiment, tolerance: float = TOLERANCE) -> Problem:
-    """Eight parameters free."""
+def paper_problem(model: Model, what: Experiment, tolerance: float = TOLERANCE) -> Problem:
+    """Pose the problem with eight parameters free."""
     targets = tuple(ParameterTarget(name) for name in PARAMETERS)
     return Problem(model, (what,), (targets,), settings=SolverSettings(tolerance, tolerance))
 
 
 def nominal(model: Model, n: int = 1) -> np.ndarray:
-    """The model's own values, n rows varied by 2 %."""
+    """Return the model's own values, n rows varied by 2 %."""
     values = np.array([model.parameter(name).start for name in PARAMETERS], dtype=float)
     return values * np.exp(0.02 * np.random.default_rng(0).standard_normal((n, len(PARAMETERS))) * (n > 1))
 
 
 def fmpy_route(model: Model, kind: str, folder: Path) -> Any:
-    """FMPy as a user would write it, unpacked, described and loaded once."""
+    """Time FMPy as a user would write it, unpacked, described and loaded once."""
     from fmpy import extract, read_model_description, simulate_fmu
 
     unpacked = extract(str(model.path), str(folder / kind))
@@ -83,7 +83,7 @@ def fmpy_route(model: Model, kind: str, folder: Path) -> Any:
 
 
 def casadi_route(model: Model, folder: Path) -> Any:
-    """CasADi importing the FMU, cvodes, one segment either side of the jump."""
+    """Time CasADi, which imports the FMU: cvodes, one segment either side of the jump."""
     import casadi
     from fmpy import extract
 
@@ -109,9 +109,9 @@ def casadi_route(model: Model, folder: Path) -> Any:
     return call
 
 
-def one_run(model: Model, folder: Path, rounds: int) -> tuple[dict[str, Row], float]:
-    """Every route for the same run."""
-    what = problem(model, experiment())
+def one_run(model: Model, folder: Path, rounds: int) -> tuple[dict[str, TimingRow], float]:
+    """Time every route for the same run."""
+    what = paper_problem(model, paper_experiment())
     tight = replace(what, settings=replace(what.settings, relative_tolerance=1e-10, absolute_tolerance=1e-10))
     values, batch = nominal(model), nominal(model, 100)
     with open_simulator(tight, "fmpy") as reference:
@@ -145,13 +145,13 @@ def one_run(model: Model, folder: Path, rounds: int) -> tuple[dict[str, Row], fl
             Route("one run", "engine, one run a call, worker", lambda: remote.simulate(values), error=engine_error),
             Route("one run", "engine, batch of 100, one core", lambda: remote.simulate(batch), 100, engine_error),
         ]
-        rows = measure(routes, rounds)
+        rows = time_routes(routes, rounds)
     return rows, engine_error
 
 
-def cores(model: Model, rounds: int) -> dict[str, Row]:
-    """The same batch on one and on two workers."""
-    what = problem(model, experiment())
+def cores(model: Model, rounds: int) -> dict[str, TimingRow]:
+    """Time the same batch on one and on two workers."""
+    what = paper_problem(model, paper_experiment())
     values, noise = nominal(model, 1000), np.array([1.0, 0.0, 0.0])
     with WorkerPool(1) as one, WorkerPool(2) as two:
         a, b = NativeSimulator(what, pool=one), NativeSimulator(what, pool=two)
@@ -159,12 +159,12 @@ def cores(model: Model, rounds: int) -> dict[str, Row]:
             Route("cores", "log-likelihood, batch of 1000, one core", lambda: a.log_likelihood(values, noise), 1000),
             Route("cores", "log-likelihood, batch of 1000, two cores", lambda: b.log_likelihood(values, noise), 1000),
         ]
-        return measure(routes, rounds)
+        return time_routes(routes, rounds)
 
 
-def sensitivities(model: Model, rounds: int) -> dict[str, Row]:
-    """Plain against with sensitivities, as trajectories and reduced."""
-    what = problem(model, experiment())
+def sensitivities(model: Model, rounds: int) -> dict[str, TimingRow]:
+    """Time runs without and with sensitivities, as trajectories and reduced."""
+    what = paper_problem(model, paper_experiment())
     values, noise = nominal(model, 50), np.array([1.0, 0.0, 0.0])
     with WorkerPool(0) as here:
         s = NativeSimulator(what, pool=here)
@@ -183,12 +183,12 @@ def sensitivities(model: Model, rounds: int) -> dict[str, Row]:
             Route("sensitivities", "log-likelihood", lambda: s.log_likelihood(values, noise), 50),
             Route("sensitivities", "Gauss-Newton, 8", lambda: s.gauss_newton(values, noise, active=range(8)), 50),
         ]
-        return measure(routes, rounds)
+        return time_routes(routes, rounds)
 
 
-def noise(model: Model, rounds: int) -> dict[str, Row]:
-    """White against correlated noise at 30,000 samples."""
-    what = problem(model, experiment(30_001, 30.0))
+def noise(model: Model, rounds: int) -> dict[str, TimingRow]:
+    """Time white against correlated noise at 30,000 samples."""
+    what = paper_problem(model, paper_experiment(30_001, 30.0))
     values = nominal(model, 20)
     with WorkerPool(0) as here:
         s = NativeSimulator(what, pool=here)
@@ -196,33 +196,33 @@ def noise(model: Model, rounds: int) -> dict[str, Row]:
             Route("noise", f"30,001 samples, {name}", lambda sd=sd: s.log_likelihood(values, np.array(sd)), 20)
             for name, sd in (("white", (1.0, 0.0, 0.0)), ("white + Ornstein-Uhlenbeck", (1.0, 0.5, 0.1)))
         ]
-        return measure(routes, rounds)
+        return time_routes(routes, rounds)
 
 
-def growth(model: Model, rounds: int) -> dict[str, Row]:
-    """How time grows with samples, recordings, tolerance and batch."""
+def growth(model: Model, rounds: int) -> dict[str, TimingRow]:
+    """Time runs over samples, recordings, tolerance and batch."""
     routes = []
     white = np.array([1.0, 0.0, 0.0])
     with WorkerPool(0) as here:
         for samples in (2_001, 20_001, 200_001):
-            s = NativeSimulator(problem(model, experiment(samples)), pool=here)
+            s = NativeSimulator(paper_problem(model, paper_experiment(samples)), pool=here)
             v = nominal(model, 5)
             routes.append(Route("growth", f"{samples:,} samples", lambda s=s, v=v: s.log_likelihood(v, white), 5))
         for count in (1, 4, 16):
-            base = problem(model, experiment())
+            base = paper_problem(model, paper_experiment())
             many = replace(base, experiments=base.experiments * count, targets=base.targets * count)
             s = NativeSimulator(many, pool=here)
             v = nominal(model, 5)
             routes.append(Route("growth", f"{count} recordings", lambda s=s, v=v: s.log_likelihood(v, white), 5))
         for tolerance in (1e-4, 1e-5, 1e-6, 1e-8):
-            s = NativeSimulator(problem(model, experiment(), tolerance), pool=here)
+            s = NativeSimulator(paper_problem(model, paper_experiment(), tolerance), pool=here)
             v = nominal(model, 20)
             routes.append(Route("growth", f"tolerance {tolerance:g}", lambda s=s, v=v: s.log_likelihood(v, white), 20))
         for n in (1, 10, 100, 1000):
-            s = NativeSimulator(problem(model, experiment()), pool=here)
+            s = NativeSimulator(paper_problem(model, paper_experiment()), pool=here)
             v = nominal(model, n)
             routes.append(Route("growth", f"batch of {n}", lambda s=s, v=v: s.log_likelihood(v, white), n))
-        return measure(routes, rounds)
+        return time_routes(routes, rounds)
 
 
 def run(out: Path, rounds: int = 15, fmu: Path | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from harness import Route, Row, measure
+from harness import Route, TimingRow, time_routes
 
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
@@ -24,7 +24,7 @@ SIZES = (4, 16, 64)
 
 
 def ladder(n: int) -> str:
-    """Modelica of an RC ladder of n sections: n states, each coupled to its neighbours."""
+    """Write the Modelica of an RC ladder of n sections: n states, each coupled to its neighbours."""
     lines = [f"model Ladder{n}", "  parameter Real R = 1.0;", "  parameter Real C = 0.1;", "  input Real u;"]
     lines += ["  output Real y;", *(f"  Real v{i}(start = 0, fixed = true);" for i in range(n)), "equation"]
     for i in range(n):
@@ -35,7 +35,7 @@ def ladder(n: int) -> str:
 
 
 def ladder_problem(n: int, folder: Path) -> Problem:
-    """The ladder's step response, 2,001 samples, two parameters."""
+    """Pose the ladder's step response, 2,001 samples, two parameters."""
     source = folder / f"Ladder{n}.mo"
     source.write_text(ladder(n))
     model = Model.load(export_fmu(f"Ladder{n}", folder / f"Ladder{n}.fmu", sources=[source]))
@@ -44,8 +44,8 @@ def ladder_problem(n: int, folder: Path) -> Problem:
     return Problem(model, (experiment,), ((ParameterTarget("R"), ParameterTarget("C")),))
 
 
-def states(folder: Path, rounds: int) -> dict[str, Row]:
-    """Log-likelihoods and Gauss-Newton products of models with more and more states."""
+def states(folder: Path, rounds: int) -> dict[str, TimingRow]:
+    """Time log-likelihoods and Gauss-Newton products of models with more and more states."""
     routes = []
     values = np.tile([1.0, 0.1], (5, 1))
     with WorkerPool(0) as here:
@@ -60,11 +60,11 @@ def states(folder: Path, rounds: int) -> dict[str, Row]:
                     5,
                 ),
             ]
-        return measure(routes, rounds)
+        return time_routes(routes, rounds)
 
 
 def peak_mib(process: int) -> float:
-    """The most memory that a process has held, in MiB."""
+    """Return the most memory that a process has held, in MiB."""
     for line in Path(f"/proc/{process}/status").read_text().splitlines():
         if line.startswith("VmHWM:"):
             return float(line.split()[1]) / 1024.0
@@ -72,7 +72,7 @@ def peak_mib(process: int) -> float:
 
 
 def memory(folder: Path, small: int = 20_000, large: int = 100_000) -> float:
-    """MiB by which the shared memory and the workers together grow from a batch of `small` to one of `large`."""
+    """Measure by how many MiB shared memory and workers together grow from a batch of `small` to one of `large`."""
     what = ladder_problem(4, folder)
     short = Experiment(np.linspace(0.0, 1.0, 51), ("y",), what.experiments[0].inputs, measured=np.zeros((51, 1)))
     fast = Problem(what.model, (short,), what.targets, settings=SolverSettings(1e-3, 1e-3))
@@ -80,7 +80,7 @@ def memory(folder: Path, small: int = 20_000, large: int = 100_000) -> float:
 
         def held(n: int) -> float:
             simulator.log_likelihood(np.tile([1.0, 0.1], (n, 1)), WHITE)
-            return pool.arena.size / 2**20 + sum(peak_mib(p) for p in pool.processes)
+            return pool.memory.size / 2**20 + sum(peak_mib(p) for p in pool.processes)
 
         before = held(small)
         return held(large) - before

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from bench_density import density
-from harness import Row, missing
+from harness import TimingRow, missing
 
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.swarm import SwarmSettings, minimise
@@ -30,12 +30,12 @@ CHAINS, STEPS = 4, 6000
 
 
 def installed() -> bool:
-    """Whether the optional package is there."""
+    """Return whether the optional package is there."""
     return importlib.util.find_spec("pints") is not None
 
 
 def fmpy_posterior(fit: Fit, target: Target, folder: Path) -> Any:
-    """Log-posterior up to a constant as a PINTS user writes it: FMPy behind a ForwardModel, known noise."""
+    """Make the log-posterior as a PINTS user writes it, up to a constant: FMPy behind a ForwardModel, known noise."""
     import pints
     from fmpy import extract, read_model_description, simulate_fmu
 
@@ -87,7 +87,7 @@ def fmpy_posterior(fit: Fit, target: Target, folder: Path) -> Any:
 
 
 def stepped(signal: Any, delay: float, end: float) -> np.ndarray:
-    """A held signal as FMPy takes it: two rows at every jump."""
+    """Write a held signal as FMPy takes it: two rows at every jump."""
     rows = [(min(0.0, signal.time[0]), signal.values[0])]
     for t, before, after in zip(signal.time[1:] + delay, signal.values[:-1], signal.values[1:], strict=True):
         if before != after and t < end:
@@ -96,8 +96,8 @@ def stepped(signal: Any, delay: float, end: float) -> np.ndarray:
     return np.array(rows, dtype=[("time", "f8"), (signal.name, "f8")])
 
 
-def swarm_rows(fit: Fit, slow: float | None, iterations: int = 30) -> list[Row]:
-    """Seconds an evaluation of the swarm search over the whole prior box."""
+def swarm_rows(fit: Fit, slow: float | None, iterations: int = 30) -> list[TimingRow]:
+    """Measure the seconds of an evaluation of the swarm search over the whole prior box."""
     with open_simulator(fit.calibration.problem()) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
         value = density(fit, target)
@@ -108,16 +108,18 @@ def swarm_rows(fit: Fit, slow: float | None, iterations: int = 30) -> list[Row]:
         began = time.perf_counter()
         found = minimise(lambda x: -value(x), low, high, np.random.default_rng(1), settings, middle)
         each = (time.perf_counter() - began) / found.evaluations
-        rows = [Row("swarm", SWARM, each, each, each, None, f"best cost {found.cost:.0f} after {found.evaluations}")]
+        rows = [
+            TimingRow("swarm", SWARM, each, each, each, None, f"best cost {found.cost:.0f} after {found.evaluations}")
+        ]
         if slow is None:
             return [*rows, missing("swarm", SWARM_SLOW, "PINTS")]
         best = pints_swarm(value, low, high, found.evaluations)
     note = f"best cost {best:.0f} after as many (walked through the engine)"
-    return [*rows, Row("swarm", SWARM_SLOW, slow, slow, slow, None, note)]
+    return [*rows, TimingRow("swarm", SWARM_SLOW, slow, slow, slow, None, note)]
 
 
 def pints_swarm(value: Any, low: np.ndarray, high: np.ndarray, evaluations: int) -> float:
-    """Best cost that PINTS' swarm reaches with so many evaluations."""
+    """Return the best cost that PINTS' swarm reaches with so many evaluations."""
     import pints
 
     np.random.seed(1)  # noqa: NPY002  PINTS draws from NumPy's global generator
@@ -131,8 +133,8 @@ def pints_swarm(value: Any, low: np.ndarray, high: np.ndarray, evaluations: int)
     return float(swarm.f_best())
 
 
-def chain_rows(fit: Fit, slow: float | None) -> list[Row]:
-    """Seconds an effective sample of the worst parameter, burn-in (the first half) included."""
+def chain_rows(fit: Fit, slow: float | None) -> list[TimingRow]:
+    """Measure the seconds of an effective sample of the worst parameter, burn-in (the first half) included."""
     if slow is None:
         return [missing("pints", name, "PINTS") for name in (SAMPLER, SAMPLER_SLOW)]
     import pints
@@ -163,13 +165,15 @@ def chain_rows(fit: Fit, slow: float | None) -> list[Row]:
     text = f"{ess:.0f} effective of {total} evaluations, R-hat {max(f.r_hat for f in found):.4f}"
     each, each_slow = seconds / ess, slow * total / ess
     return [
-        Row("pints", SAMPLER, each, each, each, None, f"{text}, {seconds:.1f} s"),
-        Row("pints", SAMPLER_SLOW, each_slow, each_slow, each_slow, None, f"{text}, projected {slow * total:.0f} s"),
+        TimingRow("pints", SAMPLER, each, each, each, None, f"{text}, {seconds:.1f} s"),
+        TimingRow(
+            "pints", SAMPLER_SLOW, each_slow, each_slow, each_slow, None, f"{text}, projected {slow * total:.0f} s"
+        ),
     ]
 
 
-def fmpy_seconds(fit: Fit, folder: Path, evaluations: int) -> float:
-    """Median seconds of one evaluation of PINTS' log-posterior through FMPy."""
+def pints_fmpy_seconds(fit: Fit, folder: Path, evaluations: int) -> float:
+    """Measure the median seconds of one evaluation of PINTS' log-posterior through FMPy."""
     with open_simulator(fit.calibration.problem(), workers=0) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
         posterior = fmpy_posterior(fit, target, folder)
@@ -183,7 +187,7 @@ def fmpy_seconds(fit: Fit, folder: Path, evaluations: int) -> float:
     return float(np.median(seconds[1:]))
 
 
-def rows(fit: Fit, folder: Path, evaluations: int = 15) -> list[Row]:
-    """All rows; those of PINTS say so where it is not installed."""
-    slow = fmpy_seconds(fit, folder, evaluations) if installed() else None
+def rows(fit: Fit, folder: Path, evaluations: int = 15) -> list[TimingRow]:
+    """Return all rows; those of PINTS say so where it is not installed."""
+    slow = pints_fmpy_seconds(fit, folder, evaluations) if installed() else None
     return swarm_rows(fit, slow) + chain_rows(fit, slow)

@@ -67,7 +67,7 @@ def _growth(axes: Axes, curves: Sequence[tuple[str, list[float], list[float], st
     axes.legend(frameon=False, fontsize=8)
 
 
-def draw(report: Path, out: Path) -> None:
+def draw_bench(report: Path, out: Path) -> None:
     """Draw the rows of a report into an SVG (or whatever the suffix says)."""
     rows = json.loads(report.read_text())["rows"]
     figure, grid = plt.subplots(3, 2, figsize=(11.0, 9.6), layout="constrained")

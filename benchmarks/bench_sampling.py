@@ -24,7 +24,7 @@ from pathlib import Path
 import bench_pints
 import numpy as np
 from bench_density import density
-from harness import Row, ratio, update
+from harness import TimingRow, ratio, update
 
 from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
 from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
@@ -43,8 +43,8 @@ STRETCH = SampleSettings(
 )  # fmt: skip
 
 
-def problem(folder: Path) -> Fit:
-    """The recording and its fit."""
+def paper_fit(folder: Path) -> Fit:
+    """Simulate the paper's experiment and fit it."""
     model = Model.load(export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu"))
     truth = Truth("one_dof", Parameters(), (), 0.006)
     rng = np.random.default_rng(2)
@@ -54,7 +54,7 @@ def problem(folder: Path) -> Fit:
 
 
 def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_moves) -> tuple[Chain, float]:
-    """A chain through the engine and the seconds it took."""
+    """Sample a chain through the engine, and return it with the seconds it took."""
     d = len(fit.free)
     proposal = WarpedStudentT.of(fit.laplace.mean[:d], fit.laplace.covariance[:d, :d], settings.dof)
     with open_simulator(fit.calibration.problem()) as simulator:
@@ -67,7 +67,7 @@ def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_move
 
 
 def fmpy_seconds(fit: Fit, evaluations: int) -> list[float]:
-    """Seconds of single evaluations through FMPy."""
+    """Measure the seconds of single evaluations through FMPy."""
     d = len(fit.free)
     rng = np.random.default_rng(3)
     points = fit.laplace.mean[:d] + 0.5 * fit.laplace.sd[:d] * rng.standard_normal((evaluations + 1, d))
@@ -81,20 +81,20 @@ def fmpy_seconds(fit: Fit, evaluations: int) -> list[float]:
     return seconds[1:]
 
 
-def row(name: str, chain: Chain, seconds: float, note: str = "") -> Row:
-    """Seconds an effective sample."""
+def row(name: str, chain: Chain, seconds: float, note: str = "") -> TimingRow:
+    """Make the row of the seconds of an effective sample."""
     each = seconds / chain.ess_bulk
     text = (
         f"{chain.ess_bulk:.0f} effective of {chain.evaluations} evaluations in {seconds:.1f} s, tau {chain.tau:.1f}, "
         f"R-hat {chain.r_hat:.4f}{', ' + note if note else ''}"
     )
-    return Row("sampling", name, each, each, each, None, text)
+    return TimingRow("sampling", name, each, each, each, None, text)
 
 
 def run(out: Path, rounds: int = 15) -> None:
     """Measure, print the rows and merge them into ``out``/bench.json."""
     with tempfile.TemporaryDirectory() as folder:
-        found = problem(Path(folder))
+        found = paper_fit(Path(folder))
         ours, ours_seconds = sampled(found, OURS)
         plain, plain_seconds = sampled(found, STRETCH, lambda tuned, prior: [(StretchMove(), 1.0)])
         single = fmpy_seconds(found, max(10, rounds))

@@ -26,8 +26,8 @@ from aero_bayes.export.library import library_roots, needed_libraries
 from aero_bayes.laws.compose import law_models
 from aero_bayes.laws.fmu_coupling import couple
 from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import general_laws
-from aero_bayes.laws.use import use_of
+from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws.placed_law import place_law
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, confinement, open_simulator
 
 #: x'' = -k x from x = 1 at rest.
@@ -57,7 +57,7 @@ class NotHere(Exception):
 
 
 def in_engine(path: Path) -> float:
-    """Largest error of the compiled engine's run (FMPy's, for co-simulation FMUs)."""
+    """Return the largest error of the compiled engine's run (FMPy's, for co-simulation FMUs)."""
     time = np.linspace(0.0, STOP, 201)
     problem = Problem(Model.load(path), (Experiment(time, ("x",)),), ((),), settings=SolverSettings(1e-8, 1e-8))
     with warnings.catch_warnings(action="ignore"), open_simulator(problem, workers=1) as simulator:
@@ -68,14 +68,14 @@ def in_engine(path: Path) -> float:
 
 
 def in_fmpy(path: Path, kind: str) -> float:
-    """Largest error of FMPy's run."""
+    """Return the largest error of FMPy's run."""
     found = fmpy.simulate_fmu(str(path), fmi_type=kind, stop_time=STOP, output_interval=0.02, relative_tolerance=1e-8,
                               output=["x"])  # fmt: skip
     return float(np.max(np.abs(found["x"] - np.cos(np.sqrt(K) * found["time"]))))
 
 
 def with_steps_only(path: Path, out: Path) -> Path:
-    """The same FMU without Model Exchange."""
+    """Write the same FMU without Model Exchange."""
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(out, "w") as new:
         for name in old.namelist():
             data = old.read(name)
@@ -87,22 +87,23 @@ def with_steps_only(path: Path, out: Path) -> Path:
 
 
 def with_law(path: Path, out: Path) -> Path:
-    """The same FMU with a law around it that is off."""
+    """Write the same FMU with a law around it that is off."""
     inner = Model.load(path)
-    law = next(law for law in general_laws() if (law.kind, law.id) == ("output", "gain"))
+    law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
     around, models = FmuBoundary(inner), law_models([law])
     port = next(p for p in around.ports if p.kind == "reading")
-    couple(inner, around.seam([use_of(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
+    couple(inner, around.seam([place_law(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
     return out
 
 
 def version_of(command: list[str]) -> str:
+    """Return the first line that a tool prints for ``--version``."""
     done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
     return (done.stdout.splitlines() or ["version unknown"])[0]
 
 
 def tools() -> dict[str, str]:
-    """What is installed, by name."""
+    """List what is installed, by name."""
     found: dict[str, str] = {}
     try:
         found["C compiler"] = version_of(c_compiler())
@@ -149,7 +150,7 @@ def main() -> None:
 
 
 def routes(folder: Path, there: dict[str, str]) -> list[tuple[str, Callable[[], float]]]:
-    """Every route, and what runs it."""
+    """List every route, and what runs it."""
     plain, library = folder / "Spring.mo", folder / "LibrarySpring.mo"
     plain.write_text(PLAIN, encoding="utf-8")
     library.write_text(LIBRARY, encoding="utf-8")

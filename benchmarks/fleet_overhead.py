@@ -30,7 +30,7 @@ RIG_SECONDS = 8.8
 
 
 def task_of(number: int, seconds: float, out: Path) -> RigTask:
-    """A task of true size; its seed says how long it works."""
+    """Make a task of true size; its seed says how long it works."""
     name = f"rig-{number:06}"
     files = tuple(out / "recordings" / name / f"{run}.csv" for run in ("train", "test"))
     config = Config.model_validate({"parameters": {f"p{k}": {"free": True} for k in range(8)}})
@@ -49,10 +49,10 @@ def busy(task: RigTask) -> dict[str, Any]:
     return {"key": task.key, "parameters": parameters, "effects": effects, "text": "x" * 200, "over_floor": 1.0123}
 
 
-def measure(count: int, seconds: float, dask: str, folder: Path) -> dict[str, float]:
-    """Processor time of caller and workers for so many tasks; a first one has the workers start."""
+def processor_times(count: int, seconds: float, dask: str, folder: Path) -> dict[str, float]:
+    """Measure the processor time of caller and workers for so many tasks; a first one has the workers start."""
     with open_executor(dask, 2) as executor, Table(folder / f"{dask}-{seconds}.sqlite") as table:
-        run_all([replace_key(k, folder) for k in range(4)], busy, table, executor)
+        run_all([warm_up_task(k, folder) for k in range(4)], busy, table, executor)
         began, cpu = time.perf_counter(), time.process_time()
         run_all((task_of(k, seconds, folder) for k in range(count)), busy, table, executor)
         caller, wall = time.process_time() - cpu, time.perf_counter() - began
@@ -60,7 +60,8 @@ def measure(count: int, seconds: float, dask: str, folder: Path) -> dict[str, fl
     return {"caller": caller, "wall": wall, "workers": worked}
 
 
-def replace_key(number: int, folder: Path) -> RigTask:
+def warm_up_task(number: int, folder: Path) -> RigTask:
+    """Make a task for warming up: no work, a key of its own."""
     task = task_of(number, 0.0, folder)
     return replace(task, rig=replace(task.rig, name=f"first-{number}"))
 
@@ -75,11 +76,11 @@ def main() -> None:
         task = task_of(1, 0.0, folder)
         sent, received = len(pickle.dumps((_timed, busy, task))), len(pickle.dumps(_timed(busy, task)))
         result: dict[str, Any] = {"bytes_sent": sent, "bytes_received": received, "tasks": arguments.tasks}
-        empty = measure(arguments.tasks, 0.0, "local", folder)
+        empty = processor_times(arguments.tasks, 0.0, "local", folder)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        measure(3 * arguments.tasks, 0.0, "local", folder / "more")
+        processor_times(3 * arguments.tasks, 0.0, "local", folder / "more")
         grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-        work = measure(100, 0.2, "local", folder)
+        work = processor_times(100, 0.2, "local", folder)
         a_task = empty["caller"] / arguments.tasks
         result |= {
             "caller_ms_a_task": 1e3 * a_task,

@@ -14,7 +14,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Row:
+class TimingRow:
     """One line of the table: seconds a unit, median and quartiles over the rounds."""
 
     group: str
@@ -26,7 +26,7 @@ class Row:
     note: str = ""
 
     def line(self) -> str:
-        """For the terminal."""
+        """Write the row for the terminal."""
         if self.seconds is None:
             return f"{self.group:<14} {self.name:<44} {self.note}"
         error = "" if self.error is None else f"  max error/range {self.error:8.1e}"
@@ -36,13 +36,13 @@ class Row:
         )
 
 
-def missing(group: str, name: str, package: str) -> Row:
-    """The line of what could not be run for want of an optional package."""
-    return Row(group, name, None, None, None, None, f"{package} is not installed")
+def missing(group: str, name: str, package: str) -> TimingRow:
+    """Make the row of what could not be run for want of an optional package."""
+    return TimingRow(group, name, None, None, None, None, f"{package} is not installed")
 
 
 def ratio(slow: float | None, fast: float | None) -> float | None:
-    """How many times faster; None where either was not measured."""
+    """Return how many times faster; None where either was not measured."""
     return slow / fast if slow is not None and fast is not None else None
 
 
@@ -56,7 +56,7 @@ class Goal:
     at_most: bool = False
 
     def line(self, report: Mapping[str, Any]) -> str:
-        """For the terminal: figure, goal, met or not."""
+        """Write the goal for the terminal: figure, goal, met or not."""
         value = report.get(self.key)
         goal = f"{'<=' if self.at_most else '>='} {self.goal:g}"
         if value is None:
@@ -77,7 +77,7 @@ class Route:
     note: str = ""
 
 
-def measure(routes: list[Route], rounds: int) -> dict[str, Row]:
+def time_routes(routes: list[Route], rounds: int) -> dict[str, TimingRow]:
     """Time the routes round by round after one call to warm up."""
     for route in routes:
         route.call()
@@ -90,12 +90,12 @@ def measure(routes: list[Route], rounds: int) -> dict[str, Row]:
     rows = {}
     for route in routes:
         low, middle, high = np.quantile(seconds[route.name], [0.25, 0.5, 0.75])
-        rows[route.name] = Row(route.group, route.name, middle, low, high, route.error, route.note)
+        rows[route.name] = TimingRow(route.group, route.name, middle, low, high, route.error, route.note)
         print(rows[route.name].line(), flush=True)
     return rows
 
 
-def update(path: Path, keys: Mapping[str, float | None], rows: list[Row], groups: tuple[str, ...]) -> None:
+def update(path: Path, keys: Mapping[str, float | None], rows: list[TimingRow], groups: tuple[str, ...]) -> None:
     """Merge keys and rows into the JSON report; rows of `groups` replace earlier ones."""
     report: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     kept = [row for row in report.get("rows", []) if row.get("group") not in groups]

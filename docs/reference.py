@@ -25,11 +25,11 @@ from pydantic.fields import FieldInfo
 
 from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.fleet.rigs import FleetFile
-from aero_bayes.laws.law import general_laws
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.use import in_words
+from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws.placed_law import describe_law
 
 sys.path.insert(0, str(Path(__file__).parent))
 from docstrings import Public, public
@@ -84,9 +84,10 @@ KEYS: Mapping[str, str] = {
     "fit.local.iterations": "most iterations of the local search",
     "fit.local.tolerance": "predicted decrease of the cost at which it has converged (log-posterior: nats)",
     "fit.local.starts": "points of the swarm that it starts from",
-    "noise.process": 'diffusion by state, in its unit over the square root of a second, or `"estimated"`; every reading\'s '
-    "noise is then white and estimated beside it",
-    "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard deviation)",
+    "noise.process": "diffusion by state, in the state's unit over the square root of a second, or `estimated`; the "
+    "noise of the readings is then white, and estimated beside it",
+    "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
+    "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",
     "posterior.walkers": "walkers of an ensemble; left out: twice the dimension and two",
     "posterior.max_steps": "most steps of the kept chain",
@@ -289,17 +290,22 @@ def laws() -> str:
     rows = [
         (f"`{law.id}`", law.kind, law.description, ", ".join(f"`{p.name}`" for p in law.parameters),
          f"`{law.refines}`" if law.refines else "")
-        for law in sorted(general_laws(), key=lambda law: law.kind)
+        for law in sorted(shipped_laws(), key=lambda law: law.kind)
     ]  # fmt: skip
     return _table(("law", "acts at", "what it is", "parameters, the switch first", "finer law of"), rows)
 
 
 def effects() -> str:
     """The AERO's effects and the curves that are learned there."""
-    family = RigFamily(DEFAULT_MODEL, (), Path())
+    family = ModelicaFamily(DEFAULT_MODEL, (), Path())
     rows = [
-        (f"`{c.id}`", family.named(c.port), in_words(c.law, c.port), ", ".join(f"`{p.name}`" for p in c.law.parameters))
-        for c in family.every
+        (
+            f"`{c.id}`",
+            family.port_name(c.port),
+            describe_law(c.law, c.port),
+            ", ".join(f"`{p.name}`" for p in c.law.parameters),
+        )
+        for c in family.candidates
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
 

@@ -1,4 +1,4 @@
-"""Which parts of the closed loop's search earn their place: the development trials with one part left out at a time.
+"""What each part of the closed loop's search contributes: the development trials with one part left out at a time.
 
 The parts are the start rules, edits and checks that ``aero_bayes.search.PARTS`` names; a trial is run with
 ``[loop] leave_out = ["name"]``. The same 40 trials of the many-rig trial are run with nothing left out and without each
@@ -24,7 +24,7 @@ from pathlib import Path
 
 from ablation_table import summarise, table
 from aero_bayes.fleet import open_executor
-from rig_trial import Answer, Task, attempt, close_loop
+from rig_trial import Answer, RigTrialTask, attempt_rig_trial, close_loop_by_command
 from simulated_rigs import DEVELOPMENT, rig_kinds
 from trial_runs import Row, code, executor_options, run_trials, write_summary
 
@@ -44,27 +44,28 @@ class Ablation:
     """One trial with one part left out; none where the name is empty."""
 
     part: str
-    trial: Task
+    trial: RigTrialTask
 
     @property
     def key(self) -> str:
+        """Key of the row: the part that is left out, and the trial."""
         return f"{self.part or 'nothing'}/{self.trial.key}"
 
 
-def trials() -> list[Task]:
-    """The fixed list, its kinds and sorts interleaved so that its beginning is balanced."""
+def trials() -> list[RigTrialTask]:
+    """List the trials, their kinds and sorts interleaved so that the beginning of the list is balanced."""
     kinds = rig_kinds()
     placed = []
     for shift, (what, count) in zip((0, 0, 2, 5), COUNTS.items(), strict=True):
         for k in range(count):
             kind = kinds[(k + shift) % len(kinds)]
             number = LAWS[kind][k // len(kinds)] if what == "law" else 0
-            placed.append(((k + 0.5) / count, what, Task(DEVELOPMENT, kind, what, number)))
+            placed.append(((k + 0.5) / count, what, RigTrialTask(DEVELOPMENT, kind, what, number)))
     return [task for *_, task in sorted(placed, key=lambda one: one[:2])]
 
 
 def ablations(parts: Sequence[str], count: int) -> list[Ablation]:
-    """Parcels of trials, each for all parts; the comparison, with nothing left out, first."""
+    """List parcels of trials, each for all parts; those with nothing left out come first."""
     chosen = trials()[:count]
     parcels = [chosen[first : first + PARCEL] for first in range(0, len(chosen), PARCEL)]
     return [Ablation(part, trial) for parcel in parcels for part in ("", *parts) for trial in parcel]
@@ -75,17 +76,17 @@ def close_without(folder: Path, part: str) -> Answer:
     if part:
         with (folder / "rig.toml").open("a", encoding="utf-8") as config:
             config.write(f'\n[loop]\nleave_out = ["{part}"]\n')
-    return close_loop(folder)
+    return close_loop_by_command(folder)
 
 
 def run(task: Ablation, version: str) -> Row:
-    """The row of the trial, under the key of the ablation."""
-    row = attempt(task.trial, partial(close_without, part=task.part))
+    """Run the trial, and return its row under the key of the ablation."""
+    row = attempt_rig_trial(task.trial, partial(close_without, part=task.part))
     return {**row, "key": task.key, "trial": task.trial.key, "part": task.part, "code": version}
 
 
 def known_parts() -> tuple[str, ...]:
-    """Names of all parts; none where the program has no such list."""
+    """Return the names of all parts; none where the program has no such list."""
     try:
         return tuple(importlib.import_module("aero_bayes.search").PARTS)
     except (ModuleNotFoundError, AttributeError):

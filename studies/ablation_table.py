@@ -6,26 +6,26 @@ from collections.abc import Sequence
 from math import sqrt
 from typing import Any
 
-from rig_trial_table import named, right_law, right_pair
+from rig_trial_table import names_a_law, right_law, right_pair
 from trial_runs import Row, quantile
 
 #: Rates by name: the sort of trials, and whether a row counts.
 RATES = {
     "right_law": ("law", right_law),
-    "false_name": ("none", named),
+    "false_name": ("none", names_a_law),
     "right_pair": ("pair", right_pair),
-    "named_outside": ("outside", named),
+    "named_outside": ("outside", names_a_law),
 }
 HEAD = ("left out", "trials", "right law", "false name", "right pair", "named outside", "median s", "lost", "won")
 
 
 def good(row: Row) -> bool:
-    """Whether the program's answer is right: the law or both are found, or nothing is named where nothing can be."""
-    return {"law": right_law, "pair": right_pair}.get(row["what"], lambda one: not named(one))(row)
+    """Return whether the answer is right: the law or both are found, or nothing is named where nothing can be."""
+    return {"law": right_law, "pair": right_pair}.get(row["what"], lambda one: not names_a_law(one))(row)
 
 
 def rated(rows: Sequence[Row], name: str) -> dict[str, float | int | None]:
-    """One rate with its binomial standard error."""
+    """Compute one rate with its binomial standard error."""
     what, counts = RATES[name]
     of = [counts(row) for row in rows if row["what"] == what]
     if not of:
@@ -35,7 +35,7 @@ def rated(rows: Sequence[Row], name: str) -> dict[str, float | int | None]:
 
 
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
-    """Rates of each part on the trials that were also run with nothing left out, and what changed there.
+    """Compute the rates of each part on the trials that were also run with nothing left out, and what changed there.
 
     ``change`` of a rate is paired: the same trials with and without the part. Its standard error comes from the trials
     that changed; ``matters`` says whether any rate moves by more than its own.
@@ -98,7 +98,7 @@ def _says(row: Row) -> str:
 
 
 def table(summary: dict[str, Any]) -> str:
-    """Rates in Markdown, then the trials that changed, part by part."""
+    """Write the rates in Markdown, then the trials that changed, part by part."""
     lines = ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
     for part in summary["parts"]:
         flips = [one["right"] for one in part["changed"]]

@@ -21,7 +21,7 @@ td:first-child, th:first-child { text-align: left } .bad { color: var(--bad); fo
 """  # noqa: E501
 
 
-def write_page(path: Path, result: dict[str, Any]) -> None:
+def write_coverage_page(path: Path, result: dict[str, Any]) -> None:
     """Write the page whole or not at all."""
     temporary = path.with_suffix(".part")
     temporary.write_text(page(result))
@@ -29,6 +29,7 @@ def write_page(path: Path, result: dict[str, Any]) -> None:
 
 
 def page(result: dict[str, Any]) -> str:
+    """Return the text of the page."""
     missed = result["outside_two_standard_errors"]
     tests, p_min = result["rank_uniformity_tests"], result["rank_uniformity_p_min"]
     head = "".join(f"<th>{t}</th>" for t in ("noise", "recordings", "50 % interval holds", "90 % interval holds"))
@@ -70,7 +71,7 @@ too narrow, in the middle that they are too wide, at one end that the estimate i
 
 
 def section(name: str, rows: list[dict[str, Any]]) -> str:
-    """One cell: its table and histograms."""
+    """Write one cell: its table and histograms."""
     if not rows:
         return ""
     head = "".join(f"<th>{t}</th>" for t in ("parameter", "studies", "50 %", "90 %", "p, ranks uniform"))
@@ -90,6 +91,7 @@ def section(name: str, rows: list[dict[str, Any]]) -> str:
 
 
 def held(row: dict[str, Any], level: float) -> str:
+    """Write the table cell of one coverage with its standard error; marked where it is off by more than two of them."""
     share, count = row[str(round(100 * level))], row["studies"]
     bad = abs(share - level) > 2.0 * (level * (1.0 - level) / count) ** 0.5
     error = 100.0 * (level * (1.0 - level) / count) ** 0.5
@@ -97,11 +99,12 @@ def held(row: dict[str, Any], level: float) -> str:
 
 
 def percent(share: float) -> str:
+    """Write a share in per cent."""
     return f"{100 * share:.1f} %"
 
 
 def histogram(row: dict[str, Any]) -> str:
-    """Ranks in tenths, with lines between which 98 % of the bars lie when ranks are uniform."""
+    """Draw ranks in tenths, with lines between which 98 % of the bars lie when ranks are uniform."""
     counts, total, width, height = row["ranks"], row["studies"], 200, 90
     low, high = (float(v) for v in binom.interval(0.98, total, 1.0 / len(counts)))
     scale = height / (1.1 * max(*counts, high, 1))

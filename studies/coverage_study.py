@@ -61,7 +61,7 @@ from aero_bayes.simulation import (
     StartTarget,
     open_simulator,
 )
-from coverage_page import write_page
+from coverage_page import write_coverage_page
 from trial_runs import executor_options, run_trials
 
 #: Correlation times in s of each kind of correlated noise.
@@ -101,7 +101,7 @@ MANY, LONGER = 4, 8.0
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What makes one study different from every other run of it."""
 
     seed: int
@@ -112,16 +112,18 @@ class Plan:
 
     @property
     def key(self) -> str:
+        """Hash of the settings: rows made under other settings are not used."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
 
 def free_parameters(model: Model) -> ParameterSet:
+    """Return the parameters that are fitted, with the priors of the package."""
     overrides = {name: item for name, item in declared_overrides(model).items() if name in FREE}
     return parameters_from_model(model, overrides=overrides)
 
 
 def noise_like(rng: np.random.Generator, kind: str, time: np.ndarray, span: float) -> np.ndarray:
-    """Noise of one output whose range is ``span``: white, or white plus Ornstein-Uhlenbeck, of random sizes."""
+    """Draw noise of one output whose range is ``span``: white, or white plus Ornstein-Uhlenbeck, of random sizes."""
     white = span * np.exp(rng.uniform(np.log(0.002), np.log(0.02)))
     noise = white * rng.standard_normal(time.size)
     if kind in CORRELATION:
@@ -136,8 +138,9 @@ def noise_like(rng: np.random.Generator, kind: str, time: np.ndarray, span: floa
 
 
 def simulate_with_model(
-    rng: np.random.Generator, model: Model, truth: dict[str, float], cell: Cell, plan: Plan, name: str
+    rng: np.random.Generator, model: Model, truth: dict[str, float], cell: Cell, plan: StudyPlan, name: str
 ) -> Recording:
+    """Simulate one recording with the model itself, then add noise."""
     time = np.arange(round(plan.duration * plan.rate_hz) + 1) / plan.rate_hz
     volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5).volts(time)
     blank = {output: np.zeros(time.size) for output in OUTPUTS}
@@ -157,8 +160,9 @@ def simulate_with_model(
 
 
 def simulate_with_bench(
-    rng: np.random.Generator, truth: dict[str, float], cell: Cell, plan: Plan, name: str
+    rng: np.random.Generator, truth: dict[str, float], cell: Cell, plan: StudyPlan, name: str
 ) -> Recording:
+    """Simulate one recording with the simulated AERO, which shares no code with the model."""
     rig = bench.Truth("one_dof", replace(bench.Parameters(), **truth), (), rng.uniform(0.0, DELAY_LIMIT))
     sensors = bench.real() if cell.noise == "real" else bench.white(1.0)
     volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5)
@@ -166,8 +170,8 @@ def simulate_with_bench(
     return replace(recording, name=name)
 
 
-def friction(rng: np.random.Generator, plan: Plan, name: str) -> Recording:
-    """A recording of the bench with friction in its pivot, all else as in the data sheet."""
+def friction(rng: np.random.Generator, plan: StudyPlan, name: str) -> Recording:
+    """Simulate a recording with friction in the pivot, all else as in the data sheet."""
     rig = bench.Truth("one_dof", bench.Parameters(), (bench.effect("pivot_coulomb_friction", tau_c=8e-4),), 5e-3)
     volts = bench.random_levels(rng, 24.0, plan.duration, (0.3, 2.5), 0.5)
     recording = bench.simulate_recording(
@@ -177,14 +181,15 @@ def friction(rng: np.random.Generator, plan: Plan, name: str) -> Recording:
 
 
 @cache
-def best_of_wrong(plan: Plan, fmu: Path) -> dict[str, float]:
-    """Parameters of the model without friction that serve best over many recordings with it."""
+def best_of_wrong(plan: StudyPlan, fmu: Path) -> dict[str, float]:
+    """Fit the model without friction to many recordings with it: the parameters that serve best."""
     rng, long = np.random.default_rng([plan.seed, MANY]), replace(plan, duration=LONGER * plan.duration)
     found = fitted([friction(rng, long, f"r{k}") for k in range(MANY)], Model.load(fmu), rng)
     return {name: found.parameters[name].value for name in FREE}
 
 
 def fitted(recordings: list[Recording], model: Model, rng: np.random.Generator) -> Fit:
+    """Fit recordings as any user does, the noise chosen by the data."""
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", delay_limit=DELAY_LIMIT))
     return fit(
         recordings, model, parameters=free_parameters(model), settings=settings, seed=int(rng.integers(2**31)),
@@ -196,18 +201,19 @@ def fitted(recordings: list[Recording], model: Model, rng: np.random.Generator) 
 class Study:
     """One study of a cell."""
 
-    plan: Plan
+    plan: StudyPlan
     fmu: Path
     cell: Cell
     index: int
 
     @property
     def key(self) -> str:
+        """Key of the row: cell and index."""
         return f"{self.cell.name}/{self.index}"
 
 
 def study(task: Study) -> dict[str, object]:
-    """One study; everything random in it follows from the plan's seed, the cell and the index."""
+    """Run one study; everything random in it follows from the plan's seed, the cell and the index."""
     plan, cell, index = task.plan, task.cell, task.index
     began = time.perf_counter()
     label = int.from_bytes(hashlib.sha256(cell.name.encode()).digest()[:4], "big")
@@ -226,17 +232,19 @@ def study(task: Study) -> dict[str, object]:
             recordings = [simulate_with_bench(rng, truth, cell, plan, name) for name in names]
         found = fitted(recordings, model, rng)
         with open_simulator(found.calibration.problem(), workers=0) as simulator:
-            row |= judge(found, simulator, truth, plan, rng, check=cell.recordings == 1 and index % CHECK_EVERY == 3)
+            row |= rank_truth(
+                found, simulator, truth, plan, rng, check=cell.recordings == 1 and index % CHECK_EVERY == 3
+            )
     except (ArithmeticError, ValueError, RuntimeError) as error:
         row["failed"] = str(error)
     row["seconds"] = time.perf_counter() - began
     return row
 
 
-def judge(
-    fit: Fit, simulator: Simulator, truth: dict[str, float], plan: Plan, rng: np.random.Generator, *, check: bool
+def rank_truth(
+    fit: Fit, simulator: Simulator, truth: dict[str, float], plan: StudyPlan, rng: np.random.Generator, *, check: bool
 ) -> dict[str, object]:
-    """Ranks of the truth in the posterior, with how the posterior was made."""
+    """Rank the truth in the posterior, and say how the posterior was made."""
     names = fit.laplace.names[: fit.laplace.parameters]
     point = fit.calibration.parameters.to_search(
         np.array([truth.get(p.name, p.start) for p in fit.calibration.parameters])
@@ -265,12 +273,12 @@ def judge(
     row["ranks"] = {n: float(r) for n, r in zip(names, ranks, strict=False) if n in truth}
     row["noise"] = {output: noise.kind for output, noise in fit.noise.items()}
     row["warned"] = len(fit.warnings)
-    row["held"] = [output for output, noise in fit.noise.items() if noise.held]
+    row["held"] = [output for output, noise in fit.noise.items() if noise.model_error]
     return row
 
 
 def sampled(fit: Fit, simulator: Simulator, found: WeightedSample, rng: np.random.Generator) -> np.ndarray | None:
-    """Draws of the main program's sampler, shape (n, d), or None where it does not converge in time."""
+    """Draw from the posterior with the program's sampler, shape (n, d); None where it does not converge in time."""
     proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance)
     if found.ess > 50.0:
         proposal = WarpedStudentT.of(found.mean, found.covariance)
@@ -279,8 +287,8 @@ def sampled(fit: Fit, simulator: Simulator, found: WeightedSample, rng: np.rando
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
 
 
-def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
-    """What the ranks say, by cell and parameter, and pooled as the contract asks."""
+def summarise(rows: list[dict[str, object]], plan: StudyPlan) -> dict[str, object]:
+    """Summarise the ranks by cell and parameter, and pooled as the contract asks."""
     table: list[dict[str, object]] = []
     pooled: dict[str, dict[str, list[float]]] = {kind: {name: [] for name in FREE} for kind in ("white", "correlated")}
     recordings = dict.fromkeys(pooled, 0)
@@ -325,7 +333,7 @@ def summarise(rows: list[dict[str, object]], plan: Plan) -> dict[str, object]:
 
 
 def entry(cell: str, name: str, ranks: list[float], *, counted: bool = True) -> list[dict[str, object]]:
-    """One row: shares within the intervals with their standard errors under the nominal share; none for few ranks."""
+    """Make one row: shares within the intervals with their standard errors; none for fewer than ten ranks."""
     if len(ranks) < 10:
         return []
     row: dict[str, object] = {"cell": cell, "counted": counted, "parameter": name, "studies": len(ranks)}
@@ -337,7 +345,7 @@ def entry(cell: str, name: str, ranks: list[float], *, counted: bool = True) -> 
 
 
 def misses(table: list[dict[str, object]]) -> list[str]:
-    """Rows further from nominal than two binomial standard errors, in words."""
+    """List rows further from nominal than two binomial standard errors, in words."""
     found = []
     for row in table:
         for level in LEVELS:
@@ -348,11 +356,12 @@ def misses(table: list[dict[str, object]]) -> list[str]:
 
 
 def inside(ranks: list[float], level: float) -> float:
-    """Share of ranks within the central interval of a level."""
+    """Return the share of ranks within the central interval of a level."""
     return float(np.mean(np.abs(np.array(ranks) - 0.5) < 0.5 * level))
 
 
 def standard_error(level: float, count: int) -> float:
+    """Return the binomial standard error of a share."""
     return float(np.sqrt(level * (1.0 - level) / count))
 
 
@@ -366,7 +375,7 @@ def main() -> int:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     fmu = export_fmu("Aero.Systems.OneDof", options.out / "coverage_model.fmu")
-    plan = Plan(options.seed, 15.0, 100.0, 2000, Model.load(fmu).sha256)
+    plan = StudyPlan(options.seed, 15.0, 100.0, 2000, Model.load(fmu).sha256)
     studies = [
         Study(plan, fmu.resolve(), cell, k) for cell in CELLS for k in range(round(options.share * cell.studies))
     ]
@@ -383,7 +392,7 @@ def main() -> int:
     temporary = options.out / "coverage.json.part"
     temporary.write_text(json.dumps(result, indent=1))
     temporary.replace(options.out / "coverage.json")
-    write_page(options.out / "coverage.html", result)
+    write_coverage_page(options.out / "coverage.html", result)
     print(json.dumps({k: v for k, v in result.items() if k != "rows"}, indent=1))
     return 0
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.bench import multi_sine, random_levels
+from aero_bayes.bench import random_levels, random_multi_sine
 from aero_bayes.data import Recording, write_csv
-from simulated_rigs import LawTruth, Place, simulate
+from simulated_rigs import LawPlace, LawTruth, simulate_rig
 from simulated_rigs.kinds import KINDS
 
 FOLDER = Path(__file__).parents[1] / "examples" / "cart"
 TRUE = {"mass.m": 1.2, "spring.k": 56.0, "damper.d": 2.2}
-FRICTION = LawTruth("coulomb_friction", Place("balance", "mass.v"), {"F_c": 0.4})
+FRICTION = LawTruth("coulomb_friction", LawPlace("balance", "mass.v"), {"F_c": 0.4})
 NOISE, STEP, ROWS = 3e-4, 0.02, 2001
 
 
@@ -22,10 +22,10 @@ def main() -> None:
     rng = np.random.default_rng(2)
     kind = replace(KINDS["cart"], step=STEP, pieces=2)
     time = np.arange(ROWS) * STEP
-    designs = {"train": random_levels(rng, 5.0, time[-1]), "test": multi_sine(rng, 5.0, 0.1, 2.0)}
+    designs = {"train": random_levels(rng, 5.0, time[-1]), "test": random_multi_sine(rng, 5.0, 0.1, 2.0)}
     for name, design in designs.items():
         force = np.where(time < 1.0, 0.0, np.round(design.volts(time), 2))
-        outputs, _ = simulate(kind, TRUE, [FRICTION], time, force[:, None], (0.0, 0.0))
+        outputs, _ = simulate_rig(kind, TRUE, [FRICTION], time, force[:, None], (0.0, 0.0))
         measured = np.round(outputs[:, 0] + NOISE * rng.standard_normal(ROWS), 5)
         write_csv(Recording(name, np.round(time, 2), {"F": force}, {"position": measured}), FOLDER / f"{name}.csv")
 

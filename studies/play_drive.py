@@ -19,7 +19,7 @@ STEPS = 50
 
 
 def angles(voltage: FloatArray) -> FloatArray:
-    """Angle (n,) at the samples, from rest; the voltage (n,) holds from its sample to the next."""
+    """Simulate the angle (n,) at the samples, from rest; the voltage (n,) holds from its sample to the next."""
 
     def acceleration(phi: float, w: float, u: float) -> float:
         stretch = phi - min(max(phi, -PLAY), PLAY)

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import play_drive
-from real_rigs_table import judge, table
+from real_rigs_table import judge_answer, table
 from rig_references import residuals_of
 from trial_runs import Row, code, write_summary
 
@@ -37,7 +37,7 @@ RECORDINGS = tuple(HERE.parents[1] / "shared" / name for name in ("rigs", "data"
 
 
 @dataclass(frozen=True)
-class Case:
+class RigCase:
     """One loop: recordings, the folder of the first model, and what may be named (see ``cases.toml``)."""
 
     name: str
@@ -52,10 +52,11 @@ class Case:
 
     @property
     def folder(self) -> Path:
+        """Folder of the first model and its configuration."""
         return MODELS / (self.model or self.name)
 
     def find(self, folders: Sequence[Path]) -> dict[str, list[Path]] | None:
-        """Paths of the recordings by role; None where one of them is in none of the folders."""
+        """Find the recordings, by role; None where one of them is in none of the folders."""
         found = {
             role: [next((f / file for f in folders if (f / file).is_file()), None) for file in files]
             for role, files in (("train", self.train), ("test", self.test))
@@ -65,13 +66,13 @@ class Case:
         return {role: [path.resolve() for path in paths if path] for role, paths in found.items()}
 
 
-def cases() -> dict[str, Case]:
-    """All cases, quick ones first."""
+def cases() -> dict[str, RigCase]:
+    """Read all cases, quick ones first."""
     document = tomllib.loads((MODELS / "cases.toml").read_text(encoding="utf-8"))
-    return {name: Case(name, **entries) for name, entries in document.items()}
+    return {name: RigCase(name, **entries) for name, entries in document.items()}
 
 
-def close_loop(case: Case, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
+def close_loop_of_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
     """Run the command as a user would, from a copy of the model's folder, and read what it says."""
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(case.folder, out / "model")
@@ -87,11 +88,11 @@ def close_loop(case: Case, files: dict[str, list[Path]], out: Path, options: arg
     row: Row = {"key": case.name, "code": code(), "seed": options.seed, "seconds": seconds}
     if done.returncode:
         return {**row, "error": (done.stderr.strip().splitlines() or ["no message"])[-1]}
-    return {**row, **answer_of(json.loads((out / "run" / "result.json").read_text(encoding="utf-8")))}
+    return {**row, **judged_parts(json.loads((out / "run" / "result.json").read_text(encoding="utf-8")))}
 
 
-def answer_of(result: dict[str, Any]) -> Row:
-    """The parts of ``result.json`` that are judged."""
+def judged_parts(result: dict[str, Any]) -> Row:
+    """Return the parts of ``result.json`` that are judged."""
     loop = result["loop"]
     parameters = dict(result["parameters"])
     for effect in loop["effects"]:
@@ -107,8 +108,8 @@ def answer_of(result: dict[str, Any]) -> Row:
     }
 
 
-def reference(case: Case, files: dict[str, list[Path]], path: Path) -> dict[str, Any]:
-    """What the first model leaves at its best on what is fitted; computed once, then read."""
+def reference_fit(case: RigCase, files: dict[str, list[Path]], path: Path) -> dict[str, Any]:
+    """Fit the first model by independent least squares to what is fitted; computed once, then read."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_summary(residuals_of(case.folder.name, files["train"], whole=bool(case.test)), path)
@@ -117,7 +118,7 @@ def reference(case: Case, files: dict[str, list[Path]], path: Path) -> dict[str,
 
 
 def run(
-    known: dict[str, Case], there: dict[str, dict[str, list[Path]]], out: Path, options: argparse.Namespace
+    known: dict[str, RigCase], there: dict[str, dict[str, list[Path]]], out: Path, options: argparse.Namespace
 ) -> None:
     """Run the loops that have no row yet, or are asked for again, one after the other."""
     end = time.monotonic() + 60.0 * options.stop_after
@@ -125,7 +126,7 @@ def run(
         path = out / f"{name}.json"
         if time.monotonic() >= end or (path.exists() and name not in options.again):
             continue
-        row = close_loop(known[name], files, out / "runs" / name, options)
+        row = close_loop_of_case(known[name], files, out / "runs" / name, options)
         write_summary(row, path)
         print(f"{name}: {row.get('sentence') or row.get('error')} ({row['seconds']:.0f} s)", flush=True)
 
@@ -157,10 +158,10 @@ def main() -> None:
     rows = []
     for name, files in there.items():
         case, kept = known[name], out / "references" / f"{name}.json"
-        best = {} if options.no_reference and not kept.exists() else reference(case, files, kept)
+        best = {} if options.no_reference and not kept.exists() else reference_fit(case, files, kept)
         if (path := out / f"{name}.json").exists():
             row = json.loads(path.read_text(encoding="utf-8"))
-            rows.append(judge(row, best, case.expected, case.fine, case.false, case.truth))
+            rows.append(judge_answer(row, best, case.expected, case.fine, case.false, case.truth))
     text = table(rows)
     print(text)
     write_summary({"rows": rows}, out / "table.json")

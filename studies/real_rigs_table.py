@@ -19,7 +19,7 @@ STARTS = {"free": "with the start free", "as_read": "with the start as read"}
 LIMIT = 1.02
 
 
-def judge(
+def judge_answer(
     row: Row,
     reference: Mapping[str, Any],
     expected: Sequence[Sequence[str]],
@@ -27,7 +27,7 @@ def judge(
     false: Sequence[str],
     truth: Mapping[str, float],
 ) -> Row:
-    """A row with what is right, missed, false and other, and "before" over the reference.
+    """Add to a row what is right, missed, false and other, and "before" over the reference.
 
     An effect stands for all that the program calls equivalent to it. ``over_reference`` holds "before" over least
     squares with the start ``free`` and ``as_read``, by output and, ``together``, as the geometric mean of these: what
@@ -80,7 +80,7 @@ def _off(parameters: Mapping[str, Mapping[str, Any]], truth: Mapping[str, float]
 
 
 def table(rows: Sequence[Row]) -> str:
-    """All rows in Markdown, and below it what the simulated cases' parameters are off."""
+    """Write all rows in Markdown, and below them the errors of the simulated cases' parameters."""
     lines = ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
     lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
     good = [row for row in rows if "error" not in row]

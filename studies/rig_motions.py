@@ -20,7 +20,7 @@ INDUCTANCE, STATOR, BODY, ARM = 1.16e-3, 4e-6, 0.0219, 0.158
 
 
 def linear(matrices: Callable[[Parameters], tuple[Any, ...]]) -> Callable[..., FloatArray]:
-    """Motion of x' = A x + B u, y = C x + D u + e, stepped exactly; ``matrices`` gives A, B, C, D, e."""
+    """Make the motion of x' = A x + B u, y = C x + D u + e, stepped exactly; ``matrices`` gives A, B, C, D, e."""
 
     def motion(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
         a, b, c, d, e = (np.array(m, dtype=np.float64) for m in matrices(p))
@@ -96,7 +96,7 @@ def _runge_kutta(
 
 
 def tanks(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
-    """Two tanks, one above the other: level of the lower one."""
+    """Simulate two tanks, one above the other: level of the lower one."""
     k1, k2, k3, k4 = (p[name] for name in ("k1", "k2", "k3", "k4"))
 
     def slope(x: list[float], u: float) -> list[float]:
@@ -109,7 +109,7 @@ def tanks(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray
 def cart_and_pendulum(
     p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool
 ) -> FloatArray:
-    """A cart with a hanging pendulum: position and angle."""
+    """Simulate a cart with a hanging pendulum: position and angle."""
     b, a, l_, w2, c = (p[name] for name in ("b", "a", "l", "w2", "c"))
 
     def slope(x: list[float], v: float) -> list[float]:
@@ -153,7 +153,7 @@ def _pieces(
 
 
 def aero(thrusters: int) -> Callable[..., FloatArray]:
-    """The AERO free in pitch, one motor driven or both against each other: current, speed and pitch, or pitch alone."""
+    """Make the motion of the AERO free in pitch, one motor driven or both: current, speed and pitch, or pitch alone."""
 
     def motion(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
         inertia, lift = p["J_r"] + STATOR, thrusters * ARM * p["k_t"]
@@ -175,7 +175,7 @@ def aero(thrusters: int) -> Callable[..., FloatArray]:
 
 
 def two_dof(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
-    """The AERO free in pitch and yaw: speeds of main and tail motor, pitch, yaw."""
+    """Simulate the AERO free in pitch and yaw: speeds of main and tail motor, pitch, yaw."""
     resistance, c, inertia = 8.4, p["c_m"], p["J_r"] + STATOR
 
     def slope(x: FloatArray, u: FloatArray) -> list[float]:

@@ -29,18 +29,18 @@ Motion = Callable[[dict[str, float], FloatArray, FloatArray, FloatArray, bool], 
 #: Share of a recording that is fitted where there is no other to judge on.
 FITTED = 0.7
 #: Standard deviation of the logarithm of a start over its nominal value, and how far the search may go from that.
-SPREAD, REACH = 0.7, 5.0
+SPREAD, SEARCH_RANGE = 0.7, 5.0
 #: A residual that no model should leave, in standard deviations of the readings: what cannot be simulated gets it.
-HOPELESS = 1e3
+LARGEST_RESIDUAL = 1e3
 #: Differences by which slopes are taken: of logarithms of parameters, and of initial states over their steps.
 STEP = 1e-4
 #: Of how many readings one is kept for the starts, how many of these go on with all, and how often weights are renewed.
-THINNED, POLISHED, ROUNDS = 20, 2, 8
+THINNING, KEPT_STARTS, MAX_REWEIGHTINGS = 20, 2, 8
 
 
 @dataclass(frozen=True)
 class FirstModel:
-    """A first model, written by hand.
+    """A first model, written by hand, and how it is fitted.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class _Climb:
+class _LocalFit:
     """Where a search ended: mean logarithm of the RMS by output, point, RMS by output."""
 
     loss: float
@@ -93,7 +93,7 @@ class _Climb:
 
 
 def read(path: Path, rig: FirstModel, whole: bool) -> Readings:
-    """A recording, or its fitted part."""
+    """Read a recording, or its fitted part."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = csv.reader(lines)
         columns = [name.strip() for name in next(rows)]
@@ -107,7 +107,7 @@ def read(path: Path, rig: FirstModel, whole: bool) -> Readings:
 
 
 def residuals_of(name: str, paths: Sequence[Path], whole: bool) -> dict[str, Any]:
-    """The best fits, with the start ``free`` and ``as_read``.
+    """Fit a first model, with the start ``free`` and ``as_read``.
 
     Each has ``rms`` by output over all recordings, parameters, and whether inputs go straight between samples.
 
@@ -139,16 +139,16 @@ def residuals_of(name: str, paths: Sequence[Path], whole: bool) -> dict[str, Any
 def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dict[str, Any]:
     """The best of several starts; outputs weigh by the inverse of what is left of each (most likely noise).
 
-    The starts climb on fewer readings where the inputs rarely change; the best go on with all of them.
+    The first fits use fewer readings where the inputs rarely change; the best go on with all of them.
     """
     rng = np.random.default_rng(36)
     scale = np.concatenate([r.outputs for r in recordings]).std(axis=0)
     few = [_thinned(recording) for recording in recordings]
     points = [_start(rig, recordings, rng, number) for number in range(rig.starts)]
-    climbs = [_climb(rig, few, straight, point, scale, scale, ROUNDS // 2) for point in points]
-    climbs = sorted(climbs, key=lambda climb: climb.loss)[:POLISHED]
-    climbs = [_climb(rig, recordings, straight, climb.point, climb.left, scale, ROUNDS) for climb in climbs]
-    best = min(climbs, key=lambda climb: climb.loss)
+    fits = [_local_fit(rig, few, straight, point, scale, scale, MAX_REWEIGHTINGS // 2) for point in points]
+    fits = sorted(fits, key=lambda one: one.loss)[:KEPT_STARTS]
+    fits = [_local_fit(rig, recordings, straight, one.point, one.left, scale, MAX_REWEIGHTINGS) for one in fits]
+    best = min(fits, key=lambda one: one.loss)
     return {
         "rms": dict(zip(rig.outputs, best.left.tolist(), strict=True)),
         "parameters": dict(zip(rig.start, np.exp(best.point[: len(rig.start)]).tolist(), strict=True)),
@@ -160,7 +160,7 @@ def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dic
 def _thinned(recording: Readings) -> Readings:
     """Every so many readings, and those about each change of an input."""
     changes = np.any(np.diff(recording.inputs, axis=0) != 0.0, axis=1)
-    keep = np.arange(recording.time.size) % THINNED == 0
+    keep = np.arange(recording.time.size) % THINNING == 0
     keep[:-1] |= changes
     keep[1:] |= changes
     return Readings(recording.time[keep], recording.inputs[keep], recording.outputs[keep])
@@ -174,7 +174,7 @@ def _start(rig: FirstModel, recordings: Sequence[Readings], rng: np.random.Gener
     return np.concatenate([np.log(list(rig.start.values())) + spread, delays, states])
 
 
-def _climb(
+def _local_fit(
     rig: FirstModel,
     recordings: Sequence[Readings],
     straight: bool,
@@ -182,12 +182,12 @@ def _climb(
     left: FloatArray,
     scale: FloatArray,
     rounds: int,
-) -> _Climb:
+) -> _LocalFit:
     """Least squares from a start, with weights that are renewed; ``left`` is the RMS by output to begin with."""
     count = len(rig.start)
     low, high = (np.full(point.size, sign * np.inf) for sign in (-1, 1))
     nominal = np.log(list(rig.start.values()))
-    low[:count], high[:count] = nominal - REACH, nominal + REACH
+    low[:count], high[:count] = nominal - SEARCH_RANGE, nominal + SEARCH_RANGE
     spans = np.ones(point.size)
     if rig.delayed:
         low[count], high[count], spans[count] = 0.0, 0.02, 0.01
@@ -202,7 +202,7 @@ def _climb(
         before, loss = loss, float(np.mean(np.log(left)))
         if before - loss < 1e-4:
             break
-    return _Climb(loss, point, left)
+    return _LocalFit(loss, point, left)
 
 
 def _slopes(misfit: Callable[[FloatArray], FloatArray], point: FloatArray, steps: FloatArray) -> FloatArray:
@@ -230,10 +230,14 @@ def _misfit(
         state[steps > 0.0] += steps[steps > 0.0] * change
         with np.errstate(all="ignore"):
             outputs = rig.motion(parameters, state, recording.time, recording.inputs, straight)
-        found.append(np.nan_to_num((outputs - recording.outputs) / weights, nan=0.0, posinf=HOPELESS, neginf=-HOPELESS))
+        found.append(
+            np.nan_to_num(
+                (outputs - recording.outputs) / weights, nan=0.0, posinf=LARGEST_RESIDUAL, neginf=-LARGEST_RESIDUAL
+            )
+        )
         if not np.isfinite(outputs).all():
-            found[-1][~np.isfinite(outputs)] = HOPELESS
-    return np.clip(np.concatenate(found), -HOPELESS, HOPELESS).ravel()
+            found[-1][~np.isfinite(outputs)] = LARGEST_RESIDUAL
+    return np.clip(np.concatenate(found), -LARGEST_RESIDUAL, LARGEST_RESIDUAL).ravel()
 
 
 def _emps(p: dict[str, float]) -> tuple[Any, ...]:

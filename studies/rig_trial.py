@@ -31,7 +31,7 @@ import numpy as np
 
 from aero_bayes.fleet import open_executor
 from rig_trial_table import summarise
-from simulated_rigs import DEVELOPMENT, REPORT, RigTrial, draw_trial, rig_kinds, write_trial
+from simulated_rigs import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, rig_kinds, write_trial
 from simulated_rigs.nodes import same_places
 from trial_runs import Row, executor_options, run_trials, write_summary
 
@@ -73,7 +73,7 @@ class CloseLoop(Protocol):
     def __call__(self, folder: Path) -> Answer: ...
 
 
-def close_loop(folder: Path) -> Answer:
+def close_loop_by_command(folder: Path) -> Answer:
     """Run the command of the README in a process of its own and read ``result.json`` (both are contracts)."""
     command = [str(Path(sys.executable).parent / "aero-bayes"), "close-loop", "--config", "rig.toml", "--workers", "1"]
     command += ["--train", "train.csv", "--test", "test.csv", "--out", "out"]
@@ -84,7 +84,7 @@ def close_loop(folder: Path) -> Answer:
 
 
 def answer_of(result: Mapping[str, Any]) -> Answer:
-    """The parts of ``result.json`` that are judged."""
+    """Return the parts of ``result.json`` that are judged."""
     loop = result["loop"]
     first = loop["steps"][0] if loop.get("steps") else {}
     return Answer(
@@ -97,7 +97,7 @@ def answer_of(result: Mapping[str, Any]) -> Answer:
 
 
 @dataclass(frozen=True)
-class Task:
+class RigTrialTask:
     """One trial."""
 
     base: int
@@ -107,19 +107,20 @@ class Task:
 
     @property
     def key(self) -> str:
+        """Key of the row: seed, rig, sort of trial, number."""
         return f"{self.base}/{self.rig}/{self.what}/{self.number}"
 
 
-def tasks_of(base: int, counts: Mapping[str, int], rigs: tuple[str, ...]) -> list[Task]:
-    """All trials, kinds interleaved so that a partial run says something of each."""
-    tasks = [Task(base, rig, what, k) for rig in rigs for what, n in counts.items() for k in range(n)]
+def rig_trial_tasks(base: int, counts: Mapping[str, int], rigs: tuple[str, ...]) -> list[RigTrialTask]:
+    """List all trials, kinds interleaved so that a partial run says something of each."""
+    tasks = [RigTrialTask(base, rig, what, k) for rig in rigs for what, n in counts.items() for k in range(n)]
     return sorted(tasks, key=lambda t: ((t.number + 0.5) / counts[t.what], t.what, t.rig))
 
 
-def run(task: Task, program: CloseLoop) -> Row:
+def run(task: RigTrialTask, program: CloseLoop) -> Row:
     """Draw, record, close the loop, and set the answer beside the truth."""
     began = time.perf_counter()
-    trial = draw_trial(task.rig, task.number, task.base, task.what)  # type: ignore[arg-type]
+    trial = draw_rig_trial(task.rig, task.number, task.base, task.what)  # type: ignore[arg-type]
     with tempfile.TemporaryDirectory(prefix="rig-trial-") as folder:
         write_trial(trial, folder)
         loop_began = time.perf_counter()
@@ -150,13 +151,13 @@ def _over_noise(trial: RigTrial, answer: Answer) -> dict[str, float]:
     """Residual on the unseen recording over the noise that is truly in it."""
     over = {}
     for output, rms in answer.unseen.items():
-        noise = trial.test.outputs[output] - trial.silent["test"].outputs[output]
+        noise = trial.test.outputs[output] - trial.noise_free["test"].outputs[output]
         over[output] = rms / float(np.sqrt(np.mean(noise**2)))
     return over
 
 
-def attempt(task: Task, program: CloseLoop = close_loop) -> Row:
-    """As :func:`run`; a trial that fails is a row that says so."""
+def attempt_rig_trial(task: RigTrialTask, program: CloseLoop = close_loop_by_command) -> Row:
+    """Run a trial as :func:`run` does; a trial that fails is a row that says so."""
     try:
         return run(task, program)
     except Exception as error:
@@ -179,8 +180,8 @@ def main() -> None:
     if arguments.only:
         counts = {arguments.only: arguments.count or counts.get(arguments.only, 1)}
     base = DEVELOPMENT if arguments.development else REPORT
-    tasks = tasks_of(base, counts, tuple(arguments.rig or rig_kinds()))
-    work = partial(attempt, program=close_loop)
+    tasks = rig_trial_tasks(base, counts, tuple(arguments.rig or rig_kinds()))
+    work = partial(attempt_rig_trial, program=close_loop_by_command)
     with open_executor(arguments.dask, arguments.processes) as executor:
         rows = run_trials(tasks, work, arguments.out / "rig_trial" / "trials.sqlite", executor)
     summary, text = summarise(rows, base, DEVELOPMENT)

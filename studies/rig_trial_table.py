@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trial_runs import BANDS, Row, quantile, rate, show
+from trial_runs import BANDS, Row, cell, quantile, rate
 
 FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
 #: Limits of the odds between which their calibration is given.
@@ -16,43 +16,43 @@ ODDS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 def in_class(row: Row, name: str) -> set[str]:
-    """A name and all that the program calls equivalent to it."""
+    """Return a name and all that the program calls equivalent to it."""
     return {name, *(other for same in row["equivalent"] if name in same for other in same)}
 
 
 def right_law(row: Row) -> bool:
-    """Whether the true law at its place was found first, or stands in the class of what was found first."""
+    """Return whether the true law at its place, or one equivalent to it, was found first."""
     return bool(row["found"]) and bool(in_class(row, row["found"][0]["id"]) & set(row["ids"][0]))
 
 
-def right_kin(row: Row) -> bool:
-    """As :func:`right_law`, any dry friction passing for another at the same place."""
+def right_or_similar(row: Row) -> bool:
+    """Return whether :func:`right_law` holds, any dry friction passing for another at the same place."""
     law = row["truth"][0]["law"]
-    kin = FRICTION if law in FRICTION else {law}
-    wanted = {f"{one}@{id_.partition('@')[2]}" for id_ in row["ids"][0] for one in kin}
+    similar = FRICTION if law in FRICTION else {law}
+    wanted = {f"{one}@{id_.partition('@')[2]}" for id_ in row["ids"][0] for one in similar}
     return bool(row["found"]) and bool(in_class(row, row["found"][0]["id"]) & wanted)
 
 
 def right_place(row: Row) -> bool:
-    """Whether what was found first, or its class, acts where the true law does."""
+    """Return whether what was found first, or an equivalent, acts where the true law does."""
     places = {id_.partition("@")[2] for id_ in row["ids"][0]}
     found = in_class(row, row["found"][0]["id"]) if row["found"] else set()
     return bool(found and ({one.partition("@")[2] for one in found} & places or row["found"][0]["port"] in places))
 
 
 def right_pair(row: Row) -> bool:
-    """Whether both laws were found and no third one was."""
+    """Return whether both laws were found and no third one was."""
     classes = [in_class(row, one["id"]) for one in row["found"]]
     return len(classes) == 2 and all(any(one & set(ids) for one in classes) for ids in row["ids"])
 
 
-def named(row: Row) -> bool:
-    """Whether a law of the library was named."""
+def names_a_law(row: Row) -> bool:
+    """Return whether a law of the library was named."""
     return any(one["kind"] != "free_form" for one in row["found"])
 
 
 def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[str, Any], str]:
-    """Summary and the table to print."""
+    """Compute the summary, and the table to print."""
     good = [row for row in rows if "error" not in row]
     law, none, pair, outside = ([r for r in good if r["what"] == what] for what in ("law", "none", "pair", "outside"))
     strong = [row for row in law if row["d"][0] >= 20.0]
@@ -63,12 +63,12 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
     summary: dict[str, Any] = {
         "trials": len(rows),
         "right_law": {"d>=20": rate(strong, right_law), "8<=d<20": rate(weak, right_law)},
-        "right_law_or_kin": {"d>=20": rate(strong, right_kin), "8<=d<20": rate(weak, right_kin)},
+        "right_law_or_similar": {"d>=20": rate(strong, right_or_similar), "8<=d<20": rate(weak, right_or_similar)},
         "right_place": rate(seen, right_place),
         "right_pair": rate(clear_pairs, right_pair),
         "nothing_missing": rate(none, lambda row: row["outcome"] == "adequate"),
-        "false_name": rate(none, named),
-        "no_name_outside": rate(outside, lambda row: not named(row)),
+        "false_name": rate(none, names_a_law),
+        "no_name_outside": rate(outside, lambda row: not names_a_law(row)),
         "after_over_noise_median": quantile(after, 0.5),
         "after_over_noise_q95": quantile(after, 0.95),
         "seconds_median": quantile([row["seconds"] for row in good], 0.5),
@@ -81,7 +81,7 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
         "by_law": _by(law, lambda row: row["truth"][0]["law"]),
         "by_noise": _by(good, lambda row: row["noise"]),
         "by_law_outside": {
-            name: {"trials": len(of), "no_name": rate(of, lambda row: not named(row))}
+            name: {"trials": len(of), "no_name": rate(of, lambda row: not names_a_law(row))}
             for name, of in _groups(outside, lambda row: row["truth"][0]["law"]).items()
         },
         "curve": [_band(law, low, high) for low, high in BANDS],
@@ -92,7 +92,7 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
 
 
 def calibration(rows: Sequence[Row]) -> dict[str, Any]:
-    """How often an answer is right that was given such odds; "nothing" is an answer too.
+    """Compute how often an answer with given odds is right; "nothing" is an answer too.
 
     An answer is what the first round holds likeliest, its equivalents' odds added to it.
     """
@@ -129,7 +129,7 @@ def _by(rows: Sequence[Row], key: Any) -> dict[str, Any]:
     for name, of in _groups(rows, key).items():
         seen = [row for row in of if row["what"] == "law" and row["d"][0] >= 8.0]
         none = [row for row in of if row["what"] == "none"]
-        found[name] = {"seen": len(seen), "right_law": rate(seen, right_law), "false_name": rate(none, named)}
+        found[name] = {"seen": len(seen), "right_law": rate(seen, right_law), "false_name": rate(none, names_a_law)}
     return found
 
 
@@ -148,19 +148,19 @@ def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> 
     counts, sure = summary["counts"], summary["odds"]["given_90"]
     lines = [
         f"{summary['trials']} trials ({counts['failed']} failed)",
-        f"right law, d >= 20          {show(summary['right_law']['d>=20']):>8}  of {counts['d>=20']}",
-        f"right law, 8 <= d < 20      {show(summary['right_law']['8<=d<20']):>8}  of {counts['8<=d<20']}",
-        f"  or a kindred friction     {show(summary['right_law_or_kin']['d>=20']):>8}  "
-        f"{show(summary['right_law_or_kin']['8<=d<20'])}",
-        f"right place, d >= 8         {show(summary['right_place']):>8}",
-        f"both of two, d >= 20 each   {show(summary['right_pair']):>8}  of {counts['pair']}",
-        f"nothing missing: adequate   {show(summary['nothing_missing']):>8}  of {counts['none']}",
-        f"nothing missing: false name {show(summary['false_name']):>8}",
-        f"outside: no false name      {show(summary['no_name_outside']):>8}  of {counts['outside']}",
-        f"right where odds >= 90 %    {show(sure['right']):>8}  of {sure['answers']}",
-        f"unseen error over noise     {show(summary['after_over_noise_median'], False):>8}  median, "
-        f"{show(summary['after_over_noise_q95'], False)} at 95 %",
-        f"seconds a loop              {show(summary['seconds_median'], False):>8}  median",
+        f"right law, d >= 20          {cell(summary['right_law']['d>=20']):>8}  of {counts['d>=20']}",
+        f"right law, 8 <= d < 20      {cell(summary['right_law']['8<=d<20']):>8}  of {counts['8<=d<20']}",
+        f"  or a similar friction     {cell(summary['right_law_or_similar']['d>=20']):>8}  "
+        f"{cell(summary['right_law_or_similar']['8<=d<20'])}",
+        f"right place, d >= 8         {cell(summary['right_place']):>8}",
+        f"both of two, d >= 20 each   {cell(summary['right_pair']):>8}  of {counts['pair']}",
+        f"nothing missing: adequate   {cell(summary['nothing_missing']):>8}  of {counts['none']}",
+        f"nothing missing: false name {cell(summary['false_name']):>8}",
+        f"outside: no false name      {cell(summary['no_name_outside']):>8}  of {counts['outside']}",
+        f"right where odds >= 90 %    {cell(sure['right']):>8}  of {sure['answers']}",
+        f"unseen error over noise     {cell(summary['after_over_noise_median'], False):>8}  median, "
+        f"{cell(summary['after_over_noise_q95'], False)} at 95 %",
+        f"seconds a loop              {cell(summary['seconds_median'], False):>8}  median",
         "",
         "      d         trials   right law   right place   something found",
     ]
@@ -168,13 +168,13 @@ def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> 
         low, high = band["d"]
         label = f"{low:g} to {high:g}" if high is not None else f"{low:g} and more"
         lines.append(
-            f"{label:>14} {band['trials']:7d} {show(band['right_law']):>11} {show(band['right_place']):>13} "
-            f"{show(band['found_something']):>17}"
+            f"{label:>14} {band['trials']:7d} {cell(band['right_law']):>11} {cell(band['right_place']):>13} "
+            f"{cell(band['found_something']):>17}"
         )
     for title in ("rig", "law"):
         lines += ["", f"{title:<24} d >= 8   right law   false name"]
         lines += [
-            f"  {name:<22} {item['seen']:6d} {show(item['right_law']):>11} {show(item['false_name']):>12}"
+            f"  {name:<22} {item['seen']:6d} {cell(item['right_law']):>11} {cell(item['false_name']):>12}"
             for name, item in summary[f"by_{title}"].items()
         ]
     wrong = [row for row in seen if not right_law(row)]

@@ -27,10 +27,10 @@ import numpy as np
 
 from aero_bayes.data import read_recording
 from aero_bayes.fleet import open_executor
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_trial import draw_trial
-from trial_distance import distances, scaled_to
+from aero_trial import draw_aero_trial
+from trial_distance import effect_distances, scaled_to
 from trial_runs import executor_options, run_trials, write_summary
 from trial_table import summarise
 
@@ -42,7 +42,7 @@ BASE = "Aero.Systems.OneDof"
 
 
 @dataclass(frozen=True)
-class Task:
+class AeroTrialTask:
     """One trial: the root of its seed, its kind, its number, and where compiled models are kept."""
 
     root: int
@@ -52,25 +52,27 @@ class Task:
 
     @property
     def noise(self) -> str:
+        """Kind of noise: white and real in turn."""
         return "white" if self.number % 2 == 0 else "real"
 
     @property
     def key(self) -> str:
+        """Key of the row: root of the seed, kind, number."""
         return f"{self.root}/{self.kind}/{self.number}"
 
 
-def tasks_of(root: int, counts: dict[str, int], cache: Path) -> list[Task]:
-    """All trials, kinds interleaved so that a partial run says something of each."""
-    tasks = [Task(root, kind, k, cache) for kind, n in counts.items() for k in range(n)]
+def aero_trial_tasks(root: int, counts: dict[str, int], cache: Path) -> list[AeroTrialTask]:
+    """List all trials, kinds interleaved so that a partial run says something of each."""
+    tasks = [AeroTrialTask(root, kind, k, cache) for kind, n in counts.items() for k in range(n)]
     return sorted(tasks, key=lambda t: ((t.number + 0.5) / counts[t.kind], t.kind))
 
 
-def run(task: Task) -> dict[str, Any]:
+def run(task: AeroTrialTask) -> dict[str, Any]:
     """Draw, record, close the loop, and compare with the truth."""
     began = time.perf_counter()
     rng = np.random.default_rng([task.root, KINDS.index(task.kind), task.number])
-    spec = draw_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
-    family = RigFamily(BASE, (), task.cache)
+    spec = draw_aero_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
+    family = ModelicaFamily(BASE, (), task.cache)
     if task.kind == "single" and (task.number // 2) % 2 == 0:
         spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
     with tempfile.TemporaryDirectory(prefix="trial-") as folder:
@@ -81,10 +83,10 @@ def run(task: Task) -> dict[str, Any]:
         settings = LoopSettings(cache=task.cache)
         result = close_loop([train], [test], model=BASE, settings=settings, workers=0, out_dir=Path(folder) / "out")
         seconds, cpu = time.perf_counter() - loop_began, time.process_time() - cpu
-    silent = spec.silent().record()
+    noise_free = spec.noise_free().record()
     over = {}
     for output, values in made.test[0].outputs.items():
-        noise = values - silent.test[0].outputs[output]
+        noise = values - noise_free.test[0].outputs[output]
         after = result.after.test[test.name, output].rms
         over[output] = after / float(np.sqrt(np.nanmean(noise**2)))
     truth = [effect.id for effect in spec.truth.effects]
@@ -93,7 +95,7 @@ def run(task: Task) -> dict[str, Any]:
         "kind": task.kind,
         "noise": task.noise,
         "truth": [{"id": e.id, "port": e.port, **e.parameters} for e in spec.truth.effects],
-        "d": distances(spec, silent.train[0], family, truth),
+        "d": effect_distances(spec, noise_free.train[0], family, truth),
         "outcome": result.outcome,
         "found": [{"id": e.id, "port": e.port, "kind": e.kind, "gain": e.gain} for e in result.effects],
         "equivalent": [list(ids) for ids in result.equivalent],
@@ -107,8 +109,8 @@ def run(task: Task) -> dict[str, Any]:
     }
 
 
-def attempt(task: Task) -> dict[str, Any]:
-    """As :func:`run`; a trial that fails is a row that says so."""
+def attempt_aero_trial(task: AeroTrialTask) -> dict[str, Any]:
+    """Run a trial as :func:`run` does; a trial that fails is a row that says so."""
     try:
         return run(task)
     except Exception as error:
@@ -131,10 +133,10 @@ def main() -> None:
     root = DEVELOPMENT if arguments.development else TABLE
     work = arguments.out / "trial"
     cache = (work / "fmu").resolve()
-    RigFamily(BASE, (), cache).plain()
-    tasks = [t for t in tasks_of(root, counts, cache) if t.number >= arguments.first]
+    ModelicaFamily(BASE, (), cache).base_model()
+    tasks = [t for t in aero_trial_tasks(root, counts, cache) if t.number >= arguments.first]
     with open_executor(arguments.dask, arguments.processes) as executor:
-        rows = run_trials(tasks, attempt, work / "trials.sqlite", executor)
+        rows = run_trials(tasks, attempt_aero_trial, work / "trials.sqlite", executor)
     summary, text = summarise(rows, root, DEVELOPMENT)
     print(text)
     write_summary(summary, arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))

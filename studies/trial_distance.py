@@ -19,7 +19,7 @@ from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_m
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
@@ -30,7 +30,7 @@ OUTPUTS = ("i_m", "omega_m", "theta")
 
 
 def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
-    """Noise of each output; an encoder's counts add the variance of their width, ripple counts as removable."""
+    """Return the noise of each output; an encoder's counts add the variance of their width, ripple is left out."""
     noise = {}
     for output in OUTPUTS:
         item = getattr(spec.sensors, output)
@@ -41,24 +41,24 @@ def true_noise(spec: TrialSpec) -> dict[str, OutputNoise]:
     return noise
 
 
-def distances(spec: TrialSpec, silent: Recording, family: RigFamily, ids: Sequence[str]) -> list[float]:
-    """Distance of each effect, the others of the truth being known to the model (catalogue effects only)."""
+def effect_distances(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, ids: Sequence[str]) -> list[float]:
+    """Compute the distance of each effect; the model knows the others of the truth (catalogue effects only)."""
     if not ids:
         return []
-    left = _distance(spec, silent, family, ids) if all(id_ in family.declared.effects for id_ in ids) else 0.0
-    found = [_distance(spec, silent, family, [other for other in ids if other != id_]) for id_ in ids]
+    left = _distance(spec, noise_free, family, ids) if all(id_ in family.declared.effects for id_ in ids) else 0.0
+    found = [_distance(spec, noise_free, family, [other for other in ids if other != id_]) for id_ in ids]
     return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
 
-def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
-    """The trial with its one effect's magnitude changed so that its distance is about ``wanted``."""
+def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSpec:
+    """Scale the one effect's magnitude so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = next(c.law.switch.name for c in family.every if c.id == effect.id)
+    name = next(c.law.magnitude.name for c in family.candidates if c.id == effect.id)
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
-        silent = spec.silent().recording("train")
-        d = _distance(spec, silent, family, [])
+        noise_free = spec.noise_free().recording("train")
+        d = _distance(spec, noise_free, family, [])
         if d < 0.5:
             # A twin of a base parameter: no size makes it visible.
             return spec
@@ -70,17 +70,17 @@ def scaled_to(spec: TrialSpec, wanted: float, family: RigFamily) -> TrialSpec:
     return spec
 
 
-def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequence[str]) -> float:
-    model = family.plain()
+def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, known: Sequence[str]) -> float:
+    model = family.base_model()
     shared = parameters_from_model(
         model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
     )
     loop = LoopSettings()
     settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
-    read = calibrate([_as_read(spec, silent)], model, shared, settings=settings)
+    read = calibrate([_as_read(spec, noise_free)], model, shared, settings=settings)
     (experiment,) = read.experiments
     assert experiment.measured is not None
-    exact = silent.measured(experiment.outputs)[np.searchsorted(silent.time, experiment.time)]
+    exact = noise_free.measured(experiment.outputs)[np.searchsorted(noise_free.time, experiment.time)]
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
     plain = replace(read, experiments=(experiment,))
     with _here(plain.problem()) as simulator:
@@ -91,9 +91,9 @@ def _distance(spec: TrialSpec, silent: Recording, family: RigFamily, known: Sequ
     listed = [k for k in known if k in family.declared.effects]
     calibration, extra = plain, []
     if listed:
-        offer = family.offer(listed)
+        offer = family.with_candidates(listed)
         names = {p.name for id_ in listed for p in family.parameters(id_)}
-        calibration, extra = family.on(plain, offer.model), [p for p in offer.parameters if p.name in names]
+        calibration, extra = family.transfer(plain, offer.model), [p for p in offer.parameters if p.name in names]
     parameters = calibration.parameters.extended(extra)
     calibration = replace(calibration, parameters=parameters)
     truth = {name: value for e in spec.truth.effects for name, value in e.parameters.items()}
@@ -110,11 +110,11 @@ def _here(problem: Problem) -> Simulator:
     return open_simulator(problem, workers=0)
 
 
-def _as_read(spec: TrialSpec, silent: Recording) -> Recording:
+def _as_read(spec: TrialSpec, noise_free: Recording) -> Recording:
     """The noise-free pitch as the encoder counts it, which says where it stands still."""
     counts = spec.sensors.encoder_counts
     if not counts:
-        return silent
+        return noise_free
     step = 2.0 * np.pi / counts
-    outputs = {**silent.outputs, "theta": np.floor(silent.outputs["theta"] / step + 0.5) * step}
-    return replace(silent, outputs=outputs, sha256="")
+    outputs = {**noise_free.outputs, "theta": np.floor(noise_free.outputs["theta"] / step + 0.5) * step}
+    return replace(noise_free, outputs=outputs, sha256="")

@@ -29,7 +29,7 @@ def run_trials(
     made_of: str = "",
     until: Callable[[], bool] = lambda: False,
 ) -> list[Row]:
-    """Rows of all tasks, in their order, on the runner that fleets use; what the table holds is not run again."""
+    """Run all tasks that the table does not hold yet, on the runner of fleets, and return all rows in order."""
     with Table(path) as table, tqdm(total=len(tasks)) as bar:
         run_all(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
         found = {task.key: table.get(task.key) for task in tasks}
@@ -37,7 +37,7 @@ def run_trials(
 
 
 def executor_options(parser: ArgumentParser) -> None:
-    """Where trials run: processes of this machine, or a Dask scheduler's workers."""
+    """Add the options that say where trials run: processes here, or a Dask scheduler's workers."""
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--dask", help="address of a scheduler, its file, or local")
 
@@ -50,22 +50,22 @@ def write_summary(summary: dict[str, Any], path: Path) -> None:
 
 
 def code() -> str:
-    """The commit that is run, with a mark where files differ from it."""
+    """Return the commit that is run, with a mark where files differ from it."""
     here = Path(__file__).resolve().parent
     command = ["git", "describe", "--always", "--dirty"]
     return subprocess.run(command, cwd=here, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def rate(rows: Sequence[Row], test: Callable[[Row], bool]) -> float | None:
-    """Share of rows that pass; None where there is none."""
+    """Return the share of rows that pass; None where there is none."""
     return sum(map(test, rows)) / len(rows) if rows else None
 
 
 def quantile(values: Sequence[float], q: float) -> float | None:
-    """A quantile; None of nothing."""
+    """Return a quantile; None of nothing."""
     return float(np.quantile(values, q)) if values else None
 
 
-def show(value: float | None, percent: bool = True) -> str:
-    """A share or a number for a table."""
+def cell(value: float | None, percent: bool = True) -> str:
+    """Write a share or a number for a table."""
     return "-" if value is None else f"{100 * value:.1f} %" if percent else f"{value:.3g}"

@@ -7,29 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
-from trial_runs import BANDS, Row, quantile, rate, show
+from trial_runs import BANDS, Row, cell, quantile, rate
 
 
 def right_effect(row: Row) -> bool:
-    """Whether the true effect was found first, or stands in the equivalence class of the one found first."""
+    """Return whether the true effect, or one equivalent to it, was found first."""
     return bool(row["found"]) and _matches(row, row["truth"][0]["id"], [row["found"][0]["id"]])
 
 
 def right_pair(row: Row) -> bool:
-    """Whether both effects were found and no third one was."""
+    """Return whether both effects were found and no third one was."""
     names = [found["id"] for found in row["found"]]
     return len(names) == 2 and all(_matches(row, truth["id"], names) for truth in row["truth"])
 
 
 def abstained(row: Row) -> bool:
-    """Whether no effect of the catalogue was named."""
+    """Return whether no effect of the catalogue was named."""
     return all(found["kind"] == "free_form" for found in row["found"])
 
 
 def right_port(row: Row) -> bool:
-    """Whether the first effect found, or one equivalent to it, acts where the true one does.
+    """Return whether the first effect found, or one equivalent to it, acts where the true one does.
 
     A disturbance of a moment is at no port: then nothing is to be named.
     """
@@ -49,7 +49,7 @@ def _port(id_: str) -> str:
 
 
 def learned(row: Row) -> bool:
-    """Whether a curve was learned."""
+    """Return whether a curve was learned."""
     return any(found["kind"] == "free_form" for found in row["found"])
 
 
@@ -58,7 +58,7 @@ def _matches(row: Row, truth: str, names: Sequence[str]) -> bool:
 
 
 def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[str, Any], str]:
-    """Summary by contract, and the table to print."""
+    """Compute the summary by contract, and the table to print."""
     good = [row for row in rows if "error" not in row]
     single, none, pair, outside = (
         [row for row in good if row["kind"] == kind] for kind in ("single", "none", "pair", "outside")
@@ -140,21 +140,21 @@ def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row])
     counts, learnt = summary["counts"], summary["learned_outside"]
     lines = [
         f"{summary['trials']} trials ({counts['failed']} failed)",
-        f"right effect, d >= 20       {show(summary['right_effect']['d>=20']):>8}  of {counts['d>=20']}",
-        f"right effect, 8 <= d < 20   {show(summary['right_effect']['8<=d<20']):>8}  of {counts['8<=d<20']}",
-        f"right port, d >= 8          {show(summary['right_port']):>8}",
-        f"both of two, d >= 20 each   {show(summary['right_pair']):>8}  of {counts['pair']}",
-        f"nothing missing: adequate   {show(summary['nothing_missing']):>8}  of {counts['none']}",
-        f"nothing missing: false name {show(summary['false_discovery']):>8}",
-        f"outside: no false name      {show(summary['abstained_outside']):>8}  of {counts['outside']}",
-        f"outside: right port, d >= 8 {show(summary['right_port_outside']):>8}",
+        f"right effect, d >= 20       {cell(summary['right_effect']['d>=20']):>8}  of {counts['d>=20']}",
+        f"right effect, 8 <= d < 20   {cell(summary['right_effect']['8<=d<20']):>8}  of {counts['8<=d<20']}",
+        f"right port, d >= 8          {cell(summary['right_port']):>8}",
+        f"both of two, d >= 20 each   {cell(summary['right_pair']):>8}  of {counts['pair']}",
+        f"nothing missing: adequate   {cell(summary['nothing_missing']):>8}  of {counts['none']}",
+        f"nothing missing: false name {cell(summary['false_discovery']):>8}",
+        f"outside: no false name      {cell(summary['abstained_outside']):>8}  of {counts['outside']}",
+        f"outside: right port, d >= 8 {cell(summary['right_port_outside']):>8}",
         f"learned curves, d >= 8      {len(curves):>8}",
-        f"  at the right port         {show(learnt['right_port']):>8}",
-        f"  unseen error over noise   {show(learnt['unseen_over_noise_median'], False):>8}  median, "
-        f"{show(learnt['unseen_within_1.3'])} within 1.3",
-        f"unseen error over noise     {show(summary['after_over_noise_median'], False):>8}  median, "
-        f"{show(summary['after_over_noise_q95'], False)} at 95 %, {show(summary['after_within_1.05'])} within 1.05",
-        f"seconds a loop              {show(summary['seconds_median'], False):>8}  median",
+        f"  at the right port         {cell(learnt['right_port']):>8}",
+        f"  unseen error over noise   {cell(learnt['unseen_over_noise_median'], False):>8}  median, "
+        f"{cell(learnt['unseen_within_1.3'])} within 1.3",
+        f"unseen error over noise     {cell(summary['after_over_noise_median'], False):>8}  median, "
+        f"{cell(summary['after_over_noise_q95'], False)} at 95 %, {cell(summary['after_within_1.05'])} within 1.05",
+        f"seconds a loop              {cell(summary['seconds_median'], False):>8}  median",
         "",
         "      d         trials   right effect   right port   something found",
     ]
@@ -162,13 +162,13 @@ def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row])
         low, high = band["d"]
         label = f"{low:g} to {high:g}" if high is not None else f"{low:g} and more"
         lines.append(
-            f"{label:>14} {band['trials']:7d} {show(band['right_effect']):>14} {show(band['right_port']):>12} "
-            f"{show(band['found_something']):>17}"
+            f"{label:>14} {band['trials']:7d} {cell(band['right_effect']):>14} {cell(band['right_port']):>12} "
+            f"{cell(band['found_something']):>17}"
         )
     lines += ["", "outside the catalogue        trials   no false name   curves   right port   unseen/noise"]
     lines += [
-        f"  {id_:<26} {item['trials']:6d} {show(item['no_false_name']):>15} {item['learned']:8d} "
-        f"{show(item['right_port']):>12} {show(item['unseen_over_noise_median'], False):>14}"
+        f"  {id_:<26} {item['trials']:6d} {cell(item['no_false_name']):>15} {item['learned']:8d} "
+        f"{cell(item['right_port']):>12} {cell(item['unseen_over_noise_median'], False):>14}"
         for id_, item in summary["outside_by_effect"].items()
     ]
     wrong = [row for row in single if row["d"][0] >= 8.0 and not right_effect(row)]

@@ -9,8 +9,16 @@ from typing import TypeVar
 import numpy as np
 
 from aero_bayes.estimate import Calibration, NoiseModel, Parameter, ParameterSet, Prior
-from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import (
+    Experiment,
+    GaussNewton,
+    Likelihoods,
+    Model,
+    ParameterTarget,
+    Problem,
+    Trajectories,
+    Variable,
+)
 
 Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]
 State = TypeVar("State", float, np.ndarray)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from aero_bayes.laws.compose import Models, law_models
-from aero_bayes.laws.law import Law, general_laws
+from aero_bayes.laws import Law, LawModels, law_models, shipped_laws
 
 #: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
 SLOW = {
@@ -24,11 +23,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def laws() -> tuple[Law, ...]:
-    return general_laws()
+    return shipped_laws()
 
 
 @pytest.fixture(scope="session")
-def models(laws: tuple[Law, ...]) -> Models:
+def models(laws: tuple[Law, ...]) -> LawModels:
     return law_models(laws)
 
 

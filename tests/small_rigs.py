@@ -9,10 +9,10 @@ from pathlib import Path
 from numpy.random import Generator
 
 from aero_bayes.export.causalise import ExplicitModel, causalise
-from aero_bayes.export.expression import Node, evaluate
+from aero_bayes.export.equation_system import translate
+from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.translate import translate
 
 RIGS = Path(__file__).parent / "models"
 
@@ -47,7 +47,7 @@ class Numbers:
         at = {**self.at, **{self.b.symbol(n): v for n, v in point.items()}}
         named = {f"der({s})": r for s, r in zip(self.model.states, self.model.rates, strict=True)}
         named |= {n: self.model.solved.get(n, self.b.symbol(n)) for n in self.outputs}
-        return dict(zip(named, evaluate(named.values(), at), strict=True))
+        return dict(zip(named, evaluate_nodes(named.values(), at), strict=True))
 
 
 def somewhere(names: list[str], rng: Generator) -> dict[str, float]:

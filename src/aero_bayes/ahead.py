@@ -93,7 +93,7 @@ class Ahead:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
         ours.close()
-        self.pool.alone()
+        self.pool.use_one_worker()
         assert self.result_cache is not None
         with suppress(EOFError, BrokenPipeError):
             while True:

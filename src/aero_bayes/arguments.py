@@ -10,7 +10,7 @@ from aero_bayes.errors import InputError
 
 Item = TypeVar("Item")
 #: What gives an object of a kind.
-FROM = {
+CONSTRUCTORS = {
     "Fit": "aero_bayes.fit",
     "Model": "aero_bayes.load_model",
     "Recording": "aero_bayes.read_recording or Recording.from_frame",
@@ -19,7 +19,7 @@ FROM = {
 Paths = str | Path | Sequence[str | Path]
 
 
-def several(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
+def require_all(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
     """One object or a sequence of them as a tuple.
 
     Raises
@@ -28,13 +28,13 @@ def several(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[
         For another type; says what was expected and what came.
     """
     items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
-    return tuple(one(item, kind, what) for item in items)
+    return tuple(require_type(item, kind, what) for item in items)
 
 
-def one(given: Item, kind: type[Item], what: str) -> Item:
+def require_type(given: Item, kind: type[Item], what: str) -> Item:
     """The same object, if it is of a kind; InputError otherwise."""
     if not isinstance(given, kind):
-        source = f", as {FROM[kind.__name__]} gives one" if kind.__name__ in FROM else ""
+        source = f", as {CONSTRUCTORS[kind.__name__]} gives one" if kind.__name__ in CONSTRUCTORS else ""
         raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
     return given
 
@@ -50,7 +50,7 @@ def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
 
 def names_of(given: str | Sequence[str], what: str) -> tuple[str, ...]:
     """One name or a sequence of them; InputError for what is none."""
-    return several(given, str, what)
+    return require_all(given, str, what)
 
 
 def _shown(given: object) -> str:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import CHECKPOINT
 

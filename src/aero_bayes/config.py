@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from aero_bayes.errors import InputError
+from aero_bayes.unknown_names import closest_name
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -211,7 +211,7 @@ def load_config(path: Path | Config | None) -> Config:
     """
     if path is None or isinstance(path, Config):
         return path or Config()
-    config = resolve_paths(checked(Config, read_toml(path), path), path.parent)
+    config = resolve_paths(validated(Config, read_toml(path), path), path.parent)
     config._file = path
     return config
 
@@ -226,7 +226,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
-def checked(section: type[Sections], document: Any, where: object) -> Sections:
+def validated(section: type[Sections], document: Any, where: object) -> Sections:
     """A document as a section; InputError, which starts with ``where``, for a key or value that does not exist."""
     try:
         return section.model_validate(document)
@@ -253,8 +253,8 @@ def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:
     key = ".".join(location)
     if problem["type"] == "extra_forbidden":
         known = _known_keys(location[:-1], whole)
-        near = difflib.get_close_matches(location[-1], known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(sorted(known))}"
+        close = closest_name(location[-1], known)
+        hint = f"did you mean '{close}'?" if close is not None else f"known here: {', '.join(sorted(known))}"
         return f"key '{key}' does not exist; {hint}"
     return f"key '{key}': {problem['msg'][0].lower()}{problem['msg'][1:]}, got {problem['input']!r}"
 

@@ -18,9 +18,9 @@ from pydantic.dataclasses import dataclass
 
 from aero_bayes.errors import InputError
 
-FILE = "package.toml"
+DECLARATION_FILE = "package.toml"
 #: Where an FMU keeps the declaration of the package that its model is from.
-MEMBER = "resources/aero_bayes.toml"
+DECLARATION_MEMBER = "resources/aero_bayes.toml"
 Interpolation = Literal["auto", "hold", "linear"]
 Positive = Annotated[float, Field(gt=0)]
 Above = Annotated[float, Field(gt=1)]
@@ -28,7 +28,7 @@ _STRICT = ConfigDict(extra="forbid")
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Quantity:
+class ColumnSpec:
     """One column: its SI unit and the sizes it can have.
 
     ``largest`` bounds its absolute value. ``per_input`` bounds the ratio of its largest absolute value to that of the
@@ -44,12 +44,12 @@ class Quantity:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Recorded:
+class DeclaredRecording:
     """What a recording of the rig has, and how it is to be understood.
 
     Parameters
     ----------
-    inputs, outputs : mapping of str to Quantity
+    inputs, outputs : mapping of str to ColumnSpec
     rates : (float, float)
         Believable sample rates in Hz.
     zero_at_rest : tuple of str
@@ -62,8 +62,8 @@ class Recorded:
         What inputs do between samples.
     """
 
-    inputs: Mapping[str, Quantity] = field(default_factory=dict)
-    outputs: Mapping[str, Quantity] = field(default_factory=dict)
+    inputs: Mapping[str, ColumnSpec] = field(default_factory=dict)
+    outputs: Mapping[str, ColumnSpec] = field(default_factory=dict)
     rates: tuple[float, float] = (0.0, math.inf)
     zero_at_rest: tuple[str, ...] = ()
     resting: tuple[str, ...] | None = None
@@ -72,7 +72,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Allowed:
+class DeclaredLimits:
     """What an experiment may ask of the rig: the largest input, and absolute values by output."""
 
     input: Positive | None = None
@@ -80,7 +80,7 @@ class Allowed:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Searched:
+class DeclaredParameter:
     """A parameter that is searched: a log-normal prior about ``median``, by default the model's own value.
 
     Its spread is ``relative_sd`` of the median, or a ``factor``. Bounds are ``reach`` times beyond start and median.
@@ -95,7 +95,7 @@ class Searched:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Effect:
+class DeclaredEffect:
     """An effect by the name that it goes by.
 
     Parameters
@@ -114,7 +114,7 @@ class Effect:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Declaration:
+class PackageDeclaration:
     """All that a package declares; an empty one for a model of which nothing is known.
 
     Parameters
@@ -134,12 +134,12 @@ class Declaration:
 
     package: str = ""
     systems: tuple[str, ...] = ()
-    recording: Recorded = Recorded()
-    limits: Allowed = Allowed()
-    parameters: Mapping[str, Searched] = field(default_factory=dict)
+    recording: DeclaredRecording = DeclaredRecording()
+    limits: DeclaredLimits = DeclaredLimits()
+    parameters: Mapping[str, DeclaredParameter] = field(default_factory=dict)
     fixed: Mapping[str, str] = field(default_factory=dict)
     ports: Mapping[str, str] = field(default_factory=dict)
-    effects: Mapping[str, Effect] = field(default_factory=dict)
+    effects: Mapping[str, DeclaredEffect] = field(default_factory=dict)
 
     def port_of(self, effect: str) -> str:
         """Name of the port at which an effect acts."""
@@ -147,7 +147,7 @@ class Declaration:
         return self.ports.get(at, at)
 
 
-def parse(text: str, where: str, package: str = "") -> Declaration:
+def parse_declaration(text: str, where: str, package: str = "") -> PackageDeclaration:
     """Read a declaration.
 
     Raises
@@ -166,9 +166,9 @@ def parse(text: str, where: str, package: str = "") -> Declaration:
 
 
 @lru_cache(maxsize=16)
-def _read(text: str, package: str) -> Declaration:
+def _read(text: str, package: str) -> PackageDeclaration:
     document: dict[str, Any] = tomllib.loads(text)
     for columns in (document.get("recording", {}).get(role, {}) for role in ("inputs", "outputs")):
         for name in columns:
             columns[name]["name"] = name
-    return TypeAdapter(Declaration).validate_python({**document, "package": package})
+    return TypeAdapter(PackageDeclaration).validate_python({**document, "package": package})

@@ -24,8 +24,8 @@ from aero_trial import outside
 Kind = Literal["single", "none", "pair", "outside"]
 NoiseKind = Literal["white", "real"]
 #: Parameters that differ from rig to rig, and by how much at most.
-SPREAD = ("R_a", "c_m", "J", "k_d", "k_t", "D_p", "K_sp")
-WIDEST = 0.15
+VARIED = ("R_a", "c_m", "J", "k_d", "k_t", "D_p", "K_sp")
+MAX_SPREAD = 0.15
 #: All effects that a trial may draw, by id.
 ALL_KINDS = effects.KINDS | outside.KINDS
 #: The input delay in s of a rig with real noise.
@@ -51,7 +51,7 @@ class TrialSpec:
         return SimulatedSet((self.recording("train"),), (self.recording("test"),), self.truth, self.sensors)
 
     def recording(self, name: Literal["train", "test"]) -> Recording:
-        """One of the two recordings alone."""
+        """Make one of the two recordings alone."""
         index = ("train", "test").index(name)
         stream = np.random.default_rng(self.entropy).spawn(2)[index]
         design = (self.train, self.test)[index]
@@ -60,8 +60,8 @@ class TrialSpec:
             duration=self.duration, rate_hz=self.rate_hz, name=name, kinds=ALL_KINDS,
         )  # fmt: skip
 
-    def silent(self) -> TrialSpec:
-        """The same trial with sensors that add nothing."""
+    def noise_free(self) -> TrialSpec:
+        """Return the same trial with sensors that add nothing."""
         return replace(self, sensors=clean())
 
     def write(self, made: SimulatedSet, recordings: Path | str, truth: Path | str) -> tuple[Path, Path]:
@@ -73,7 +73,7 @@ class TrialSpec:
         return train, test
 
 
-def draw_trial(rng: Generator, kind: Kind = "single", noise: NoiseKind = "white") -> TrialSpec:
+def draw_aero_trial(rng: Generator, kind: Kind = "single", noise: NoiseKind = "white") -> TrialSpec:
     """Draw a trial.
 
     Parameters
@@ -91,7 +91,7 @@ def draw_trial(rng: Generator, kind: Kind = "single", noise: NoiseKind = "white"
     """
     if kind not in ("single", "none", "pair", "outside") or noise not in ("white", "real"):
         raise InputError(f"bench: no trial of kind {kind!r} with noise {noise!r}")
-    factors = {name: float(rng.uniform(1.0 - WIDEST, 1.0 + WIDEST)) for name in SPREAD}
+    factors = {name: float(rng.uniform(1.0 - MAX_SPREAD, 1.0 + MAX_SPREAD)) for name in VARIED}
     known, unknown = list(effects.KINDS.values()), list(outside.KINDS.values())
     chosen: list[EffectKind] = []
     if kind == "single":
@@ -119,7 +119,7 @@ def draw_trial(rng: Generator, kind: Kind = "single", noise: NoiseKind = "white"
 
 
 def draw_effect(rng: Generator, kind: EffectKind) -> EffectTruth:
-    """Parameters of an effect, each uniform in its logarithm, the magnitude with a random sign where it has one."""
+    """Draw the parameters of an effect, each uniform in its logarithm; a signed magnitude gets a random sign."""
     values = {name: exp(float(rng.uniform(log(low), log(high)))) for name, (low, high) in kind.ranges.items()}
     if kind.signed and rng.random() < 0.5:
         values[kind.magnitude] *= -1.0

@@ -6,85 +6,85 @@ from collections.abc import Mapping
 from math import copysign, exp, pi, sin, tanh
 
 from aero_bayes.bench.effects import EffectKind
-from aero_bayes.bench.plan import Plan
+from aero_bayes.bench.equations import RigEquations
 
 
-def _battery_sag(plan: Plan, p: Mapping[str, float]) -> None:
+def _battery_sag(equations: RigEquations, p: Mapping[str, float]) -> None:
     """The supply runs down: its voltage falls by a share, with a time constant."""
     share, tau = p["share"], p["tau"]
-    plan.supply.append(lambda t: 1.0 - share * (1.0 - exp(-max(t, 0.0) / tau)))
+    equations.supply.append(lambda t: 1.0 - share * (1.0 - exp(-max(t, 0.0) / tau)))
 
 
-def _contact_film(plan: Plan, p: Mapping[str, float]) -> None:
+def _contact_film(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A brush contact whose resistance falls with current: v = V_f i / (|i| + i_f)."""
     drop, scale = p["V_f"], p["i_f"]
-    plan.volts.append(lambda t, i, w, th, q, z: -drop * i / (abs(i) + scale))
-    plan.slopes.append(lambda i, z: drop * scale / (abs(i) + scale) ** 2)
+    equations.volts.append(lambda t, i, w, th, q, z: -drop * i / (abs(i) + scale))
+    equations.slopes.append(lambda i, z: drop * scale / (abs(i) + scale) ** 2)
 
 
-def _cogging(plan: Plan, p: Mapping[str, float]) -> None:
+def _cogging(equations: RigEquations, p: Mapping[str, float]) -> None:
     """Torque over the rotor's angle with a fixed number of periods a turn."""
     torque, periods = p["tau_g"], p["periods"]
-    plan.rotor.append(lambda t, i, w, th, q, z: -torque * sin(periods * z[0]))
-    plan.max_step = min(plan.max_step, 5e-4)
+    equations.rotor.append(lambda t, i, w, th, q, z: -torque * sin(periods * z[0]))
+    equations.max_step = min(equations.max_step, 5e-4)
 
 
-def _eddy_drag(plan: Plan, p: Mapping[str, float]) -> None:
+def _eddy_drag(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A brake that saturates with speed."""
     torque, scale = p["tau_e"], p["w_e"]
-    plan.rotor.append(lambda t, i, w, th, q, z: -torque * tanh(w / scale))
+    equations.rotor.append(lambda t, i, w, th, q, z: -torque * tanh(w / scale))
 
 
-def _propeller_stall(plan: Plan, p: Mapping[str, float]) -> None:
+def _propeller_stall(equations: RigEquations, p: Mapping[str, float]) -> None:
     """Thrust that bends away from the square of speed: k_t w |w| (1 - s |w|)."""
     loss = p["s"]
-    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - loss * abs(w)))
+    equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - loss * abs(w)))
 
 
-def _ground_effect(plan: Plan, p: Mapping[str, float]) -> None:
+def _ground_effect(equations: RigEquations, p: Mapping[str, float]) -> None:
     """Thrust that grows as the body comes near the table, on one side only."""
     gain, scale = p["gain"], p["angle"]
-    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + gain * exp(min(-th / scale, 2.0))))
+    equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + gain * exp(min(-th / scale, 2.0))))
 
 
-def _thrust_drift(plan: Plan, p: Mapping[str, float]) -> None:
+def _thrust_drift(equations: RigEquations, p: Mapping[str, float]) -> None:
     """Thrust that falls over the recording as the blades warm and flatten."""
     share, tau = p["share"], p["tau"]
-    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - share * (1.0 - exp(-max(t, 0.0) / tau))))
+    equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - share * (1.0 - exp(-max(t, 0.0) / tau))))
 
 
-def _friction_patch(plan: Plan, p: Mapping[str, float]) -> None:
+def _friction_patch(equations: RigEquations, p: Mapping[str, float]) -> None:
     """Dry friction at the pivot in a band of angles only (a worn bearing)."""
     torque, centre, width = p["tau_p"], p["centre"], p["width"]
-    plan.pivot_friction.append(lambda t, i, w, th, q, z: torque * exp(-(((th - centre) / width) ** 2)))
+    equations.pivot_friction.append(lambda t, i, w, th, q, z: torque * exp(-(((th - centre) / width) ** 2)))
 
 
-def _spring_backlash(plan: Plan, p: Mapping[str, float]) -> None:
+def _spring_backlash(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A spring that does not act within a band of angles: the missing part of the linear one."""
-    gap, stiffness = p["gap"], plan.truth.parameters.K_sp
-    plan.body.append(lambda t, i, w, th, q, z: stiffness * min(max(th, -gap), gap))
+    gap, stiffness = p["gap"], equations.truth.parameters.K_sp
+    equations.body.append(lambda t, i, w, th, q, z: stiffness * min(max(th, -gap), gap))
 
 
-def _spring_asymmetry(plan: Plan, p: Mapping[str, float]) -> None:
+def _spring_asymmetry(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A spring that softens with the square of the angle on one side and stiffens on the other."""
     stiffness = p["k_2"]
-    plan.body.append(lambda t, i, w, th, q, z: -stiffness * th * abs(th) * (0.5 + copysign(0.5, th)))
+    equations.body.append(lambda t, i, w, th, q, z: -stiffness * th * abs(th) * (0.5 + copysign(0.5, th)))
 
 
-def _gust(plan: Plan, p: Mapping[str, float]) -> None:
+def _gust(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A breath of wind on the body at a moment."""
     torque, moment, width = p["tau"], p["time"], p["width"]
-    plan.body.append(lambda t, i, w, th, q, z: torque * exp(-(((t - moment) / width) ** 2)))
+    equations.body.append(lambda t, i, w, th, q, z: torque * exp(-(((t - moment) / width) ** 2)))
 
 
-def _touch(plan: Plan, p: Mapping[str, float]) -> None:
+def _touch(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A hand that pushes against the body for a short while."""
     torque, moment, width = p["tau"], p["time"], p["width"]
 
     def push(t: float) -> float:
         return torque * sin(pi * (t - moment) / width) ** 2 if moment < t < moment + width else 0.0
 
-    plan.body.append(lambda t, i, w, th, q, z: push(t))
+    equations.body.append(lambda t, i, w, th, q, z: push(t))
 
 
 KINDS: dict[str, EffectKind] = {

@@ -21,8 +21,8 @@ from scipy.optimize import Bounds, minimize
 
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.estimate.staged import Stage
+from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import BOX, PAPER_STAGES
-from paper_replay.runner import Runner
 from paper_replay.swarm import axis_box
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Descent:
 
 
 def coarse_step(x: float, low: float, high: float) -> float:
-    """The forward-difference step at ``x``, turned round or cut where it would leave the bounds."""
+    """Return the forward-difference step at ``x``, turned round or cut where it would leave the bounds."""
     step = RELATIVE_STEP * max(abs(x), TYPICAL)
     if x + step <= high:
         return step
@@ -71,7 +71,7 @@ def coarse_step(x: float, low: float, high: float) -> float:
 def coarse_gradient(
     cost: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Forward differences of a batched cost with :func:`coarse_step`, and the steps, shape (k,) each."""
+    """Compute forward differences of a batched cost with :func:`coarse_step`, and the steps, shape (k,) each."""
     steps = np.array([coarse_step(*corner) for corner in zip(x.tolist(), low.tolist(), high.tolist(), strict=True)])
     costs = cost(np.vstack((x, x + np.diag(steps))))
     with np.errstate(invalid="ignore"):
@@ -79,27 +79,29 @@ def coarse_gradient(
     return np.where(np.isfinite(slope), slope, 0.0), steps
 
 
-def coarse_stage(runner: Runner, stage: Stage, base: Mapping[str, float], method: Method = "line search") -> Descent:
-    """One stage as the paper's recipe runs it. A failed run counts as a very large cost."""
-    output, columns = stage.outputs[0], [runner.names.index(name) for name in stage.parameters]
+def coarse_stage(
+    evaluator: ModelEvaluator, stage: Stage, base: Mapping[str, float], method: Method = "line search"
+) -> Descent:
+    """Run one stage by the paper's recipe. A failed run counts as a very large cost."""
+    output, columns = stage.outputs[0], [evaluator.names.index(name) for name in stage.parameters]
     low, high = np.transpose([BOX[name] for name in stage.parameters])
     evaluations = 0
 
     def cost(points: FloatArray) -> FloatArray:
         nonlocal evaluations
         evaluations += len(points)
-        values = np.tile(runner.vector(base), (len(points), 1))
+        values = np.tile(evaluator.vector(base), (len(points), 1))
         values[:, columns] = points
-        return runner.cost(values, output)
+        return evaluator.cost(values, output)
 
     def single(x: FloatArray) -> float:
         found = float(cost(np.clip(x, low, high)[None, :])[0])
         return found if np.isfinite(found) else 1e30
 
-    x0 = runner.vector(base)[columns]
+    x0 = evaluator.vector(base)[columns]
     start_cost = single(x0)
     coarse, steps = coarse_gradient(cost, x0, low, high)
-    exact = runner.slopes(runner.vector(base), output, columns)
+    exact = evaluator.slopes(evaluator.vector(base), output, columns)
     slopes = tuple(
         Slope(name, output, float(x), float(h), float(e), float(c))
         for name, x, h, e, c in zip(stage.parameters, x0, steps, exact, coarse, strict=True)
@@ -115,21 +117,21 @@ def coarse_stage(runner: Runner, stage: Stage, base: Mapping[str, float], method
     return Descent(stage, values, start_cost, single(x), slopes, evaluations, str(found.message))
 
 
-def exact_stage(runner: Runner, stage: Stage, base: Mapping[str, float]) -> Descent:
-    """The same stage and cost, done right: logarithmic axes and exact sensitivities."""
-    output, columns = stage.outputs[0], [runner.names.index(name) for name in stage.parameters]
-    low, high = axis_box(runner, stage.parameters, "log")
+def exact_stage(evaluator: ModelEvaluator, stage: Stage, base: Mapping[str, float]) -> Descent:
+    """Run the same stage and cost on logarithmic axes with exact sensitivities."""
+    output, columns = stage.outputs[0], [evaluator.names.index(name) for name in stage.parameters]
+    low, high = axis_box(evaluator, stage.parameters, "log")
 
     def quadratic(point: FloatArray) -> QuadraticModel | None:
-        values = runner.vector(base)[None].copy()
+        values = evaluator.vector(base)[None].copy()
         slope = values[0, columns] = np.exp(point)
-        cost, gradient, hessian = runner.products(values, output, columns)
+        cost, gradient, hessian = evaluator.products(values, output, columns)
         if not np.isfinite(cost[0]):
             return None
         return QuadraticModel(float(cost[0]), gradient[0] * slope, hessian[0] * np.outer(slope, slope))
 
-    x0 = np.clip(np.log(runner.vector(base)[columns]), low, high)
-    start_cost = float(runner.cost(runner.vector(base)[None, :], output)[0])
+    x0 = np.clip(np.log(evaluator.vector(base)[columns]), low, high)
+    start_cost = float(evaluator.cost(evaluator.vector(base)[None, :], output)[0])
     found = levenberg_marquardt(
         FixedCost(quadratic), x0, low, high, LocalSettings(tolerance=1e-9, relative_tolerance=1e-9)
     )
@@ -139,12 +141,14 @@ def exact_stage(runner: Runner, stage: Stage, base: Mapping[str, float]) -> Desc
 
 
 def descend(
-    one: Callable[[Runner, Stage, Mapping[str, float]], Descent], runner: Runner, stages: Sequence[Stage] = PAPER_STAGES
+    one: Callable[[ModelEvaluator, Stage, Mapping[str, float]], Descent],
+    evaluator: ModelEvaluator,
+    stages: Sequence[Stage] = PAPER_STAGES,
 ) -> tuple[Descent, ...]:
-    """The stages one after the other, each with what the one before found."""
-    base: Mapping[str, float] = runner.start
+    """Run the stages one after the other, each with what the one before found."""
+    base: Mapping[str, float] = evaluator.start
     ends = []
     for stage in stages:
-        ends.append(one(runner, stage, base))
+        ends.append(one(evaluator, stage, base))
         base = ends[-1].values
     return tuple(ends)

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import BOX, PSO, PSO_DATASHEET, UNOPTIMISED
 from paper_replay.result import Details, ReplayRow, Variant
 from paper_replay.rigs import OUTPUTS, Rigs
-from paper_replay.runner import Runner
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What the sentences are made of.
+    """Numbers that the sentences of the replay are made of.
 
     Parameters
     ----------
@@ -51,13 +51,13 @@ class Facts:
 
     @classmethod
     def gather(cls, rigs: Rigs, details: Details, rows: tuple[ReplayRow, ...]) -> Facts:
-        """Run what is still missing."""
+        """Run the simulations that are still missing, and collect the numbers."""
         recording, linear = rigs.recording, rigs.linear
         driven = recording.inputs["V_m"] > 0.0
         late = driven & (recording.time > recording.time[driven][-1] - 1.0)
 
-        def steady(runner: Runner) -> dict[str, float]:
-            outputs = runner.simulate(runner.vector(UNOPTIMISED.model_values))[0]
+        def steady(evaluator: ModelEvaluator) -> dict[str, float]:
+            outputs = evaluator.simulate(evaluator.vector(UNOPTIMISED.model_values))[0]
             return dict(zip(OUTPUTS, outputs[late].mean(axis=0).tolist(), strict=True))
 
         def peak(values: Mapping[str, float]) -> dict[str, float]:
@@ -85,6 +85,6 @@ class Facts:
         return self.details.quadratic.value("input_delay")
 
     def fitness(self, model: str, variant: Variant) -> float:
-        """Fitness of a row; NaN where its simulation failed."""
+        """Return the fitness of a row; NaN where its simulation failed."""
         found = next(row for row in self.rows if (row.model, row.variant) == (model, variant))
         return float("nan") if found.fitness is None else found.fitness

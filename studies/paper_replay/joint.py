@@ -13,14 +13,14 @@ from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation.model import Model
 from paper_replay.published import UNOPTIMISED
 
-Law = Literal["linear", "quadratic"]
+AeroLaw = Literal["linear", "quadratic"]
 
 #: How far from the data sheet the thrust and drag of the linear law may be, as a factor; bounds are its square.
 SPREAD = 10.0
 
 
-def parameters_for(model: Model, law: Law) -> ParameterSet:
-    """The AERO's usual free parameters; under the linear law about the paper's own thrust and drag."""
+def parameters_for(model: Model, law: AeroLaw) -> ParameterSet:
+    """Return the AERO's usual free parameters; under the linear law about the paper's own thrust and drag."""
     overrides = declared_overrides(model)
     if law == "linear":
         for name in ("k_d", "k_t"):
@@ -30,10 +30,16 @@ def parameters_for(model: Model, law: Law) -> ParameterSet:
     return parameters_from_model(model, overrides=overrides)
 
 
-def fit_right(
-    recording: Recording, model: Model, law: Law, *, seed: int, engine: Literal["native", "fmpy"], workers: int | None
+def fit_jointly(
+    recording: Recording,
+    model: Model,
+    law: AeroLaw,
+    *,
+    seed: int,
+    engine: Literal["native", "fmpy"],
+    workers: int | None,
 ) -> Fit:
-    """Particle swarm, then bounded local search, each output weighed by its own residual.
+    """Fit all outputs at once: particle swarm, then bounded local search, each output weighed by its own residual.
 
     White residuals are assumed: the table compares sums of squares, and a fit that may call a misfit correlated noise
     does not lower them.

@@ -17,7 +17,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def write_notes(facts: Facts, outcomes: Mapping[Outcome, int]) -> tuple[str, ...]:
-    """All sentences, in reading order."""
+    """Write all sentences, in reading order."""
     return (
         *_comparison(facts),
         *_units(facts),
@@ -32,7 +32,7 @@ def write_notes(facts: Facts, outcomes: Mapping[Outcome, int]) -> tuple[str, ...
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Significant digits, without an exponent where that reads well."""
+    """Write a number with significant digits, without an exponent where that reads well."""
     if value == 0.0 or not np.isfinite(value):
         return f"{value:g}"
     mantissa, power = f"{value:.{digits - 1}e}".split("e")

@@ -1,4 +1,4 @@
-"""The replay itself: record, export, run the five models of Table 1 in their variants, and tell what happened."""
+"""The replay itself: record, export, run the five models of Table 1 in their variants, and report what happened."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from aero_bayes.simulation import Outcome, Problem, Simulator, WorkerPool, open_simulator
 from paper_replay import table
 from paper_replay.descent import coarse_stage, descend, exact_stage
+from paper_replay.evaluator import ModelEvaluator
 from paper_replay.facts import Facts
-from paper_replay.joint import fit_right
+from paper_replay.joint import fit_jointly
 from paper_replay.notes import write_notes
 from paper_replay.published import PAPER_STAGES
 from paper_replay.recording import paper_recording
 from paper_replay.result import Details, Replay
 from paper_replay.rigs import Rigs, export_models
-from paper_replay.runner import Runner
 from paper_replay.swarm import swarm_recipe, swarm_stage
 
 FloatArray = NDArray[np.float64]
@@ -65,13 +65,13 @@ def replay_paper(
     """
     began = time.perf_counter()
 
-    def tell(share: float, fitness: float = np.nan) -> None:
+    def report(share: float, fitness: float = np.nan) -> None:
         if progress is not None:
             progress(PHASE, share, fitness)
 
-    tell(0.0)
+    report(0.0)
     recording, rng = paper_recording(seed), np.random.default_rng([seed, 3])
-    models = export_models(out, lambda share: tell(0.25 * share))
+    models = export_models(out, lambda share: report(0.25 * share))
     with ExitStack() as stack:
         pool = stack.enter_context(WorkerPool(workers)) if engine == "native" else None
 
@@ -82,16 +82,16 @@ def replay_paper(
         linear_axes, log_axes = rng.spawn(2)
         swarm = swarm_recipe(rigs.linear, "linear", linear_axes)
         scaled = swarm_recipe(rigs.linear, "log", log_axes)
-        tell(0.35)
+        report(0.35)
         line = descend(partial(coarse_stage, method="line search"), rigs.linear)
         interior = descend(partial(coarse_stage, method="interior point"), rigs.linear)
         exact = descend(exact_stage, rigs.linear)
-        tell(0.45)
+        report(0.45)
         endings = _endings(rigs.linear, swarm[0].values, rng.spawn(SEEDS))
-        tell(0.6)
-        linear = fit_right(recording, models["OneDofLinear"], "linear", seed=seed, engine=engine, workers=workers)
-        tell(0.8)
-        quadratic = fit_right(recording, models["OneDof"], "quadratic", seed=seed, engine=engine, workers=workers)
+        report(0.6)
+        linear = fit_jointly(recording, models["OneDofLinear"], "linear", seed=seed, engine=engine, workers=workers)
+        report(0.8)
+        quadratic = fit_jointly(recording, models["OneDof"], "quadratic", seed=seed, engine=engine, workers=workers)
         look = rigs.look(quadratic)
         details = Details(swarm, scaled, line, interior, exact, endings, look, linear, quadratic)
         rows, pitch = table.build(rigs, details)
@@ -99,7 +99,7 @@ def replay_paper(
         outcomes = rigs.outcomes
     for fit in (linear, quadratic):
         outcomes.update(dict(fit.outcomes))
-    tell(1.0, min(row.fitness for row in rows if row.fitness is not None))
+    report(1.0, min(row.fitness for row in rows if row.fitness is not None))
     return Replay(
         rows,
         write_notes(facts, outcomes),
@@ -113,7 +113,7 @@ def replay_paper(
     )
 
 
-def _endings(runner: Runner, base: Mapping[str, float], streams: list[np.random.Generator]) -> FloatArray:
+def _endings(evaluator: ModelEvaluator, base: Mapping[str, float], streams: list[np.random.Generator]) -> FloatArray:
     """J_r + J_s of the best particle in the speed stage after each iteration, shape (seeds, iterations)."""
     stage = PAPER_STAGES[1]
-    return np.array([swarm_stage(runner, stage, base, "linear", stream).path.sum(axis=1) for stream in streams])
+    return np.array([swarm_stage(evaluator, stage, base, "linear", stream).path.sum(axis=1) for stream in streams])

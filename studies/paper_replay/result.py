@@ -58,7 +58,7 @@ class ReplayRow:
         return f"{self.model}: {self.variant}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The row as result.json holds it."""
+        """Return the row as result.json holds it."""
         return {
             "model": self.label,
             "variant": self.variant,
@@ -72,7 +72,7 @@ class ReplayRow:
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """The runs behind the notes: where each stage of each search ended, and what the data can see.
+    """The runs behind the sentences: where each stage of each search ended, and what the data can see.
 
     ``endings`` has shape (seeds, iterations): J_r + J_s of the swarm's best in the speed stage, for several seeds.
     """
@@ -88,7 +88,7 @@ class Details:
     quadratic: Fit
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, without the fits (their rows hold them)."""
+        """Return plain values, without the fits (their rows hold them)."""
         return {
             "pso": [_stage(end) for end in self.swarm],
             "pso_scaled": [_stage(end) for end in self.swarm_scaled],
@@ -140,7 +140,7 @@ class Replay:
     simulated: bool = True
 
     def row(self, model: str, variant: Variant) -> ReplayRow:
-        """A row by name. Raises KeyError if there is none."""
+        """Return a row by name. Raises KeyError if there is none."""
         for row in self.rows:
             if row.model == model and row.variant == variant:
                 return row
@@ -153,7 +153,7 @@ class Replay:
         return curves | {f"replay/{label}": values for label, values in self.pitch.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """The ``replay`` entry of result.json."""
+        """Return the ``replay`` entry of result.json."""
         return {
             "rows": [row.to_dict() for row in self.rows],
             "notes": list(self.notes),

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import Swarm, SwarmSettings
+from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import BOX, PAPER_STAGES
-from paper_replay.runner import Runner
 
 FloatArray = NDArray[np.float64]
 Axes = Literal["linear", "log"]
@@ -41,17 +41,17 @@ class StageEnd:
     failures: int
 
 
-def axis_box(runner: Runner, names: Sequence[str], axes: Axes) -> tuple[FloatArray, FloatArray]:
-    """Corners of the search box, in SI units on linear axes and in their natural logarithm on log axes."""
+def axis_box(evaluator: ModelEvaluator, names: Sequence[str], axes: Axes) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the search box, in SI units on linear axes and in their natural logarithm on log axes."""
     if axes == "linear":
         low, high = np.transpose([BOX[name] for name in names])
         return low, high
-    centre = np.log([runner.start[name] for name in names])
+    centre = np.log([evaluator.start[name] for name in names])
     return centre - np.log(REACH), centre + np.log(REACH)
 
 
 def swarm_stage(
-    runner: Runner,
+    evaluator: ModelEvaluator,
     stage: Stage,
     base: Mapping[str, float],
     axes: Axes,
@@ -59,17 +59,17 @@ def swarm_stage(
     iterations: int = ITERATIONS,
 ) -> StageEnd:
     """Search the parameters of one stage, all others held at ``base``."""
-    output, columns = stage.outputs[0], [runner.names.index(name) for name in stage.parameters]
-    low, high = axis_box(runner, stage.parameters, axes)
+    output, columns = stage.outputs[0], [evaluator.names.index(name) for name in stage.parameters]
+    low, high = axis_box(evaluator, stage.parameters, axes)
     to_si: Callable[[FloatArray], FloatArray] = np.exp if axes == "log" else np.asarray
 
     def cost(position: FloatArray) -> FloatArray:
-        values = np.tile(runner.vector(base), (len(position), 1))
+        values = np.tile(evaluator.vector(base), (len(position), 1))
         values[:, columns] = to_si(position)
-        return runner.cost(values, output)
+        return evaluator.cost(values, output)
 
-    failed = runner.failures
-    start_cost = float(runner.cost(runner.vector(base)[None, :], output)[0])
+    failed = evaluator.failures
+    start_cost = float(evaluator.cost(evaluator.vector(base)[None, :], output)[0])
     swarm = Swarm(low, high, rng, SwarmSettings(particles=PARTICLES, reflect=False))
     path = np.empty((iterations, len(columns)))
     for iteration in range(iterations):
@@ -79,16 +79,16 @@ def swarm_stage(
     values = dict(base)
     if np.isfinite(best):
         values |= dict(zip(stage.parameters, path[-1].tolist(), strict=True))
-    return StageEnd(stage, values, start_cost, best, path, runner.failures - failed)
+    return StageEnd(stage, values, start_cost, best, path, evaluator.failures - failed)
 
 
 def swarm_recipe(
-    runner: Runner, axes: Axes, rng: np.random.Generator, stages: Sequence[Stage] = PAPER_STAGES
+    evaluator: ModelEvaluator, axes: Axes, rng: np.random.Generator, stages: Sequence[Stage] = PAPER_STAGES
 ) -> tuple[StageEnd, ...]:
-    """The stages one after the other, each with what the one before found."""
-    base: Mapping[str, float] = runner.start
+    """Search the stages one after the other, each with what the one before found."""
+    base: Mapping[str, float] = evaluator.start
     ends = []
     for stage, stream in zip(stages, rng.spawn(len(stages)), strict=True):
-        ends.append(swarm_stage(runner, stage, base, axes, stream))
+        ends.append(swarm_stage(evaluator, stage, base, axes, stream))
         base = ends[-1].values
     return tuple(ends)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate import Fit
+from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import (
     FMINCON,
     PSO,
@@ -20,7 +21,6 @@ from paper_replay.published import (
 )
 from paper_replay.result import JOINT, PAPER, RERUN, SCALED, Details, ReplayRow, Variant
 from paper_replay.rigs import Rigs
-from paper_replay.runner import Runner
 
 FloatArray = NDArray[np.float64]
 
@@ -31,11 +31,11 @@ _DATASHEET = {name: UNOPTIMISED.parameters[name] for name in ("R_a", "L_a")}
 
 
 def build(rigs: Rigs, details: Details) -> tuple[tuple[ReplayRow, ...], dict[str, FloatArray]]:
-    """All rows, and the pitch of those that Fig. 6 shows."""
+    """Build all rows, and the pitch of those that Fig. 6 shows."""
     swarm, scaled = details.swarm[-1].values, details.swarm_scaled[-1].values
     line, interior, exact = (ends[-1].values for ends in (details.line_search, details.interior_point, details.exact))
     linear, transfer = rigs.linear, rigs.transfer
-    entries: list[tuple[Published, Variant, Runner, Mapping[str, float], str]] = [
+    entries: list[tuple[Published, Variant, ModelEvaluator, Mapping[str, float], str]] = [
         (UNOPTIMISED, PAPER, linear, UNOPTIMISED.model_values, "linear law, as the units say"),
         (PSO, PAPER, linear, PSO.model_values, "the rotor hardly turns"),
         (PSO, RERUN, linear, swarm, "8 particles, linear axes"),
@@ -50,13 +50,13 @@ def build(rigs: Rigs, details: Details) -> tuple[tuple[ReplayRow, ...], dict[str
         (TRANSFER, PAPER, transfer, transfer.start, "0.0011 N·m/V, no motor in it"),
     ]
     rows, pitch = [], {}
-    for published, variant, runner, values, note in entries:
-        outputs = runner.simulate(runner.vector(values))[0]
+    for published, variant, evaluator, values, note in entries:
+        outputs = evaluator.simulate(evaluator.vector(values))[0]
         shown = {name: float(values[name]) for name in TABLE_PARAMETERS if name in values}
         paper_fitness = published.fitness if variant == PAPER else None
-        rows.append(_row(published.label, variant, shown, paper_fitness, note, runner, outputs))
+        rows.append(_row(published.label, variant, shown, paper_fitness, note, evaluator, outputs))
         if variant == PAPER:
-            pitch[published.label] = outputs[:, runner.column("theta")]
+            pitch[published.label] = outputs[:, evaluator.column("theta")]
     for label, fit, note in (
         (LINEAR_LAW, details.linear, "c_m, D_p, K_sp, delay free too"),
         (QUADRATIC_LAW, details.quadratic, "k_d in N·m·s²/rad², k_t in N·s²/rad²"),
@@ -72,15 +72,15 @@ def _row(
     parameters: Mapping[str, float],
     paper_fitness: float | None,
     note: str,
-    runner: Runner,
+    evaluator: ModelEvaluator,
     outputs: FloatArray,
 ) -> ReplayRow:
     """A row from one simulation; a failed one has no fitness and says so."""
     if not np.isfinite(outputs).all():
         return ReplayRow(label, variant, parameters, None, paper_fitness, f"the simulation failed; {note}", {})
-    error = runner.measured - outputs
-    rms = {name: float(np.sqrt(np.nanmean(error[:, k] ** 2))) for k, name in enumerate(runner.outputs)}
-    fitness = float(np.nansum(error[:, runner.column("theta")] ** 2))
+    error = evaluator.measured - outputs
+    rms = {name: float(np.sqrt(np.nanmean(error[:, k] ** 2))) for k, name in enumerate(evaluator.outputs)}
+    fitness = float(np.nansum(error[:, evaluator.column("theta")] ** 2))
     return ReplayRow(label, variant, parameters, fitness, paper_fitness, note, rms)
 
 

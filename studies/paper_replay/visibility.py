@@ -60,13 +60,13 @@ class Visibility:
     combinations: tuple[str, ...]
 
     def norm(self, name: str) -> float:
-        """How far the readings move, in noise units, when a parameter changes by its own size (the delay: by 1 s)."""
+        """Return the linearised change of the readings, in noise units, where a parameter doubles (delay: plus 1 s)."""
         return float(np.linalg.norm(self.columns[:, self.names.index(name)]))
 
     def relative_sd(
         self, name: str, unknown: Sequence[str] | None = None, outputs: Sequence[str] | None = None
     ) -> float:
-        """Smallest relative standard deviation with which a parameter can be known while ``unknown`` others are not.
+        """Compute the smallest relative standard deviation of a parameter while ``unknown`` others are not known.
 
         By default all others but ``J_s`` and ``L_a`` are unknown. ``outputs`` restricts the readings.
         """
@@ -83,12 +83,12 @@ class Visibility:
         return np.inf if left <= 1e-9 * float(np.linalg.norm(own)) else 1.0 / left
 
     def alike(self, first: str, second: str) -> float:
-        """Largest difference of the two columns' directions: 0 where they are one and the same."""
+        """Return the largest difference of the two columns' directions: 0 where they are one and the same."""
         a, b = (self.columns[:, self.names.index(n)] for n in (first, second))
         return float(np.linalg.norm(a / np.linalg.norm(a) - b / np.linalg.norm(b)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return plain values."""
         return {
             "at": dict(self.values),
             "norm": {name: self.norm(name) for name in self.names},
@@ -105,16 +105,16 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def problem_of(model: Model, experiment: Experiment) -> Problem:
-    """One column for each of :data:`COLUMNS`, and one for the input's delay."""
+def sensitivity_problem(model: Model, experiment: Experiment) -> Problem:
+    """Pose the problem with one column for each of :data:`COLUMNS`, and one for the input's delay."""
     targets: tuple[ProblemTarget, ...] = (*(ParameterTarget(name) for name in COLUMNS), DelayTarget())
     return Problem(model, (experiment,), (targets,), settings=SolverSettings(relative_tolerance=1e-8))
 
 
-def look(
+def judge_visibility(
     problem: Problem, outputs: FloatArray, sensitivities: FloatArray, values: FloatArray, noise: FloatArray
 ) -> Visibility:
-    """Judge one simulation of :func:`problem_of`.
+    """Compute what one simulation of :func:`sensitivity_problem` tells about each parameter.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Simulated rigs of many kinds with a law that their model lacks; never imported by what fits them."""
+"""Simulated rigs of many kinds with a law that their model lacks."""
 
 from simulated_rigs.fleet import FleetTruth, draw_fleet, draw_rig, write_fleet
 from simulated_rigs.trial import (
@@ -7,27 +7,27 @@ from simulated_rigs.trial import (
     REPORT,
     RigTrial,
     RigTruth,
-    draw_trial,
+    draw_rig_trial,
     rig_kinds,
     write_trial,
 )
-from simulated_rigs.truth import LawTruth, Place, places, simulate
+from simulated_rigs.truth import LawPlace, LawTruth, law_places, simulate_rig
 
 __all__ = [
     "DEVELOPMENT",
     "MODELS",
     "REPORT",
     "FleetTruth",
+    "LawPlace",
     "LawTruth",
-    "Place",
     "RigTrial",
     "RigTruth",
     "draw_fleet",
     "draw_rig",
-    "draw_trial",
-    "places",
+    "draw_rig_trial",
+    "law_places",
     "rig_kinds",
-    "simulate",
+    "simulate_rig",
     "write_fleet",
     "write_trial",
 ]

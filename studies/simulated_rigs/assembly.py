@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulated_rigs.integrate import Integrator
-from simulated_rigs.plant import Law, Plant, Term, Values
-from simulated_rigs.signals import Signal, hold
+from simulated_rigs.integrate import RigIntegrator
+from simulated_rigs.plant import HybridTerm, Plant, SmoothTerm, Values
+from simulated_rigs.signals import PiecewiseSignal, held_command
 
 FloatArray = NDArray[np.float64]
 Family = Literal["motion", "storage", "electrical", "rate"]
-Actuator = Callable[[FloatArray, FloatArray], Signal]
+Actuator = Callable[[FloatArray, FloatArray], PiecewiseSignal]
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Coupling:
 
 @dataclass
 class Assembly:
-    """Equations of one rig, to which laws install themselves.
+    """Equations of one rig, to which laws add themselves.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Assembly:
     parameters : mapping of str to float
     couplings : mapping of str to Coupling
         Per state that is a stretch.
-    terms, holds : list of Law
+    terms, holds : list of HybridTerm
         Laws that add to balances, and those that hold a state; these come after all others.
     actuators : dict
         What an input makes of its command; by default it holds it.
@@ -85,8 +85,8 @@ class Assembly:
     balances: Mapping[str, Balance]
     parameters: Mapping[str, float]
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
-    terms: list[Law] = field(default_factory=list)
-    holds: list[Law] = field(default_factory=list)
+    terms: list[HybridTerm] = field(default_factory=list)
+    holds: list[HybridTerm] = field(default_factory=list)
     actuators: dict[str, Actuator] = field(default_factory=dict)
     readings: list[Callable[[FloatArray, FloatArray, FloatArray], object]] = field(default_factory=list)
     lags: dict[str, float] = field(default_factory=dict)
@@ -95,31 +95,31 @@ class Assembly:
     longest: float = inf
 
     def state(self, name: str) -> int:
-        """Index of a state."""
+        """Return the index of a state."""
         return self.states.index(name)
 
     def add_state(self, like: int | None = None) -> int:
-        """Index of a new state that starts at zero, or where the state ``like`` starts."""
+        """Add a state that starts at zero, or where the state ``like`` starts, and return its index."""
         self.extra.append(like)
         return len(self.states) + len(self.extra) - 1
 
     def term(self, add: Callable[[float, Values, Values, list[float]], None]) -> None:
         """Add a smooth term."""
-        self.terms.append(Term(add))
+        self.terms.append(SmoothTerm(add))
 
     def run(
         self, time: FloatArray, commands: FloatArray, start: Sequence[float], longest: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Outputs, shape (n, outputs), and the rig's own states, shape (n, states), at ``time`` s.
+        """Simulate outputs, shape (n, outputs), and the rig's own states, shape (n, states), at ``time`` s.
 
         ``commands`` has shape (n, inputs); each value holds to the next sample. No step is longer than ``longest`` s.
         """
-        signals = [self.actuators.get(name, hold)(time, commands[:, k]) for k, name in enumerate(self.inputs)]
+        signals = [self.actuators.get(name, held_command)(time, commands[:, k]) for k, name in enumerate(self.inputs)]
         late = {name: np.maximum(time - delay, time[0]) for name, delay in self.delays.items()}
         grid = _union([time, *late.values(), *(signal.breaks for signal in signals)], time[0], time[-1])
         begin = [*start, *(0.0 if like is None else start[like] for like in self.extra)]
         laws = [*self.terms, *self.holds]
-        integrator = Integrator(self.plant, laws, len(self.extra), signals, min(longest, self.longest))
+        integrator = RigIntegrator(self.plant, laws, len(self.extra), signals, min(longest, self.longest))
         slopes = np.empty((grid.size - 1, 2, len(begin))) if self.lags else None
         found = integrator.run(grid, begin, slopes)
         apart = 1e-9 * (time[1] - time[0])

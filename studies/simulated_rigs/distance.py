@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from aero_bayes.bench.sensors import Noise
+from aero_bayes.bench.sensors import SensorNoise
 from simulated_rigs.kinds import RigKind
-from simulated_rigs.truth import LawTruth, simulate
+from simulated_rigs.truth import LawTruth, simulate_rig
 
 FloatArray = NDArray[np.float64]
 #: Refinements of the base model's fit to the law's response, and the gain in d below which they end.
-REFINEMENTS, ENOUGH = 8, 5e-3
+MAX_REFINEMENTS, MIN_RELATIVE_GAIN = 8, 5e-3
 #: Outputs, in units of their noise, of a rig that a law made unstable.
-UNSTABLE = 1e6
+MAX_STABLE_OUTPUT = 1e6
 
 
-def whiten(values: FloatArray, noise: Noise, step: float) -> FloatArray:
-    """Values, shape (n, ...), in units of the innovations of white noise plus an Ornstein-Uhlenbeck process.
+def arma_innovations(values: FloatArray, noise: SensorNoise, step: float) -> FloatArray:
+    """Whiten values, shape (n, ...), of white noise plus an Ornstein-Uhlenbeck process, to unit variance.
 
     Sampled evenly (``step`` s) their sum is an ARMA(1, 1) process: (1 - a B) y = s (1 - b B) e, whose b and s follow
     from the autocovariance of the left side.
@@ -43,8 +43,8 @@ def whiten(values: FloatArray, noise: Noise, step: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Yardstick:
-    """One experiment, and what changes of the base parameters and initial states do to it.
+class RigExperiment:
+    """One experiment with a rig, and what changes of the base parameters and initial states do to it.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Yardstick:
         True initial states.
     time : ndarray, shape (n,)
     commands : ndarray, shape (n, inputs)
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
         Per output.
     """
 
@@ -64,10 +64,10 @@ class Yardstick:
     start: tuple[float, ...]
     time: FloatArray
     commands: FloatArray
-    noise: Mapping[str, Noise]
+    noise: Mapping[str, SensorNoise]
 
     def outputs(self, laws: Sequence[LawTruth], change: FloatArray | None = None) -> FloatArray:
-        """Outputs, shape (n, outputs), after changes of the free parameters and of the start.
+        """Simulate outputs, shape (n, outputs), after changes of the free parameters and of the start.
 
         ``change`` holds changes of the parameters' logarithms, then of the initial states in units of their sizes.
         """
@@ -77,15 +77,18 @@ class Yardstick:
                 values[name] *= exp(float(factor))
             for k, shift in enumerate(change[len(self.kind.free) :]):
                 start[k] += float(shift) * self.kind.sizes[k]
-        return simulate(self.kind, values, laws, self.time, self.commands, start)[0]
+        return simulate_rig(self.kind, values, laws, self.time, self.commands, start)[0]
 
     def white(self, outputs: FloatArray) -> FloatArray:
-        """Outputs, shape (n, outputs), in units of the noise, shape (n * outputs,)."""
-        columns = [whiten(outputs[:, k], self.noise[name], self.kind.step) for k, name in enumerate(self.kind.outputs)]
+        """Whiten outputs, shape (n, outputs), by the noise; shape (n * outputs,)."""
+        columns = [
+            arma_innovations(outputs[:, k], self.noise[name], self.kind.step)
+            for k, name in enumerate(self.kind.outputs)
+        ]
         return np.concatenate(columns)
 
     def sensitivities(self) -> FloatArray:
-        """Derivatives of the whitened outputs, shape (n * outputs, free + states), by central differences."""
+        """Compute derivatives of the whitened outputs, shape (n * outputs, free + states), by central differences."""
         count, h = len(self.kind.free) + len(self.start), 1e-4
         columns = []
         for k in range(count):
@@ -95,25 +98,25 @@ class Yardstick:
         return np.column_stack(columns)
 
     def distance(self, laws: Sequence[LawTruth], known: Sequence[LawTruth], basis: FloatArray) -> float:
-        """Distance of the rig with ``laws`` from every model that has only those ``known``.
+        """Compute the distance of the rig with ``laws`` from every model that has only those ``known``.
 
         ``basis`` is what :meth:`sensitivities` returned; the model is refitted with it until nothing more is gained,
         which is right to a few per cent where a law is large. NaN for a rig that the laws make unstable.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             there = self.white(self.outputs(laws))
-        if not np.isfinite(there).all() or np.abs(there).max() > UNSTABLE:
+        if not np.isfinite(there).all() or np.abs(there).max() > MAX_STABLE_OUTPUT:
             return float("nan")
         inverse = np.linalg.pinv(basis, rcond=1e-9)
         change = np.zeros(basis.shape[1])
         best, before = np.inf, np.inf
-        for _ in range(REFINEMENTS):
+        for _ in range(MAX_REFINEMENTS):
             gap = there - self.white(self.outputs(known, change))
             whole, step = float(np.linalg.norm(gap)), inverse @ gap
             if not whole < before:
                 break
             left = float(np.linalg.norm(gap - basis @ step))
-            done = left > (1.0 - ENOUGH) * best
+            done = left > (1.0 - MIN_RELATIVE_GAIN) * best
             best, before = min(best, left), whole
             if done:
                 break

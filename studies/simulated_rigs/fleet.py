@@ -14,21 +14,21 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench.sensors import Noise
+from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
-from simulated_rigs.distance import Yardstick
+from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.trial import MODELS, Quiet, RigTrial, make_trial, sized
-from simulated_rigs.truth import LawTruth, places
+from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial
+from simulated_rigs.truth import LawTruth, law_places
 
 FloatArray = NDArray[np.float64]
 #: First number of a fleet's seeds.
 FLEET = 23001
 #: How far the fleet's typical values lie from the model's, and how much rigs differ, each as a share.
-OFF, SPREADS = 0.15, (0.03, 0.12)
+MAX_OFFSET, SPREAD_RANGE = 0.15, (0.03, 0.12)
 #: Distance of the law in a typical rig, and how much its level differs from rig to rig.
-DISTANCE, LEVEL = 40.0, 0.3
+TYPICAL_DISTANCE, LEVEL_SPREAD = 40.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class FleetTruth:
         As in a typical rig.
     share : float
         Probability that a rig has it.
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
         Per output, the same in all rigs.
     seed : int
     """
@@ -56,7 +56,7 @@ class FleetTruth:
     spread: Mapping[str, float]
     law: LawTruth
     share: float
-    noise: Mapping[str, Noise]
+    noise: Mapping[str, SensorNoise]
     seed: int
 
 
@@ -82,20 +82,20 @@ def draw_fleet(kind: str, seed: int, *, share: float = 0.3, law: str | None = No
         raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
     rig = KINDS[kind]
     rng = np.random.default_rng([FLEET, list(KINDS).index(kind), seed])
-    typical = {name: rig.parameters[name] * float(rng.uniform(1.0 - OFF, 1.0 + OFF)) for name in rig.free}
-    low, high = SPREADS
+    typical = {name: rig.parameters[name] * float(rng.uniform(1.0 - MAX_OFFSET, 1.0 + MAX_OFFSET)) for name in rig.free}
+    low, high = SPREAD_RANGE
     spread = {name: exp(float(rng.uniform(log(low), log(high)))) for name in rig.free}
-    choices = places(rig)
+    choices = law_places(rig)
     wanted = [one for one in choices if one[0] == (law or "coulomb_friction")] or ([] if law else choices)
     if not wanted:
         raise InputError(f"bench: {kind} has no {law}; it has {', '.join(dict.fromkeys(name for name, _ in choices))}")
-    made: list[tuple[Mapping[str, Noise], LawTruth]] = []
+    made: list[tuple[Mapping[str, SensorNoise], LawTruth]] = []
 
-    def size(stream: Generator, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
-        found = sized(stream, yardstick, yardstick.sensitivities(), quiet, wanted[0], DISTANCE)
+    def size(stream: Generator, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
+        found = law_at_distance(stream, experiment, experiment.sensitivities(), clean_run, wanted[0], TYPICAL_DISTANCE)
         if found is None:
             raise InputError(f"bench: {kind} does not show {wanted[0][0]}")
-        made.append((yardstick.noise, found))
+        made.append((experiment.noise, found))
         return []
 
     make_trial(rig, rng, _whole(rig, typical), size, what="none", seed=(FLEET, seed))
@@ -108,12 +108,12 @@ def draw_rig(truth: FleetTruth, number: int) -> RigTrial:
     seed = (FLEET, list(KINDS).index(truth.kind), truth.seed, number)
     rng = np.random.default_rng(seed)
     own = {name: value * exp(truth.spread[name] * rng.standard_normal()) for name, value in truth.typical.items()}
-    has, level = rng.random() < truth.share, exp(LEVEL * rng.standard_normal())
+    has, level = rng.random() < truth.share, exp(LEVEL_SPREAD * rng.standard_normal())
     first, size = next(iter(truth.law.parameters.items()))
     law = replace(truth.law, parameters={**truth.law.parameters, first: level * size})
 
-    def choose(stream: Generator, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
-        return [replace(law, d=yardstick.distance([law], [], yardstick.sensitivities()))] if has else []
+    def choose(stream: Generator, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
+        return [replace(law, d=experiment.distance([law], [], experiment.sensitivities()))] if has else []
 
     what = "law" if has else "none"
     return make_trial(rig, rng, _whole(rig, own), choose, what=what, seed=seed, noise=truth.noise)  # type: ignore[arg-type]

@@ -9,36 +9,36 @@ from math import ceil, exp
 import numpy as np
 from numpy.typing import NDArray
 
-from simulated_rigs.plant import Law, Plant, Values
-from simulated_rigs.signals import Pieces, Signal
+from simulated_rigs.plant import HybridTerm, Plant, Values
+from simulated_rigs.signals import Pieces, PiecewiseSignal
 
 FloatArray = NDArray[np.float64]
 #: Halvings of a step until an event counts as located.
-DEPTH = 26
+MAX_HALVINGS = 26
 #: First step after a jump of an input that decays exponentially, in its time constants.
-GRADE = 0.4
-#: What no state of a rig ever is.
-RUNAWAY = 1e9
+FIRST_STEP = 0.4
+#: Absolute value of a state above which the rig counts as unstable.
+MAX_STATE = 1e9
 
 
-class Integrator:
-    """One rig with its laws.
+class RigIntegrator:
+    """Integrator of one rig with its laws.
 
     Parameters
     ----------
     plant : Plant
-    laws : sequence of Law
+    laws : sequence of HybridTerm
         In the order in which they add; those that hold a state come last.
     extra : int
         States that the laws bring.
-    signals : sequence of Signal
+    signals : sequence of PiecewiseSignal
         What the inputs truly are.
     longest : float
         Longest step in s.
     """
 
     def __init__(
-        self, plant: Plant, laws: Sequence[Law], extra: int, signals: Sequence[Signal], longest: float
+        self, plant: Plant, laws: Sequence[HybridTerm], extra: int, signals: Sequence[PiecewiseSignal], longest: float
     ) -> None:
         self._plant, self._laws, self._signals, self._longest = plant, list(laws), list(signals), longest
         self._switching = [law for law in laws if law.switches]
@@ -50,7 +50,7 @@ class Integrator:
         self._now: Values | None = None
 
     def run(self, grid: FloatArray, start: Sequence[float], slopes: FloatArray | None = None) -> FloatArray:
-        """States at ``grid`` (increasing, s; holds every break of the signals), shape (n, states).
+        """Integrate to ``grid`` (increasing, s; holds every break of the signals): states, shape (n, states).
 
         ``slopes``, shape (n - 1, 2, states), is filled with the rates at the beginning and end of every interval.
         Raises OverflowError for a rig that runs away.
@@ -73,7 +73,7 @@ class Integrator:
                 t += h
             if slopes is not None:
                 slopes[k, 1] = self._slopes(end, x)
-            if not all(abs(value) < RUNAWAY for value in x):
+            if not all(abs(value) < MAX_STATE for value in x):
                 raise OverflowError("a simulated rig runs away")
             out[k + 1] = x
         return out
@@ -88,13 +88,13 @@ class Integrator:
         piece = max(decaying, key=lambda piece: piece.rate)
         steps, since = [], t - piece.start[k]
         while length > 0.0:
-            h = min(longest, GRADE / piece.rate * exp(min(0.2 * piece.rate * since, 50.0)))
+            h = min(longest, FIRST_STEP / piece.rate * exp(min(0.2 * piece.rate * since, 50.0)))
             h = length if length < 1.2 * h else h
             steps.append(h)
             length, since = length - h, since + h
         return steps
 
-    def _efforts(self, t: float, x: Values, without: Law | None = None) -> list[float]:
+    def _efforts(self, t: float, x: Values, without: HybridTerm | None = None) -> list[float]:
         u = self._now if self._now is not None else [piece.at(self._k, t) for piece in self._pieces]
         e = self._plant.efforts(x, u) + self._blank
         for law in self._laws:
@@ -119,7 +119,7 @@ class Integrator:
         new = self._step(t, x, h)
         if not self._switching or not self._wrong(t + h, new):
             return new
-        if depth >= DEPTH:
+        if depth >= MAX_HALVINGS:
             self._settle(t + h, new)
             return new
         half = 0.5 * h

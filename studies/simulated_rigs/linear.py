@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 def run_linear(
     plant: Plant, step: float, commands: FloatArray, start: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Outputs, shape (n, outputs), and states, shape (n, states), at samples ``step`` s apart.
+    """Simulate outputs, shape (n, outputs), and states, shape (n, states), at samples ``step`` s apart.
 
     The equations dx/dt = A x + B u + c are read off by unit vectors. Over a sample x becomes Phi x + Gamma (u, 1); in
     the basis of Phi's eigenvectors each state is a first-order filter of its own.

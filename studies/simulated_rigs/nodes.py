@@ -9,8 +9,8 @@ from simulated_rigs.trial import RigTrial
 from simulated_rigs.truth import LawTruth
 
 
-def connected(source: str) -> list[set[str]]:
-    """Sets of connectors that ``connect`` equations of a Modelica text join."""
+def joined_connectors(source: str) -> list[set[str]]:
+    """Find the sets of connectors that the ``connect`` equations of a Modelica text join."""
     nodes: list[set[str]] = []
     for pair in re.findall(r"connect\s*\(\s*([\w.]+)\s*,\s*([\w.]+)\s*\)", source):
         joined = [node for node in nodes if node & set(pair)]
@@ -20,7 +20,7 @@ def connected(source: str) -> list[set[str]]:
 
 
 def same_places(trial: RigTrial, law: LawTruth) -> list[str]:
-    """Ids ``law@port`` that name this law at this place.
+    """Return the ids ``law@port`` that name this law at this place.
 
     A balance goes by its state or, where the state belongs to a component, by any connector that is joined to it. What
     is in series with a component is at its own connectors, or at the other end of a joint of two.
@@ -33,7 +33,7 @@ def same_places(trial: RigTrial, law: LawTruth) -> list[str]:
     component = name.rpartition(".")[0]
     if component and kind in ("balance", "coupling"):
         series = kind == "coupling" or KINDS[trial.truth.kind].states[name].family == "electrical"
-        for node in connected(trial.model.read_text(encoding="utf-8")):
+        for node in joined_connectors(trial.model.read_text(encoding="utf-8")):
             own = {connector for connector in node if connector.startswith(f"{component}.")}
             if own:
                 names += sorted(own if series and len(node) > 2 else node)

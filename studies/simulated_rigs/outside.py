@@ -10,20 +10,22 @@ import numpy as np
 from simulated_rigs.assembly import Assembly, FloatArray
 from simulated_rigs.laws import LawKind, Parameters
 from simulated_rigs.plant import Values
-from simulated_rigs.signals import faded, hold, static
+from simulated_rigs.signals import faded_command, held_command, mapped_command
 
 
 def _drifting_gain(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.actuators[name] = lambda time, u: hold(time, u * (1.0 + p["a"] * np.sin(2.0 * pi * time / p["T"] + p["phase"])))
+    a.actuators[name] = lambda time, u: held_command(
+        time, u * (1.0 + p["a"] * np.sin(2.0 * pi * time / p["T"] + p["phase"]))
+    )
 
 
 def _fade(a: Assembly, name: str, p: Parameters, slack: float) -> None:
     """An actuator that loses force as it grows hot from what it did before."""
-    a.actuators[name] = partial(faded, constant=p["T"], loss=p["loss"], size=p["u_n"])
+    a.actuators[name] = partial(faded_command, constant=p["T"], loss=p["loss"], size=p["u_n"])
 
 
 def _wave(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.actuators[name] = static(lambda u: u + p["a"] * np.sin(2.0 * pi * u / p["p"]))
+    a.actuators[name] = mapped_command(lambda u: u + p["a"] * np.sin(2.0 * pi * u / p["p"]))
 
 
 def _resonance(a: Assembly, name: str, p: Parameters, slack: float) -> None:

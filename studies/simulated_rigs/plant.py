@@ -32,7 +32,7 @@ class Plant:
     shown: tuple[int, ...]
 
 
-class Law:
+class HybridTerm:
     """A term with a mode that changes at events; the formulas hold within one mode and are smooth there."""
 
     #: Whether the law has modes at all.
@@ -42,14 +42,14 @@ class Law:
         """Add the law's share to the efforts ``e``."""
 
     def wrong(self, x: Values, e: Callable[[], Values]) -> bool:
-        """Whether the present mode no longer holds; ``e()`` gives the efforts without this law."""
+        """Return whether the present mode no longer holds; ``e()`` gives the efforts without this law."""
         return False
 
     def enter(self, x: list[float], e: Callable[[], Values]) -> None:
         """Take the mode that holds at ``x``, and put ``x`` where that mode starts."""
 
 
-class Term(Law):
+class SmoothTerm(HybridTerm):
     """A smooth term: ``add(t, x, u, e)``."""
 
     def __init__(self, add: Callable[[float, Values, Values, list[float]], None]) -> None:
@@ -59,7 +59,7 @@ class Term(Law):
         self._add(t, x, u, e)
 
 
-class Regions(Law):
+class PiecewiseTerm(HybridTerm):
     """A term that is smooth in each of three regions: below, within and above a band of some quantity.
 
     Parameters
@@ -100,7 +100,7 @@ class Regions(Law):
         self._region = 0 if abs(value) <= self._half_width else 1 if value > 0.0 else -1
 
 
-class DryFriction(Law):
+class DryFriction(HybridTerm):
     """A level that opposes motion and holds what stands still until pushed harder than that.
 
     Parameters
@@ -144,7 +144,7 @@ class DryFriction(Law):
         self._direction = direction if abs(push) > self._level(direction, 0.0) else 0
 
 
-class Overflow(Law):
+class Overflow(HybridTerm):
     """A storage that cannot rise above a rim; a share of what spills goes to a neighbour (or none)."""
 
     switches = True

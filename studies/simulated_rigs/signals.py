@@ -27,13 +27,13 @@ class Pieces:
     rate: float
 
     def at(self, k: int, t: float) -> float:
-        """Value at time ``t`` s within interval ``k``."""
+        """Return the value at time ``t`` s within interval ``k``."""
         s = t - self.start[k]
         return self.base[k] + self.slope[k] * s + (self.decay[k] * exp(-self.rate * s) if self.rate else 0.0)
 
 
 @dataclass(frozen=True)
-class Signal:
+class PiecewiseSignal:
     """An input over time; before its first break it has the first piece's starting value.
 
     Parameters
@@ -56,7 +56,7 @@ class Signal:
         return not self.rate and not self.slope.any()
 
     def pieces(self, grid: FloatArray) -> Pieces:
-        """Coefficients in every interval that begins at a point of ``grid``."""
+        """Return the coefficients in every interval that begins at a point of ``grid``."""
         at = np.maximum(np.searchsorted(self.breaks, grid + 1e-9 * (grid[-1] - grid[0]) / grid.size, "right") - 1, 0)
         early = grid < self.breaks[0] - 1e-12
         return Pieces(
@@ -68,25 +68,25 @@ class Signal:
         )
 
 
-def hold(time: FloatArray, values: FloatArray) -> Signal:
-    """Values that hold from their sample to the next; equal neighbours make one piece."""
+def held_command(time: FloatArray, values: FloatArray) -> PiecewiseSignal:
+    """Hold each value from its sample to the next; equal neighbours make one piece."""
     first = np.concatenate(([True], values[1:] != values[:-1]))
     zero = np.zeros(int(first.sum()))
-    return Signal(time[first], values[first], zero, zero)
+    return PiecewiseSignal(time[first], values[first], zero, zero)
 
 
-def static(law: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, FloatArray], Signal]:
-    """A law that maps each value by itself."""
-    return lambda time, values: hold(time, law(values))
+def mapped_command(law: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, FloatArray], PiecewiseSignal]:
+    """Make a law that maps each value by itself."""
+    return lambda time, values: held_command(time, law(values))
 
 
-def delayed(time: FloatArray, values: FloatArray, delay: float) -> Signal:
-    """The command ``delay`` s late; before it arrives, its first value."""
-    return hold(time + delay, values)
+def delayed_command(time: FloatArray, values: FloatArray, delay: float) -> PiecewiseSignal:
+    """Delay the command by ``delay`` s; before it arrives, its first value holds."""
+    return held_command(time + delay, values)
 
 
-def lagged(time: FloatArray, values: FloatArray, constant: float) -> Signal:
-    """First-order lag of time constant ``constant`` s, settled at the first value."""
+def lagged_command(time: FloatArray, values: FloatArray, constant: float) -> PiecewiseSignal:
+    """Apply a first-order lag of time constant ``constant`` s, settled at the first value."""
     away, out = 0.0, []
     keep = np.exp(-np.diff(time) / constant).tolist()
     value = values.tolist()
@@ -94,11 +94,11 @@ def lagged(time: FloatArray, values: FloatArray, constant: float) -> Signal:
         out.append(away)
         away = away * factor + value[k] - value[k + 1]
     out.append(away)
-    return Signal(time, values, np.zeros(time.size), np.array(out), 1.0 / constant)
+    return PiecewiseSignal(time, values, np.zeros(time.size), np.array(out), 1.0 / constant)
 
 
-def rate_limited(time: FloatArray, values: FloatArray, fastest: float) -> Signal:
-    """Follows the command, but by no more than ``fastest`` a second."""
+def rate_limited_command(time: FloatArray, values: FloatArray, fastest: float) -> PiecewiseSignal:
+    """Follow the command by no more than ``fastest`` a second."""
     at, step = float(values[0]), float(time[-1] - time[-2])
     pieces: list[tuple[float, float, float]] = [(float(time[0]), at, 0.0)]
     ends = [*time[1:].tolist(), float(time[-1]) + step]
@@ -112,23 +112,23 @@ def rate_limited(time: FloatArray, values: FloatArray, fastest: float) -> Signal
         if at == target:
             pieces.append((t + gap / speed, at, 0.0))
     breaks, base, slope = np.array(pieces).T
-    return Signal(breaks, base, slope, np.zeros(len(pieces)))
+    return PiecewiseSignal(breaks, base, slope, np.zeros(len(pieces)))
 
 
-def play(time: FloatArray, values: FloatArray, half_width: float, share: float) -> Signal:
-    """Hysteresis: a share of the command goes through a play (backlash operator) of ``half_width``."""
+def command_with_play(time: FloatArray, values: FloatArray, half_width: float, share: float) -> PiecewiseSignal:
+    """Apply hysteresis: a share of the command goes through a play (backlash operator) of ``half_width``."""
     out, inner = [], float(values[0])
     for value in values.tolist():
         inner = min(max(inner, value - half_width), value + half_width)
         out.append((1.0 - share) * value + share * inner)
-    return hold(time, np.array(out))
+    return held_command(time, np.array(out))
 
 
-def faded(time: FloatArray, values: FloatArray, constant: float, loss: float, size: float) -> Signal:
-    """A command that loses ``loss`` of itself where its square, averaged over ``constant`` s, is that of ``size``."""
+def faded_command(time: FloatArray, values: FloatArray, constant: float, loss: float, size: float) -> PiecewiseSignal:
+    """Weaken the command by ``loss`` where its square, averaged over ``constant`` s, is that of ``size``."""
     out, heat = [], 0.0
     steps = np.exp(-np.diff(time, append=2.0 * time[-1] - time[-2]) / constant).tolist()
     for value, kept in zip((values / size).tolist(), steps, strict=True):
         out.append(size * value * max(1.0 - loss * heat, 0.0))
         heat = kept * heat + (1.0 - kept) * value * value
-    return hold(time, np.array(out))
+    return held_command(time, np.array(out))

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench.inputs import Chirp, InputDesign, multi_sine, prbs, random_levels
-from aero_bayes.bench.sensors import Noise
+from aero_bayes.bench.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
+from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
-from simulated_rigs.distance import Yardstick
+from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.truth import LawTruth, Place, law_kind, outside_places, places, scale_at, simulate
+from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, outside_places, scale_at, simulate_rig
 
 FloatArray = NDArray[np.float64]
-Quiet = tuple[FloatArray, FloatArray]
+CleanRun = tuple[FloatArray, FloatArray]
 What = Literal["law", "none", "pair", "outside"]
 WHATS: tuple[What, ...] = ("law", "none", "pair", "outside")
 #: First numbers of the seeds ``[base, kind, number]``: trials that methods may be tuned on, and those of the report.
@@ -33,13 +33,13 @@ MODELS = Path(__file__).with_name("models")
 #: True parameters are within this share of those in the Modelica file.
 SPREAD = 0.3
 #: Distances that sizes of laws are drawn for, and how close is close enough.
-NEAREST, FARTHEST, CLOSE = 2.0, 300.0, 0.15
+MIN_DISTANCE, MAX_DISTANCE, DISTANCE_TOLERANCE = 2.0, 300.0, 0.15
 #: Standard deviation of the noise as a share of the signal's.
-QUIET, LOUD = 2e-3, 2e-2
+MIN_NOISE, MAX_NOISE = 2e-3, 2e-2
 #: A law that no size makes this visible is another one under another name.
-INVISIBLE = 1.0
+MIN_VISIBLE_DISTANCE = 1.0
 #: Share of a recording at whose beginning nothing is driven yet.
-LEAD = 0.01
+UNDRIVEN_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class RigTruth:
         Named as in the Modelica model.
     starts : mapping of str to mapping of str to float
         Initial states of the recordings ``train`` and ``test``.
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
         Per output.
     aliases : mapping of str to str
         States that an output shows, and that output: a compiler may call the state by either name.
@@ -67,12 +67,12 @@ class RigTruth:
     laws: tuple[LawTruth, ...]
     parameters: Mapping[str, float]
     starts: Mapping[str, Mapping[str, float]]
-    noise: Mapping[str, Noise]
+    noise: Mapping[str, SensorNoise]
     aliases: Mapping[str, str]
     seed: tuple[int, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """For a file that the program never sees."""
+        """Return plain values for a file that the program never sees."""
         return asdict(self)
 
 
@@ -84,7 +84,7 @@ class RigTrial:
     ----------
     train, test : Recording
         With noise, under the names of the Modelica model.
-    silent : mapping of str to Recording
+    noise_free : mapping of str to Recording
         Both without noise.
     truth : RigTruth
     model : Path
@@ -95,18 +95,18 @@ class RigTrial:
 
     train: Recording
     test: Recording
-    silent: Mapping[str, Recording]
+    noise_free: Mapping[str, Recording]
     truth: RigTruth
     model: Path
     toml: Path
 
 
 def rig_kinds() -> tuple[str, ...]:
-    """Names of the kinds of rigs."""
+    """Return the names of the kinds of rigs."""
     return tuple(KINDS)
 
 
-def draw_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "law") -> RigTrial:
+def draw_rig_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "law") -> RigTrial:
     """Draw and simulate one trial; the same arguments always give the same numbers.
 
     Parameters
@@ -142,13 +142,13 @@ def make_trial(
     rig: RigKind,
     rng: Generator,
     parameters: Mapping[str, float],
-    choose: Callable[[Generator, Yardstick, Quiet], list[LawTruth]],
+    choose: Callable[[Generator, RigExperiment, CleanRun], list[LawTruth]],
     *,
     what: What,
     seed: tuple[int, ...],
-    noise: Mapping[str, Noise] | None = None,
+    noise: Mapping[str, SensorNoise] | None = None,
 ) -> RigTrial:
-    """Record a rig of known parameters.
+    """Record a rig of known parameters and choose what its model lacks.
 
     Parameters
     ----------
@@ -157,25 +157,27 @@ def make_trial(
         Draws the experiments, and the noise if it is not given.
     parameters : mapping of str to float
     choose : callable
-        What the model lacks, from a generator, a yardstick and a run (outputs, states) without it.
+        What the model lacks, from a generator, the experiment and a run (outputs, states) without it.
     what, seed : str, tuple of int
         For the record.
-    noise : mapping of str to Noise, optional
+    noise : mapping of str to SensorNoise, optional
     """
     time: FloatArray = np.arange(rig.rows, dtype=np.float64) * rig.step
     commands = {run: _commands(rng, rig, time) for run in ("train", "test")}
     starts = {run: _start(rng, rig, parameters) for run in ("train", "test")}
-    quiet = simulate(rig, parameters, [], time, commands["train"], starts["train"])
-    noise = noise if noise is not None else draw_noise(rng, rig, quiet[0])
-    yardstick = Yardstick(rig, parameters, starts["train"], time, commands["train"], noise)
-    laws = choose(rng, yardstick, quiet)
-    silent = {
+    clean_run = simulate_rig(rig, parameters, [], time, commands["train"], starts["train"])
+    noise = noise if noise is not None else draw_noise_levels(rng, rig, clean_run[0])
+    experiment = RigExperiment(rig, parameters, starts["train"], time, commands["train"], noise)
+    laws = choose(rng, experiment, clean_run)
+    noise_free = {
         run: _recording(
-            run, rig, time, commands[run], simulate(rig, parameters, laws, time, commands[run], starts[run])[0]
+            run, rig, time, commands[run], simulate_rig(rig, parameters, laws, time, commands[run], starts[run])[0]
         )
         for run in ("train", "test")
     }
-    measured = {run: _measure(stream, silent[run], noise) for run, stream in zip(silent, rng.spawn(2), strict=True)}
+    measured = {
+        run: _measure(stream, noise_free[run], noise) for run, stream in zip(noise_free, rng.spawn(2), strict=True)
+    }
     states, shown = tuple(rig.states), rig.plant(parameters).shown
     truth = RigTruth(
         kind=rig.name,
@@ -188,7 +190,7 @@ def make_trial(
         seed=seed,
     )
     folder = MODELS / rig.name
-    return RigTrial(measured["train"], measured["test"], silent, truth, folder / "Rig.mo", folder / "rig.toml")
+    return RigTrial(measured["train"], measured["test"], noise_free, truth, folder / "Rig.mo", folder / "rig.toml")
 
 
 def write_trial(trial: RigTrial, folder: Path | str, truth: Path | str | None = None) -> Path:
@@ -212,7 +214,7 @@ def _design(rng: Generator, duration: float) -> InputDesign:
     if which == 1:
         return prbs(rng, 1.0, duration)
     if which == 2:
-        return multi_sine(rng, 1.0, 0.03, 0.6)
+        return random_multi_sine(rng, 1.0, 0.03, 0.6)
     return Chirp(1.0, 0.02, 0.6, duration / 2.0)
 
 
@@ -222,7 +224,7 @@ def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
         duration = float(time[-1]) / drive.clock
         height = drive.height * float(rng.uniform(0.7, 1.0))
         values = drive.centre + height * _design(rng, duration).volts(time / drive.clock)
-        values[: max(2, round(LEAD * time.size))] = drive.centre
+        values[: max(2, round(UNDRIVEN_SHARE * time.size))] = drive.centre
         columns.append(values)
     return np.column_stack(columns)
 
@@ -234,74 +236,74 @@ def _start(rng: Generator, kind: RigKind, parameters: Mapping[str, float]) -> tu
     )
 
 
-def draw_noise(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, Noise]:
-    """White noise by output; in a third of the trials some that is correlated over 3 to 30 samples as well."""
-    level = exp(float(rng.uniform(log(QUIET), log(LOUD))))
+def draw_noise_levels(rng: Generator, kind: RigKind, outputs: FloatArray) -> dict[str, SensorNoise]:
+    """Draw levels of white noise by output; in a third of the trials also noise correlated over 3 to 30 samples."""
+    level = exp(float(rng.uniform(log(MIN_NOISE), log(MAX_NOISE))))
     correlated = rng.random() < 1.0 / 3.0
     noise = {}
     for k, name in enumerate(kind.outputs):
         white = level * float(np.std(outputs[:, k])) * float(rng.uniform(0.7, 1.4))
         slow, steps = white * float(rng.uniform(0.3, 1.0)), float(rng.uniform(3.0, 30.0))
-        noise[name] = Noise(white, slow, steps * kind.step) if correlated else Noise(white)
+        noise[name] = SensorNoise(white, slow, steps * kind.step) if correlated else SensorNoise(white)
     return noise
 
 
-def _laws(rng: Generator, what: What, yardstick: Yardstick, quiet: Quiet) -> list[LawTruth]:
+def _laws(rng: Generator, what: What, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
     """Laws as asked for, each scaled to a distance of its own, and their distances in each other's presence."""
     if what == "none":
         return []
-    kind = yardstick.kind
-    choices = outside_places(kind) if what == "outside" else places(kind)
+    kind = experiment.kind
+    choices = outside_places(kind) if what == "outside" else law_places(kind)
     order = [choices[int(k)] for k in rng.permutation(len(choices))]
-    basis = yardstick.sensitivities()
-    count, lowest = (2, 8.0) if what == "pair" else (1, 8.0 if what == "outside" else NEAREST)
+    basis = experiment.sensitivities()
+    count, lowest = (2, 8.0) if what == "pair" else (1, 8.0 if what == "outside" else MIN_DISTANCE)
     chosen: list[LawTruth] = []
     for law, place in order:
         if any(place == one.place for one in chosen):
             continue
-        target = exp(float(rng.uniform(log(lowest), log(FARTHEST))))
-        found = sized(rng, yardstick, basis, quiet, (law, place), target)
-        if found is None or found.d < INVISIBLE:
+        target = exp(float(rng.uniform(log(lowest), log(MAX_DISTANCE))))
+        found = law_at_distance(rng, experiment, basis, clean_run, (law, place), target)
+        if found is None or found.d < MIN_VISIBLE_DISTANCE:
             continue
-        both = _together(yardstick, basis, [*chosen, replace(found, named=what != "outside")])
-        if min(one.d for one in both) >= (lowest if chosen else INVISIBLE):
+        both = _together(experiment, basis, [*chosen, replace(found, named=what != "outside")])
+        if min(one.d for one in both) >= (lowest if chosen else MIN_VISIBLE_DISTANCE):
             chosen = both
         if len(chosen) == count:
             break
     return chosen
 
 
-def _together(yardstick: Yardstick, basis: FloatArray, laws: Sequence[LawTruth]) -> list[LawTruth]:
+def _together(experiment: RigExperiment, basis: FloatArray, laws: Sequence[LawTruth]) -> list[LawTruth]:
     """The laws with the distance of each where the model knows the others."""
     if len(laws) == 1:
         return list(laws)
     return [
-        replace(one, d=yardstick.distance(laws, [other for other in laws if other is not one], basis)) for one in laws
+        replace(one, d=experiment.distance(laws, [other for other in laws if other is not one], basis)) for one in laws
     ]
 
 
-def sized(
+def law_at_distance(
     rng: Generator,
-    yardstick: Yardstick,
+    experiment: RigExperiment,
     basis: FloatArray,
-    quiet: Quiet,
-    which: tuple[str, Place],
+    clean_run: CleanRun,
+    which: tuple[str, LawPlace],
     target: float,
 ) -> LawTruth | None:
-    """A law of about the distance ``target``, or as near to it as sizes that make sense bring it.
+    """Size a law for about the distance ``target``, or as near to it as sizes that make sense bring it.
 
-    ``basis`` and ``quiet`` are the sensitivities and the run (outputs, states) without the law. None where no size is
-    seen at all or the rig cannot be simulated with it.
+    ``basis`` and ``clean_run`` are the sensitivities and the run (outputs, states) without the law. None where no size
+    is seen at all or the rig cannot be simulated with it.
     """
     law, place = which
-    kind, entropy = yardstick.kind, int(rng.integers(2**63))
+    kind, entropy = experiment.kind, int(rng.integers(2**63))
     formula = law_kind(kind, law, place)
-    scale = scale_at(kind, place, yardstick.time, yardstick.commands, *quiet)
+    scale = scale_at(kind, place, experiment.time, experiment.commands, *clean_run)
 
     def at(size: float) -> LawTruth:
         truth = LawTruth(law, place, formula.draw(np.random.default_rng(entropy), size, scale))
         try:
-            d = yardstick.distance([truth], [], basis)
+            d = experiment.distance([truth], [], basis)
         except OverflowError:
             d = float("nan")
         return replace(truth, d=d)
@@ -314,7 +316,7 @@ def sized(
             size /= 10.0
             continue
         tried.append((size, found))
-        if abs(log(max(found.d, 1e-9) / target)) < CLOSE or (found.d < target and size >= formula.most):
+        if abs(log(max(found.d, 1e-9) / target)) < DISTANCE_TOLERANCE or (found.d < target and size >= formula.most):
             break
         power = _power(tried)
         size = min(size * float(np.clip((target / max(found.d, 1e-9)) ** (1.0 / power), 1e-2, 1e2)), formula.most)
@@ -342,10 +344,10 @@ def _recording(name: str, kind: RigKind, time: FloatArray, commands: FloatArray,
     )
 
 
-def _measure(rng: Generator, silent: Recording, noise: Mapping[str, Noise]) -> Recording:
-    nothing = np.zeros(silent.rows)
+def _measure(rng: Generator, noise_free: Recording, noise: Mapping[str, SensorNoise]) -> Recording:
+    nothing = np.zeros(noise_free.rows)
     readings = {
-        name: values + noise[name].sample(stream, silent.time, nothing, nothing)
-        for stream, (name, values) in zip(rng.spawn(len(noise)), silent.outputs.items(), strict=True)
+        name: values + noise[name].sample(stream, noise_free.time, nothing, nothing)
+        for stream, (name, values) in zip(rng.spawn(len(noise)), noise_free.outputs.items(), strict=True)
     }
-    return replace(silent, outputs=readings, sha256="")
+    return replace(noise_free, outputs=readings, sha256="")

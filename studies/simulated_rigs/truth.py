@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Place:
+class LawPlace:
     """Where a law acts.
 
     Parameters
@@ -41,7 +41,7 @@ class LawTruth:
     Parameters
     ----------
     law : str
-    place : Place
+    place : LawPlace
     parameters : mapping of str to float
     named : bool
         Whether the library has this law.
@@ -50,7 +50,7 @@ class LawTruth:
     """
 
     law: str
-    place: Place
+    place: LawPlace
     parameters: Mapping[str, float]
     named: bool = True
     d: float = field(default=float("nan"), compare=False)
@@ -61,31 +61,31 @@ class LawTruth:
         return f"{self.law}@{self.place.name}"
 
 
-def places(kind: RigKind) -> list[tuple[str, Place]]:
-    """All (law, place) that may be missing from a kind's model."""
+def law_places(kind: RigKind) -> list[tuple[str, LawPlace]]:
+    """List all (law, place) that may be missing from a kind's model."""
     found = []
     for where, laws in kind.laws.items():
         prefix, _, name = where.rpartition(":")
         for law in laws.split():
             sort = {"in": "input", "out": "output"}.get(prefix) or ("coupling" if law == "backlash" else "balance")
-            found.append((law, Place(sort, name)))
+            found.append((law, LawPlace(sort, name)))
     return found
 
 
-def outside_places(kind: RigKind) -> list[tuple[str, Place]]:
-    """All (law, place) outside the library that a kind may have."""
-    found = [(law, Place("input", name)) for family, law in OUTSIDE if family == "input" for name in kind.inputs]
-    found += [(law, Place("output", name)) for family, law in OUTSIDE if family == "output" for name in kind.outputs]
+def outside_places(kind: RigKind) -> list[tuple[str, LawPlace]]:
+    """List all (law, place) outside the library that a kind may have."""
+    found = [(law, LawPlace("input", name)) for family, law in OUTSIDE if family == "input" for name in kind.inputs]
+    found += [(law, LawPlace("output", name)) for family, law in OUTSIDE if family == "output" for name in kind.outputs]
     return found + [
-        (law, Place("balance", name))
+        (law, LawPlace("balance", name))
         for name, balance in kind.states.items()
         for family, law in OUTSIDE
         if family == balance.family
     ]
 
 
-def law_kind(kind: RigKind, law: str, place: Place) -> LawKind:
-    """The formula of a law at a place. Raises InputError where there is none."""
+def law_kind(kind: RigKind, law: str, place: LawPlace) -> LawKind:
+    """Return the formula of a law at a place. Raises InputError where there is none."""
     family = kind.states[place.name].family if place.kind == "balance" and place.name in kind.states else place.kind
     found = LAWS.get((family, law)) or OUTSIDE.get((family, law))
     names = {"input": kind.inputs, "output": kind.outputs}.get(place.kind, kind.states)
@@ -94,7 +94,7 @@ def law_kind(kind: RigKind, law: str, place: Place) -> LawKind:
     return found
 
 
-def simulate(
+def simulate_rig(
     kind: RigKind,
     parameters: Mapping[str, float],
     laws: Sequence[LawTruth],
@@ -103,7 +103,7 @@ def simulate(
     start: Sequence[float],
     fineness: int = 1,
 ) -> tuple[FloatArray, FloatArray]:
-    """Outputs and states of a rig without noise.
+    """Simulate outputs and states of a rig without noise.
 
     Parameters
     ----------
@@ -140,9 +140,9 @@ def simulate(
 
 
 def scale_at(
-    kind: RigKind, place: Place, time: FloatArray, commands: FloatArray, outputs: FloatArray, states: FloatArray
+    kind: RigKind, place: LawPlace, time: FloatArray, commands: FloatArray, outputs: FloatArray, states: FloatArray
 ) -> Scale:
-    """What happens at a place in a run without laws (``outputs``, ``states``: see :func:`simulate`)."""
+    """Measure what happens at a place in a run without laws (``outputs``, ``states``: see :func:`simulate_rig`)."""
     names = list(kind.states)
     if place.kind == "input":
         values = commands[:, list(kind.inputs).index(place.name)]

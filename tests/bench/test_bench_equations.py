@@ -10,15 +10,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.bench import HALF_QUAD, Levels, Parameters, Truth, effect, paper_step, sample_times, simulate
+from aero_bayes.bench import HALF_QUAD, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
 from aero_bayes.bench.effects import KINDS
 from aero_bayes.bench.exponential import block
-from aero_bayes.bench.integrate import Integrator
-from aero_bayes.bench.rig import plan_of
+from aero_bayes.bench.integrate import AeroIntegrator
+from aero_bayes.bench.rig import equations_of
 
 P = Parameters()
 DESIGN = Levels((0.0, 1.0, 2.5, 4.0, 5.2, 6.0), (14.0, -9.0, 18.0, 18.0, -17.0, 4.0))
-TIME = sample_times(8.0, 100.0)
+TIME = even_times(8.0, 100.0)
 
 #: state (i1, w1, i2, w2, theta, q, r1, r2, f1, f2, w_shown): r winding rise, f lagged thrust.
 Rates = Callable[[float, np.ndarray, float], list[float]]
@@ -77,7 +77,7 @@ def reference(rates: Rates, volts: np.ndarray, theta: float = 0.0) -> np.ndarray
 
 def errors(truth: Truth, states: np.ndarray, speed: int = 1) -> np.ndarray:
     """Largest error of current, speed and pitch as a share of each one's range."""
-    run = simulate(truth, DESIGN, TIME)
+    run = simulate_truth(truth, DESIGN, TIME)
     pairs = ((run.i_m, states[:, 0]), (run.omega_m, states[:, speed]), (run.theta, states[:, 4]))
     return np.array([np.abs(ours - theirs).max() / np.ptp(theirs) for ours, theirs in pairs])
 
@@ -107,7 +107,7 @@ def test_both_set_ups_without_effects() -> None:
 )
 def test_smooth_effects(name: str, parameters: dict[str, float]) -> None:
     truth = Truth(effects=(effect(name, **parameters),))
-    start = Integrator(plan_of(truth)).rest_angle()
+    start = AeroIntegrator(equations_of(truth)).rest_angle()
     states = reference(two_motors(P, 2, **parameters), DESIGN.volts(TIME), start)
     # Heating bends the stiff circuit itself; inflow couples the two blocks that the method treats apart.
     bound = {"winding_heating": 2e-6, "thrust_inflow_loss": 6e-7}.get(name, 2e-7)
@@ -115,8 +115,8 @@ def test_smooth_effects(name: str, parameters: dict[str, float]) -> None:
 
 
 def test_sensor_offsets() -> None:
-    base = simulate(Truth(), DESIGN, TIME)
-    shifted = simulate(
+    base = simulate_truth(Truth(), DESIGN, TIME)
+    shifted = simulate_truth(
         Truth(effects=(effect("current_offset", b_i=0.03), effect("pitch_offset", b_th=-0.02))), DESIGN, TIME
     )
     np.testing.assert_allclose(shifted.i_m - base.i_m, 0.03, rtol=1e-9)
@@ -124,12 +124,12 @@ def test_sensor_offsets() -> None:
 
 
 def test_delays_shift_what_they_delay() -> None:
-    base = simulate(Truth(), DESIGN, TIME)
-    late = simulate(Truth(effects=(effect("pitch_delay", T_d=0.07),)), DESIGN, TIME)
+    base = simulate_truth(Truth(), DESIGN, TIME)
+    late = simulate_truth(Truth(effects=(effect("pitch_delay", T_d=0.07),)), DESIGN, TIME)
     np.testing.assert_allclose(late.theta[7:], base.theta[:-7], atol=1e-8)
     assert (late.theta[:7] == base.theta[0]).all()
     np.testing.assert_allclose(late.omega_m, base.omega_m, atol=1e-5)
-    slow = simulate(Truth(input_delay=0.03), DESIGN, TIME)
+    slow = simulate_truth(Truth(input_delay=0.03), DESIGN, TIME)
     for name in ("i_m", "omega_m", "theta"):
         ours, theirs = getattr(slow, name), getattr(base, name)
         np.testing.assert_allclose(ours[3:], theirs[:-3], atol=1e-7 * np.ptp(theirs))
@@ -140,7 +140,10 @@ def test_delays_shift_what_they_delay() -> None:
 def test_effects_vanish_with_their_magnitude(name: str) -> None:
     kind = KINDS[name]
     parameters = {key: high for key, (_, high) in kind.ranges.items()} | {kind.magnitude: 0.0}
-    run, base = simulate(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME), simulate(Truth(), DESIGN, TIME)
+    run, base = (
+        simulate_truth(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME),
+        simulate_truth(Truth(), DESIGN, TIME),
+    )
     for output in ("i_m", "omega_m", "theta"):
         np.testing.assert_allclose(
             getattr(run, output), getattr(base, output), atol=2e-7 * np.ptp(getattr(base, output))
@@ -151,7 +154,10 @@ def test_effects_vanish_with_their_magnitude(name: str) -> None:
 def test_effects_show_at_their_largest(name: str) -> None:
     kind = KINDS[name]
     parameters = {key: high for key, (_, high) in kind.ranges.items()}
-    run, base = simulate(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME), simulate(Truth(), DESIGN, TIME)
+    run, base = (
+        simulate_truth(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME),
+        simulate_truth(Truth(), DESIGN, TIME),
+    )
     changes = [
         np.std(getattr(run, o) - getattr(base, o)) / np.ptp(getattr(base, o)) for o in ("i_m", "omega_m", "theta")
     ]
@@ -161,7 +167,7 @@ def test_effects_show_at_their_largest(name: str) -> None:
 
 @pytest.mark.parametrize(("system", "p", "motors"), [("one_dof", P, 2), ("half_quad", HALF_QUAD, 1)])
 def test_steady_state(system: str, p: Parameters, motors: int) -> None:
-    run = simulate(Truth(system, p), Levels((0.0,), (15.0,)), sample_times(60.0, 20.0))
+    run = simulate_truth(Truth(system, p), Levels((0.0,), (15.0,)), even_times(60.0, 20.0))
     # R i + c w = V with c i = k_d w^2 is a quadratic in w.
     a, b = p.R_a * p.k_d / p.c_m, p.c_m
     w = (-b + np.sqrt(b * b + 4.0 * a * 15.0)) / (2.0 * a)
@@ -171,15 +177,15 @@ def test_steady_state(system: str, p: Parameters, motors: int) -> None:
 
 
 def test_documented_thrust_gain() -> None:
-    run = simulate(Truth(), paper_step(), sample_times(20.0, 20.0))
+    run = simulate_truth(Truth(), paper_step(), even_times(20.0, 20.0))
     torque = 2.0 * P.D_t * P.k_t * run.omega_m[-1] ** 2
     assert torque == pytest.approx(0.0011 * 24.0, rel=0.02)
 
 
 def test_free_swing_keeps_its_energy_without_damping() -> None:
     p = Parameters(D_p=0.0)
-    plan = plan_of(Truth("one_dof", p))
-    integrator = Integrator(plan)
+    plan = equations_of(Truth("one_dof", p))
+    integrator = AeroIntegrator(plan)
     states = integrator.run(TIME, np.zeros(TIME.size), integrator.start(0.5))
     energy = 0.5 * p.J_p * states[:, 3] ** 2 + 0.5 * p.K_sp * states[:, 2] ** 2
     np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
@@ -190,9 +196,9 @@ def test_error_falls_with_the_step() -> None:
     states = reference(two_motors(P, 2), volts)
     found = []
     for step in (1e-2, 5e-3, 2.5e-3):
-        plan = plan_of(Truth())
+        plan = equations_of(Truth())
         plan.max_step = step
-        integrator = Integrator(plan)
+        integrator = AeroIntegrator(plan)
         ours = integrator.run(TIME, volts, integrator.start(0.0))[:, :3]
         theirs = states[:, [0, 1, 4]]
         found.append(float((np.abs(ours - theirs).max(axis=0) / np.ptp(theirs, axis=0)).max()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aero_bayes.bench import Levels, Parameters, Truth, effect, sample_times, simulate
+from aero_bayes.bench import Levels, Parameters, Truth, effect, even_times, simulate_truth
 from aero_trial import ALL_KINDS
 
 P = Parameters()
@@ -18,8 +18,10 @@ def test_swing_loses_the_same_angle_every_half_turn() -> None:
     """An undamped swing under Coulomb friction loses 2 tau / K per half period and stops inside tau / K."""
     p = Parameters(D_p=0.0)
     tau, start = 1e-3, 0.5
-    time = sample_times(60.0, 200.0)
-    run = simulate(Truth("one_dof", p, (effect("pivot_coulomb_friction", tau_c=tau),)), Levels((), ()), time, start)
+    time = even_times(60.0, 200.0)
+    run = simulate_truth(
+        Truth("one_dof", p, (effect("pivot_coulomb_friction", tau_c=tau),)), Levels((), ()), time, start
+    )
     band = tau / p.K_sp
     half = np.pi * np.sqrt(p.J_p / p.K_sp)
     amplitude, k = start, 0
@@ -41,9 +43,9 @@ def test_swing_loses_the_same_angle_every_half_turn() -> None:
 
 def test_stuck_body_does_not_move_until_it_is_pushed_hard_enough() -> None:
     tau = 2e-3
-    time = sample_times(20.0, 100.0)
+    time = even_times(20.0, 100.0)
     ramp = Levels(tuple(np.arange(0.0, 20.0, 0.5)), tuple(np.arange(40) * 0.4))
-    run = simulate(Truth("one_dof", P, (effect("pivot_coulomb_friction", tau_c=tau),)), ramp, time)
+    run = simulate_truth(Truth("one_dof", P, (effect("pivot_coulomb_friction", tau_c=tau),)), ramp, time)
     thrust = 2.0 * P.D_t * P.k_t * run.speed * np.abs(run.speed)
     first = int(np.argmax(thrust > tau))
     assert (run.theta[:first] == 0.0).all()
@@ -53,12 +55,12 @@ def test_stuck_body_does_not_move_until_it_is_pushed_hard_enough() -> None:
 def test_rotor_sticks_below_its_friction_and_settles_above_it() -> None:
     tau = 1.5e-3
     truth = Truth("one_dof", P, (effect("rotor_coulomb_friction", tau_r=tau),))
-    time = sample_times(20.0, 100.0)
+    time = even_times(20.0, 100.0)
     hold = 0.95 * tau * P.R_a / P.c_m
-    run = simulate(truth, Levels((0.0,), (hold,)), time)
+    run = simulate_truth(truth, Levels((0.0,), (hold,)), time)
     assert (run.omega_m == 0.0).all()
     assert run.i_m[-1] == pytest.approx(hold / P.R_a, rel=1e-9)
-    run = simulate(truth, Levels((0.0, 10.0), (12.0, 0.0)), time)
+    run = simulate_truth(truth, Levels((0.0, 10.0), (12.0, 0.0)), time)
     w = run.omega_m[990]
     assert run.i_m[990] * P.c_m == pytest.approx(P.k_d * w * w + tau, rel=1e-6)
     stopped = run.omega_m[time > 12.0]
@@ -67,12 +69,12 @@ def test_rotor_sticks_below_its_friction_and_settles_above_it() -> None:
 
 def test_brush_drop_blocks_small_voltages_and_takes_its_share_of_others() -> None:
     truth = Truth("one_dof", P, (effect("brush_drop", V_b=0.8),))
-    time = sample_times(10.0, 100.0)
-    assert (simulate(truth, Levels((0.0,), (0.79,)), time).i_m == 0.0).all()
-    run = simulate(truth, Levels((0.0,), (-12.0,)), time)
+    time = even_times(10.0, 100.0)
+    assert (simulate_truth(truth, Levels((0.0,), (0.79,)), time).i_m == 0.0).all()
+    run = simulate_truth(truth, Levels((0.0,), (-12.0,)), time)
     assert P.R_a * run.i_m[-1] + P.c_m * run.omega_m[-1] - 0.8 == pytest.approx(-12.0, rel=1e-6)
     # Released, the motor turns on with no current at all once its voltage is below the drop.
-    run = simulate(truth, Levels((0.0, 5.0), (3.0, 0.0)), time)
+    run = simulate_truth(truth, Levels((0.0, 5.0), (3.0, 0.0)), time)
     coasting = (time > 5.0) & (P.c_m * run.omega_m < 0.79)
     assert coasting.sum() > 10
     assert (run.i_m[coasting] == 0.0).all()
@@ -89,7 +91,7 @@ def test_brush_drop_blocks_small_voltages_and_takes_its_share_of_others() -> Non
 )
 def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> None:
     """tanh with a small width tends to the sign law; what is left is of the order of the width."""
-    time = sample_times(6.0, 100.0)
+    time = even_times(6.0, 100.0)
     design = Levels((0.0, 1.5, 3.0, 4.5), (10.0, -8.0, 12.0, 0.0))
     volts = design.volts(time)
     g = {"V_b": 0.0, "tau_r": 0.0, "tau_c": 0.0, "tau_p": 0.0, "centre": 0.0, "width": 1.0} | parameters
@@ -112,6 +114,6 @@ def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> 
         state = run.y[:, -1]
     smooth = np.array(out)
     truth = Truth("one_dof", P, (ALL_KINDS[name].truth(**parameters),))
-    exact = simulate(truth, design, time, kinds=ALL_KINDS)
+    exact = simulate_truth(truth, design, time, kinds=ALL_KINDS)
     for ours, theirs in ((exact.i_m, smooth[:, 0]), (exact.omega_m, smooth[:, 1]), (exact.theta, smooth[:, 2])):
         assert np.abs(ours - theirs).max() < 2e-3 * np.ptp(theirs)

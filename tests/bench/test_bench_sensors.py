@@ -10,25 +10,25 @@ from scipy.stats import kstest
 
 from aero_bayes.bench import (
     Chirp,
-    Noise,
+    SensorNoise,
     Truth,
     clean,
+    equal_steps,
+    even_times,
     measure,
-    multi_sine,
     prbs,
     random_levels,
+    random_multi_sine,
     real,
-    sample_times,
-    simulate,
     simulate_recording,
-    staircase,
+    simulate_truth,
     white,
 )
 from aero_bayes.bench.sensors import ornstein_uhlenbeck, quantise
 from aero_bayes.errors import InputError
 
-TIME = sample_times(30.0, 200.0)
-RUN = simulate(Truth(), staircase([8.0, -12.0, 16.0], 9.0), TIME)
+TIME = even_times(30.0, 200.0)
+RUN = simulate_truth(Truth(), equal_steps([8.0, -12.0, 16.0], 9.0), TIME)
 
 
 def test_clean_sensors_show_the_truth() -> None:
@@ -81,7 +81,7 @@ def test_tachometer_counts_what_the_rotor_turned() -> None:
 
 
 def test_ripple_follows_the_rotor() -> None:
-    sensors = replace(clean(), i_m=Noise(ripple=(0.0, 1e-2)))
+    sensors = replace(clean(), i_m=SensorNoise(ripple=(0.0, 1e-2)))
     added = measure(RUN, sensors, np.random.default_rng(3)).outputs["i_m"] - RUN.i_m
     phase = np.exp(-2j * RUN.angle)
     weight = np.abs(RUN.speed) / 376.0
@@ -90,7 +90,7 @@ def test_ripple_follows_the_rotor() -> None:
 
 
 def test_missing_readings() -> None:
-    recording = measure(RUN, replace(clean(), omega_m=Noise(missing=0.25)), np.random.default_rng(4))
+    recording = measure(RUN, replace(clean(), omega_m=SensorNoise(missing=0.25)), np.random.default_rng(4))
     assert np.isnan(recording.outputs["omega_m"]).mean() == pytest.approx(0.25, abs=0.03)
     assert np.isfinite(recording.outputs["theta"]).all()
 
@@ -99,7 +99,7 @@ def test_seed_decides_and_outputs_are_independent_of_each_other() -> None:
     first = measure(RUN, real(), np.random.default_rng(5))
     again = measure(RUN, real(), np.random.default_rng(5))
     other = measure(RUN, real(), np.random.default_rng(6))
-    louder = measure(RUN, replace(real(), theta=Noise(0.1)), np.random.default_rng(5))
+    louder = measure(RUN, replace(real(), theta=SensorNoise(0.1)), np.random.default_rng(5))
     for output in first.outputs:
         np.testing.assert_array_equal(first.outputs[output], again.outputs[output])
         assert not np.array_equal(first.outputs[output], other.outputs[output])
@@ -108,7 +108,7 @@ def test_seed_decides_and_outputs_are_independent_of_each_other() -> None:
 
 def test_noise_without_a_generator_is_refused() -> None:
     with pytest.raises(InputError, match="random generator"):
-        simulate_recording(Truth(), staircase([5.0], 1.0), white(), duration=2.0)
+        simulate_recording(Truth(), equal_steps([5.0], 1.0), white(), duration=2.0)
 
 
 def test_unknown_effects_are_refused() -> None:
@@ -119,7 +119,7 @@ def test_unknown_effects_are_refused() -> None:
     with pytest.raises(InputError, match="brush_drop takes V_b"):
         effect("brush_drop", drop=1.0)
     with pytest.raises(InputError, match="no effect magic"):
-        simulate(Truth(effects=(EffectTruth("magic", "body", {}),)), staircase([5.0], 1.0), TIME)
+        simulate_truth(Truth(effects=(EffectTruth("magic", "body", {}),)), equal_steps([5.0], 1.0), TIME)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_unknown_effects_are_refused() -> None:
     [
         random_levels(np.random.default_rng(0), 15.0, 30.0),
         prbs(np.random.default_rng(1), 15.0, 30.0),
-        multi_sine(np.random.default_rng(2), 15.0),
+        random_multi_sine(np.random.default_rng(2), 15.0),
         Chirp(15.0, 0.05, 2.0, 30.0),
     ],
 )

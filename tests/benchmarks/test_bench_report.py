@@ -15,7 +15,7 @@ import bench_plot
 import bench_sampling
 import numpy as np
 import pytest
-from harness import Goal, Route, Row, measure, missing, ratio, update
+from harness import Goal, Route, TimingRow, missing, ratio, time_routes, update
 
 from aero_bayes.estimate.target import Target
 from aero_bayes.simulation import open_simulator
@@ -41,7 +41,7 @@ def test_what_is_not_installed_is_a_line_and_not_a_failure(monkeypatch):
 
 def test_rows_of_a_group_replace_earlier_ones(tmp_path):
     path = tmp_path / "bench.json"
-    update(path, {"x": 1.0}, [Row("a", "old", 1.0, 1.0, 1.0), Row("b", "kept", 1.0, 1.0, 1.0)], ("a", "b"))
+    update(path, {"x": 1.0}, [TimingRow("a", "old", 1.0, 1.0, 1.0), TimingRow("b", "kept", 1.0, 1.0, 1.0)], ("a", "b"))
     update(path, {"y": None}, [missing("a", "new", "PINTS")], ("a",))
     report = json.loads(path.read_text())
     assert (report["x"], report["y"]) == (1.0, None)
@@ -50,26 +50,26 @@ def test_rows_of_a_group_replace_earlier_ones(tmp_path):
 
 def test_each_route_is_called_once_a_round_and_once_before():
     calls: list[str] = []
-    rows = measure([Route("g", name, lambda name=name: calls.append(name)) for name in "ab"], 3)
+    rows = time_routes([Route("g", name, lambda name=name: calls.append(name)) for name in "ab"], 3)
     assert calls == list("ab") * 4
     assert all(row.low <= row.seconds <= row.high for row in rows.values())
 
 
 def test_picture_and_goals_from_a_report_with_gaps(tmp_path, capsys):
     rows = [
-        Row("one run", "FMPy, Model Exchange, CVode", 0.06, 0.06, 0.06),
-        Row("one run", "engine, batch of 100, one core", 2e-4, 2e-4, 2e-4),
-        Row("sampling", "mix of moves, engine", 1e-3, 1e-3, 1e-3),
+        TimingRow("one run", "FMPy, Model Exchange, CVode", 0.06, 0.06, 0.06),
+        TimingRow("one run", "engine, batch of 100, one core", 2e-4, 2e-4, 2e-4),
+        TimingRow("sampling", "mix of moves, engine", 1e-3, 1e-3, 1e-3),
         missing("pints", bench_pints.SAMPLER_SLOW, "PINTS"),
-        *(Row("growth", f"{n:,} samples", 1e-7 * n, 0.0, 1.0) for n in (2001, 20001)),
-        *(Row("states", f"{n} states", 1e-5 * n, 0.0, 1.0) for n in (4, 16)),
+        *(TimingRow("growth", f"{n:,} samples", 1e-7 * n, 0.0, 1.0) for n in (2001, 20001)),
+        *(TimingRow("states", f"{n} states", 1e-5 * n, 0.0, 1.0) for n in (4, 16)),
     ]
     report = tmp_path / "bench.json"
     update(report, {"engine_over_fmpy_me": 300.0}, rows, ())
     bench.print_goals(report)
     shown = capsys.readouterr().out
     assert all(goal.text in shown for goal in bench.GOALS)
-    bench_plot.draw(report, tmp_path / "bench.svg")
+    bench_plot.draw_bench(report, tmp_path / "bench.svg")
     assert ElementTree.parse(tmp_path / "bench.svg").getroot().tag.endswith("svg")
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
 
@@ -105,7 +105,7 @@ def test_twice_as_many_runs_take_no_more_memory(tmp_path):
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    return bench_sampling.problem(tmp_path_factory.mktemp("bench"))
+    return bench_sampling.paper_fit(tmp_path_factory.mktemp("bench"))
 
 
 def test_pints_on_fmpy_sees_the_same_posterior(found, tmp_path):

@@ -7,9 +7,17 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes import bench
-from aero_bayes.check.blocks import block_edges, block_log_likelihood
-from aero_bayes.check.comparison import compare, leave_future_out, leave_one_out, pool, waic
-from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
+from aero_bayes.check import (
+    block_edges,
+    block_log_likelihood,
+    compare_elpd,
+    leave_future_out,
+    leave_one_out,
+    leave_one_recording_out,
+    pooled_blocks,
+    time_ordered_scores,
+    waic,
+)
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
 from aero_bayes.export import export_fmu
@@ -84,11 +92,11 @@ def test_leave_future_out_is_the_evidence_of_what_follows():
 def test_the_better_model_predicts_better():
     good = leave_one_out(posterior_densities(rows(*range(BLOCKS))))
     worse = leave_one_out(posterior_densities(rows(*range(BLOCKS))) - 1.0)
-    difference = compare(good, worse)
+    difference = compare_elpd(good, worse)
     assert difference.elpd == pytest.approx(BLOCKS, abs=1e-9)
     assert difference.se == pytest.approx(0.0, abs=1e-6)
     with pytest.raises(InputError, match="cannot be compared"):
-        compare(good, leave_one_out(posterior_densities(rows(*range(BLOCKS)))[:, :-1]))
+        compare_elpd(good, leave_one_out(posterior_densities(rows(*range(BLOCKS)))[:, :-1]))
 
 
 @pytest.fixture(scope="module")
@@ -115,8 +123,8 @@ def test_stretches_add_up_to_the_likelihood(two_recordings):
     with opened(fitted.calibration.problem()) as simulator:
         joint = fitted.joint_target(simulator)
         blocks = block_log_likelihood(joint, fitted.laplace.mean[None], block_edges(joint, 6))
-    assert pool(blocks).shape == (1, 12)
-    assert pool(blocks).sum() == pytest.approx(fitted.log_likelihood, rel=1e-6)
+    assert pooled_blocks(blocks).shape == (1, 12)
+    assert pooled_blocks(blocks).sum() == pytest.approx(fitted.log_likelihood, rel=1e-6)
 
 
 def test_a_left_out_recording_is_predicted_to_the_noise(two_recordings):
@@ -130,7 +138,7 @@ def test_a_left_out_recording_is_predicted_to_the_noise(two_recordings):
 
 
 def test_criteria_in_time_order_agree_on_a_right_model(two_recordings):
-    found = time_ordered(two_recordings, opened, np.random.default_rng(4), blocks=6, first=3, draws=200)
+    found = time_ordered_scores(two_recordings, opened, np.random.default_rng(4), blocks=6, first=3, draws=200)
     assert found.leave_one_out.elpd == pytest.approx(found.waic.elpd, abs=6.0)
     assert found.leave_one_out.pointwise.size == 12
     assert found.leave_future_out.pointwise.size == 3

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aero_bayes.bench import Truth, random_levels, sample_times, simulate
+from aero_bayes.bench import Truth, even_times, random_levels, simulate_truth
 from aero_bayes.data import noise_floor, quantisation_step
 
-TIME = sample_times(60.0, 100.0)
-RUN = simulate(Truth(), random_levels(np.random.default_rng(11), 20.0, 60.0), TIME)
+TIME = even_times(60.0, 100.0)
+RUN = simulate_truth(Truth(), random_levels(np.random.default_rng(11), 20.0, 60.0), TIME)
 INPUTS = [RUN.volts]
 SIZE = {"i_m": 5e-3, "omega_m": 1.0, "theta": 2e-3}
 

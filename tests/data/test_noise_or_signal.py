@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from aero_bayes.data import Recording, floors_of, noise_floor, summarise
+from aero_bayes.data import Recording, noise_floor, noise_floors, summarise
 
 SAMPLES = 3000
 COUNT = np.arange(SAMPLES)
@@ -132,7 +132,7 @@ def test_an_unknown_floor_has_no_entry_and_is_said() -> None:
         "slow": lag(heated, 3000.0) + 0.03 * rng.standard_normal(SAMPLES),
     }
     recording = Recording("room", 900.0 * COUNT, dict(zip(("T_amb", "Q"), inputs, strict=True)), readings)
-    assert floors_of([recording], ["T", "slow"]) == {("room", "slow"): pytest.approx(0.03, rel=0.1)}
+    assert noise_floors([recording], ["T", "slow"]) == {("room", "slow"): pytest.approx(0.03, rel=0.1)}
     said = {output.name: output.text for output in summarise(recording).outputs}
     assert "noise unknown (at most" in said["T"]
     assert "noise 0.03" in said["slow"]

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.bench import Noise, Sensors, Truth, clean, real, simulate_recording, staircase
-from aero_bayes.data import Recording, ripple, summarise
+from aero_bayes.bench import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
+from aero_bayes.data import Recording, ripple_amplitudes, summarise
 
-STAIRS = staircase([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
+STAIRS = equal_steps([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
 
 
 def made(sensors: Sensors, seed: int = 0, rate_hz: float = 100.0) -> Recording:
@@ -21,7 +21,7 @@ def made(sensors: Sensors, seed: int = 0, rate_hz: float = 100.0) -> Recording:
 
 
 def test_sampling_input_and_gaps() -> None:
-    recording = made(replace(clean(), theta=Noise(white=1e-3, missing=0.1)))
+    recording = made(replace(clean(), theta=SensorNoise(white=1e-3, missing=0.1)))
     summary = summarise(recording)
     assert (summary.rows, summary.rate_hz, summary.dropped) == (2701, pytest.approx(100.0), 0)
     (volts,) = summary.inputs
@@ -54,7 +54,7 @@ def test_dropped_samples_and_jitter() -> None:
 
 
 def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
-    recording = made(Sensors(Noise(5e-3), Noise(1.0), Noise(1e-3)))
+    recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)))
     clipped = dict(recording.outputs) | {"omega_m": np.minimum(recording.outputs["omega_m"], 300.0)}
     summary = summarise(Recording("clipped", recording.time, recording.inputs, clipped, recording.units))
     share = float((clipped["omega_m"] == 300.0).mean())
@@ -66,22 +66,22 @@ def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
 
 @pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
 def test_ripple_is_found_where_it_is(rate_hz: float) -> None:
-    sensors = Sensors(Noise(2e-3, ripple=(0.0, 10e-3)), Noise(0.5, ripple=(0.6,)), Noise(1e-3))
+    sensors = Sensors(SensorNoise(2e-3, ripple=(0.0, 10e-3)), SensorNoise(0.5, ripple=(0.6,)), SensorNoise(1e-3))
     recording = made(sensors, rate_hz=rate_hz)
-    current, speed = ripple(recording, "i_m"), ripple(recording, "omega_m")
+    current, speed = ripple_amplitudes(recording, "i_m"), ripple_amplitudes(recording, "omega_m")
     # The amplitude goes with the speed: 18 V makes about 412 rad/s, the others less.
     assert 3e-3 < current[2] < 11e-3
     assert 1 not in current or current[1] < 0.1 * current[2]
     if rate_hz > 500.0:
         assert 0.2 < speed[1] < 0.7
-    assert ripple(recording, "theta") == {}
+    assert ripple_amplitudes(recording, "theta") == {}
 
 
 def test_no_ripple_in_white_noise() -> None:
     for seed in range(5):
-        recording = made(Sensors(Noise(5e-3), Noise(1.0), Noise(1e-3)), seed)
+        recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)), seed)
         for output in recording.outputs:
-            assert ripple(recording, output) == {}
+            assert ripple_amplitudes(recording, output) == {}
 
 
 def test_real_noise_is_described() -> None:

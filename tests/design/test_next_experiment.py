@@ -9,8 +9,8 @@ import pytest
 
 from aero_bayes import bench
 from aero_bayes.design import FAMILIES, Limits, check_gain, propose_experiment, separating_experiment
-from aero_bayes.design.information import Forecaster, posterior_sd
-from aero_bayes.design.optimise import SearchSettings
+from aero_bayes.design.information import ExperimentPredictor, posterior_sd
+from aero_bayes.design.signal_search import SearchSettings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu
@@ -59,17 +59,17 @@ def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted
     volts = np.where(time < 2.0, 10.0, -4.0)
     noisy = replace(fitted.noise["theta"], sd_ou=0.004, tau=0.3)
     fitted = replace(fitted, optimum=replace(fitted.optimum, noise={**fitted.noise, "theta": noisy}))
-    forecaster = Forecaster(fitted, time, Limits(24.0, {"theta": 1.0}), workers=0)
-    found = forecaster.predict([volts])[0]
-    count = len(forecaster.shared)
+    predictor = ExperimentPredictor(fitted, time, Limits(24.0, {"theta": 1.0}), workers=0)
+    found = predictor.predict([volts])[0]
+    count = len(predictor.shared)
     step, columns = 1e-4, []
-    point = forecaster.shared.to_search(forecaster.values)
-    rows = [np.append(forecaster.values, forecaster.delay_value + s * 1e-4) for s in (1, -1)]
+    point = predictor.shared.to_search(predictor.values)
+    rows = [np.append(predictor.values, predictor.delay_value + s * 1e-4) for s in (1, -1)]
     for j in range(count):
         for sign in (1, -1):
             moved = point + sign * step * np.eye(count)[j]
-            rows.append(np.append(forecaster.shared.from_search(moved), forecaster.delay_value))
-    with forecaster.open(forecaster.problem([forecaster.experiment(volts)])) as simulator:
+            rows.append(np.append(predictor.shared.from_search(moved), predictor.delay_value))
+    with predictor.open(predictor.problem([predictor.experiment(volts)])) as simulator:
         outputs = simulator.simulate(np.array(rows)).outputs[0]
     columns = [(outputs[2 + 2 * j] - outputs[3 + 2 * j]) / (2.0 * step) for j in range(count)]
     columns.append((outputs[0] - outputs[1]) / 2e-4)
@@ -83,8 +83,8 @@ def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted
         joint += s.T @ np.linalg.solve(covariance, s)
     joint[-1, -1] += 12.0 / 0.02**2
     marginal = np.linalg.inv(np.linalg.inv(joint)[:-1, :-1])
-    sd = posterior_sd(found.information + forecaster.precision())
-    assert sd == pytest.approx(posterior_sd(marginal + forecaster.precision()), rel=0.02)
+    sd = posterior_sd(found.information + predictor.precision())
+    assert sd == pytest.approx(posterior_sd(marginal + predictor.precision()), rel=0.02)
 
 
 def test_proposal_keeps_to_its_limits_and_beats_repetition(design):

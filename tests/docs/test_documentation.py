@@ -71,10 +71,10 @@ def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
 
 def test_the_laws_of_the_how_to_page_are_read(cart: Path):
     """The file of a law as it stands on the page."""
-    from aero_bayes.laws.law import laws_of
+    from aero_bayes.laws.law import read_laws
 
     (cart / "MyLaws.mo").write_text(blocks("docs/howto/law.md", 'modelica title="MyLaws.mo"')[0], encoding="utf-8")
-    assert [law.id for law in laws_of([cart / "MyLaws.mo"])] == ["wind_drag"]
+    assert [law.id for law in read_laws([cart / "MyLaws.mo"])] == ["wind_drag"]
 
 
 @pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law"])

@@ -16,8 +16,8 @@ from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
@@ -42,13 +42,13 @@ def page() -> dict[str, Any]:
 def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Explored]:
     """A search on the cart with these parts, as the loop runs its own."""
     recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
-    family = RigFamily("Rig", (CART / "Rig.mo",), folder, narrowed=Narrowed(laws=settings.laws))
+    family = ModelicaFamily("Rig", (CART / "Rig.mo",), folder, candidate_filter=CandidateFilter(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
         bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
         base = fit_as_it_stands(bench)
         family.prepare(base.plain, base.fit, bench.open)
-        library = Library(family.groups(), family.finer(), tuple(family.learned()))
+        library = Library(family.candidate_groups(), family.refinements(), tuple(family.curves()))
         source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])

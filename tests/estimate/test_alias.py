@@ -12,15 +12,17 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
-from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.global_search import (
+from aero_bayes.estimate import (
+    CalibrationSettings,
     GlobalSearch,
     GlobalSearchResult,
     GlobalSearchSettings,
+    Objective,
+    Override,
+    calibrate,
+    choose_interpolation,
+    parameters_from_model,
 )
-from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 
@@ -70,8 +72,8 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
             for at in (there, held.parameters.start)
         )
         assert alias.log_likelihood > near.log_likelihood + 100.0
-        ascent = GlobalSearchResult(alias, None, (), 0)
-        found = choose_interpolation(search, ascent, partial(open_simulator, workers=0), np.random.default_rng(1))
+        result = GlobalSearchResult(alias, None, (), 0)
+        found = choose_interpolation(search, result, partial(open_simulator, workers=0), np.random.default_rng(1))
     assert found is not None
     calibration, optimum = found
     assert calibration.interpolation == {"u": "linear"}

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import gamma
 
-from aero_bayes.estimate import FitSettings, fit_calibration
-from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, levenberg_marquardt
+from aero_bayes.estimate import FitSettings, QuadraticModel, fit_calibration, levenberg_marquardt
 
 
 def test_a_user_brings_a_terrain_of_his_own():

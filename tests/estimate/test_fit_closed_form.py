@@ -158,7 +158,7 @@ def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
     for kind in ("white", "auto"):
         problem = calibration([(t, y)], ["y"], items, NoiseModel(kind))
         results[kind] = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(method="local"))
-    assert results["auto"].noise["y"].held
+    assert results["auto"].noise["y"].model_error
     assert results["auto"].spread is not None
     assert results["white"].spread is None
     np.testing.assert_allclose(results["auto"].values, results["white"].values, atol=1e-4)

@@ -11,18 +11,19 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import (
     CalibrationSettings,
     FitSettings,
+    LocalFitSettings,
     NoiseModel,
+    Objective,
     Override,
     SwarmSettings,
     Uniform,
     calibrate,
     fit,
     fit_calibration,
+    local_fit,
     parameters_from_model,
+    with_few_samples,
 )
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.simulation import open_simulator
 
 PENDULUM = """

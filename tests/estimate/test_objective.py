@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, LogNormal, Normal, OutputNoise, Parameter, ParameterSet, calibrate
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    LogNormal,
+    Normal,
+    Objective,
+    OutputNoise,
+    Parameter,
+    ParameterSet,
+    calibrate,
+)
 from aero_bayes.simulation import ParameterTarget, SolverSettings, open_simulator
 
 RINGING = """

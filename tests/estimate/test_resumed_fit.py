@@ -11,7 +11,7 @@ from closed_form import FormulaSimulator, calibration, parameter
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, Fit, FitSettings, NoiseModel, SwarmSettings, Uniform, fit_calibration
-from aero_bayes.simulation.interface import Likelihoods, Problem, Trajectories
+from aero_bayes.simulation import Likelihoods, Problem, Trajectories
 
 T = np.linspace(0.0, 4.0, 80)
 SETTINGS = FitSettings(swarm=SwarmSettings(particles=12, iterations=20))

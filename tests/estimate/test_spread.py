@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aero_bayes.estimate import Normal, OutputNoise
-from aero_bayes.estimate.laplace import curvature_adjustment
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate import (
+    LocalFitSettings,
+    LocalSettings,
+    Normal,
+    Objective,
+    OutputNoise,
+    curvature_adjustment,
+    local_fit,
+)
 
 N, RHO, RUNS = 1500, 0.9, 400
 TIME = np.linspace(0.0, 1.0, N)
@@ -54,7 +58,7 @@ def test_predicted_spread_is_that_of_many_seeds():
     short at these lengths.
     """
     rng = np.random.default_rng(1)
-    runs = [fitted(1.0 - 0.5 * TIME + correlated(rng), OutputNoise(1.0, held=True)) for _ in range(RUNS)]
+    runs = [fitted(1.0 - 0.5 * TIME + correlated(rng), OutputNoise(1.0, model_error=True)) for _ in range(RUNS)]
     values, predicted = np.array([r[0] for r in runs]), np.array([r[1] for r in runs])
     scatter = values.std(axis=0, ddof=1)
     covariance = RHO ** np.abs(np.arange(N)[:, None] - np.arange(N))
@@ -68,7 +72,7 @@ def test_predicted_spread_is_that_of_many_seeds():
 
 def test_a_white_residual_that_is_held_has_the_intervals_of_least_squares():
     rng = np.random.default_rng(2)
-    _, predicted = fitted(1.0 - 0.5 * TIME + rng.standard_normal(N), OutputNoise(1.0, held=True))
+    _, predicted = fitted(1.0 - 0.5 * TIME + rng.standard_normal(N), OutputNoise(1.0, model_error=True))
     white = np.sqrt(np.diag(LEAST_SQUARES))
     assert np.all(predicted > 0.999 * white)
     assert np.all(predicted < 1.4 * white)

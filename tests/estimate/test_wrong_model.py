@@ -92,7 +92,7 @@ def test_a_wrong_model_follows_the_data_as_least_squares_does(wrong):
 
 def test_a_wrong_model_says_so_and_widens_its_intervals(wrong):
     found, _ = wrong
-    assert found.noise["x"].held
+    assert found.noise["x"].model_error
     assert any("does not explain x" in line for line in found.warnings)
     assert any("does not explain x" in line for line in json.loads(json.dumps(found.to_dict()))["warnings"])
     white = found.optimum.whitened.slopes @ found.optimum.whitened.slopes.T

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, modelica_root
-from aero_bayes.export.build import c_compiler, write_archive
-from aero_bayes.export.source_check import refuse_dropped
-from aero_bayes.language.units import base_units, conversion, spelled
+from aero_bayes.export import c_compiler, export_fmu, modelica_root, refuse_dropped, write_archive
+from aero_bayes.language import base_units, conversion, to_modelica_unit
 
 
 def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,8 +106,8 @@ def test_unknown_units_are_not_guessed(unit: str) -> None:
     ],
 )  # fmt: skip
 def test_units_as_they_are_written_by_hand(by_hand: str, unit: str) -> None:
-    assert spelled(by_hand) == unit
-    assert spelled(unit) == unit
+    assert to_modelica_unit(by_hand) == unit
+    assert to_modelica_unit(unit) == unit
 
 
 @pytest.mark.parametrize(

@@ -12,23 +12,23 @@ from export_driver import driven
 from hand_written_aero import NOMINAL, STATES, one_dof
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import (
+from aero_bayes.export import (
+    FlatModel,
     add_input,
     add_output,
     add_parameter,
     add_term,
     add_variable,
+    attribute_value,
     equate,
-    evaluate,
+    export_flat,
     instantiate,
-    renamed,
+    load_flat,
+    rename_model,
     replace_uses,
     set_parameter,
 )
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.language.syntax import Call, Name, Number, names_in
+from aero_bayes.language import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]
 
@@ -81,7 +81,7 @@ def test_the_flat_model_says_where_everything_comes_from(base: FlatModel) -> Non
 
 
 def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatModel, tmp_path: Path) -> None:
-    wider = instantiate(renamed(base, "Wider"), law, "friction")
+    wider = instantiate(rename_model(base, "Wider"), law, "friction")
     wider = equate(wider, "friction.v", Name("body.omega"))
     flow = next(
         k for k, e in enumerate(wider.equations) if e.origin == "flow" and "body.flange.tau" in names_in(e.left)
@@ -105,7 +105,9 @@ def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatMo
 
 
 def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) -> None:
-    flat = add_parameter(renamed(base, "Gained"), "gain", 0.5, "1", min=0.0, max=Call("*", (Number(2.0), Name("R_a"))))
+    flat = add_parameter(
+        rename_model(base, "Gained"), "gain", 0.5, "1", min=0.0, max=Call("*", (Number(2.0), Name("R_a")))
+    )
     flat = add_variable(flat, "V_in", "V")
     flat = replace_uses(flat, "V_m", Name("V_in"))
     flat = equate(flat, "V_in", Call("*", (Name("gain"), Name("V_m"))))
@@ -129,14 +131,14 @@ def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) ->
 
 
 def test_attributes_are_evaluated_over_parameters(law: FlatModel) -> None:
-    assert evaluate(law, "F_c", "max") == 20.0
-    assert evaluate(law, "F_c", "max", {"f_n": 0.5}) == 5.0
-    assert evaluate(law, "F_c", "nominal", {"f_n": 0.5}) == pytest.approx(0.05)
-    assert evaluate(law, "F_c", "value") == 1e-3
-    assert evaluate(law, "F_c", "value", {"F_c": 3.0}) == 3.0
-    assert evaluate(law, "v_s", "max") == inf
-    assert evaluate(law, "z", "start") == 0.25
-    assert evaluate(law, "table[3]", "value") == 4.0
+    assert attribute_value(law, "F_c", "max") == 20.0
+    assert attribute_value(law, "F_c", "max", {"f_n": 0.5}) == 5.0
+    assert attribute_value(law, "F_c", "nominal", {"f_n": 0.5}) == pytest.approx(0.05)
+    assert attribute_value(law, "F_c", "value") == 1e-3
+    assert attribute_value(law, "F_c", "value", {"F_c": 3.0}) == 3.0
+    assert attribute_value(law, "v_s", "max") == inf
+    assert attribute_value(law, "z", "start") == 0.25
+    assert attribute_value(law, "table[3]", "value") == 4.0
 
 
 def test_what_does_not_fit_is_refused(base: FlatModel, law: FlatModel) -> None:
@@ -146,7 +148,7 @@ def test_what_does_not_fit_is_refused(base: FlatModel, law: FlatModel) -> None:
     with pytest.raises(InputError, match="no parameter 'theta'"):
         set_parameter(base, "theta", 1.0)
     with pytest.raises(InputError, match="no variable 'nothing'"):
-        evaluate(base, "nothing", "max")
+        attribute_value(base, "nothing", "max")
     with pytest.raises(InputError, match="'R_a' already"):
         add_parameter(base, "R_a", 1.0)
     with pytest.raises(InputError, match="no attribute 'lower'"):

@@ -14,7 +14,7 @@ from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
 
 from aero_bayes.export import declaration_of
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 
 #: A magnitude for each switching parameter, and the second parameters.
 ON = {
@@ -24,7 +24,7 @@ ON = {
 }  # fmt: skip
 
 #: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
-EFFECTS = [c for c in RigFamily("Aero.Systems.OneDof", (), Path()).every if c.alias]
+EFFECTS = [c for c in ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates if c.alias]
 STARTS = {id_: effect.starts for id_, effect in declaration_of("Aero.Systems.OneDof").effects.items()}
 DEFAULTS = {p.name: p.value("default", {}) for effect in EFFECTS for p in effect.law.parameters}
 
@@ -100,13 +100,13 @@ def test_the_screening_model_is_a_valid_fmu(screening_fmu: Path) -> None:
 def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu: Path) -> None:
     with driven(screening_fmu) as fmu:
         for effect in EFFECTS:
-            assert fmu.starts[effect.law.switch.name] == 0.0
+            assert fmu.starts[effect.law.magnitude.name] == 0.0
             for p in effect.law.parameters:
                 low, default, high = (p.value(of, {}) for of in ("minimum", "default", "maximum"))
                 assert p.name in fmu.parameters
                 assert low <= default <= high
                 assert all(low <= s <= high for s in STARTS[effect.id].get(p.name, ()))
-        assert set(ON) == {e.law.switch.name for e in EFFECTS}
+        assert set(ON) == {e.law.magnitude.name for e in EFFECTS}
 
 
 def test_switched_off_all_together_they_change_nothing(screening_fmu: Path, aero_fmu: Callable[[str], Path]) -> None:

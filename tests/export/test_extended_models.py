@@ -10,14 +10,11 @@ import pytest
 from written_effects import write_effects
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
 from aero_bayes.laws.candidates import Candidate
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 
-EVERY = RigFamily("Aero.Systems.OneDof", (), Path()).every
+EVERY = ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates
 POINT = {
     "thruster_1.motor.inductor.i": 0.21, "thruster_1.motor.rotor.w": 310.0, "thruster_2.motor.inductor.i": -0.17,
     "thruster_2.motor.rotor.w": -290.0, "body.theta": 0.33, "body.omega": 0.41,
@@ -34,7 +31,7 @@ def rates_at(model: ExplicitModel, values: dict[str, float]) -> dict[str, float]
     known |= {b.symbol(s): 0.0 for s in model.states}
     known |= {b.symbol(n): v for n, v in (POINT | {"V_m": 11.0} | values).items()}
     outputs = [model.solved.get(o, b.symbol(o)) for o in ("i_m", "omega_m", "theta")]
-    numbers = evaluate([*model.rates, *outputs], known)
+    numbers = evaluate_nodes([*model.rates, *outputs], known)
     return dict(zip([*model.states, "i_m", "omega_m", "theta"], numbers, strict=True))
 
 
@@ -55,7 +52,7 @@ def test_one_effect_in_a_model_of_its_own(effect: Candidate, base: dict[str, flo
     assert {n: off[n] for n in base} == base
     # what a parameter moves must be reached from the top level
     extra = {s: 0.5 for s in model.states if s not in POINT}
-    on = rates_at(model, extra | {effect.law.switch.name: effect.law.switch.value("nominal", {})})
+    on = rates_at(model, extra | {effect.law.magnitude.name: effect.law.magnitude.value("nominal", {})})
     assert on != rates_at(model, extra)
 
 
@@ -79,7 +76,7 @@ def test_base_with_one_motor(tmp_path: Path) -> None:
     assert len(explicit_model(written.name, [written.path]).states) == 4
 
 
-CURVES = [c for c in EVERY if c.law.learned]
+CURVES = [c for c in EVERY if c.law.curve_input]
 #: What each is over at the point, for each motor.
 OVER = {
     "electrical_curve": (0.21, -0.17), "electrical_speed_curve": (310.0, -290.0), "rotor_curve": (310.0, -290.0),
@@ -158,8 +155,10 @@ def test_effects_that_a_package_names_must_be_there(tmp_path: Path) -> None:
     )
     law = 'systems = ["Rig"]\n[effects.rubbing]\nlaw = "pivot_coulomb_frictoin@body_effect"\n'
     (package / "package.toml").write_text(law, encoding="utf-8")
-    family = RigFamily("Bench.Rig", (package,), tmp_path)
+    family = ModelicaFamily("Bench.Rig", (package,), tmp_path)
     with pytest.raises(InputError, match=r"Bench: effects.rubbing.law: .*did you mean 'pivot_coulomb_friction@body_ef"):
         family.check()
     (package / "package.toml").write_text(law.replace("toi", "tio"), encoding="utf-8")
-    assert [c.id for c in RigFamily("Bench.Rig", (package,), tmp_path).every if not c.law.learned] == ["rubbing"]
+    assert [c.id for c in ModelicaFamily("Bench.Rig", (package,), tmp_path).candidates if not c.law.curve_input] == [
+        "rubbing"
+    ]

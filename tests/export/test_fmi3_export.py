@@ -13,8 +13,15 @@ from fmpy.validation import validate_fmu
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.simulation import Model, open_simulator
-from aero_bayes.simulation.interface import Experiment, InputSignal, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    Model,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    open_simulator,
+)
 
 SOURCE = """
 model Ball "A ball that bounces, driven, read twice"

@@ -10,11 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from aero_bayes.export import export_fmu
-from aero_bayes.export.arrays import Value
-from aero_bayes.export.events import Events
-from aero_bayes.export.expression import Builder, Node, evaluate
-from aero_bayes.export.tables import call_table
+from aero_bayes.export import Builder, Events, Node, Value, call_table, evaluate_nodes, export_fmu
 
 FloatArray = NDArray[np.float64]
 TYPES, INTERNAL = "Modelica.Blocks.Types.", "Modelica.Blocks.Tables.Internal."
@@ -99,7 +95,7 @@ end Start;
 def value(b: Builder, function: str, table: Value, *args: float, events: Events | None = None) -> float:
     found = call_table(b, INTERNAL + function, [table, *map(b.const, args)], events)
     assert isinstance(found, Node)
-    return evaluate([found], {})[0]
+    return evaluate_nodes([found], {})[0]
 
 
 def rows(b: Builder, table: list[list[float]]) -> Value:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.export.library_view import linked, words_of
+from aero_bayes.export import link_packages, names_used_in
 
 FILES = {
     "package.mo": "package Modelica\nend Modelica;\n",
@@ -41,35 +41,39 @@ def shown(folder: Path) -> set[str]:
 
 def test_only_what_can_be_reached_is_there(library: Path, tmp_path: Path) -> None:
     always = {f for f in FILES if not f.startswith(("Fluid", "Media"))}
-    assert shown(linked({"Modelica": library}, {"Modelica", "Blocks", "Gain"})) == always
-    reached = linked({"Modelica": library}, {"Modelica", "Blocks", "Examples", "Heavy"})
+    assert shown(link_packages({"Modelica": library}, {"Modelica", "Blocks", "Gain"})) == always
+    reached = link_packages({"Modelica": library}, {"Modelica", "Blocks", "Examples", "Heavy"})
     assert shown(reached) == set(FILES)
-    assert shown(linked({"Modelica": library}, {"Media", "Water"})) == always | {f for f in FILES if "Media" in f}
+    assert shown(link_packages({"Modelica": library}, {"Media", "Water"})) == always | {
+        f for f in FILES if "Media" in f
+    }
     other = tmp_path / "Other"
     other.mkdir()
     (other / "package.mo").write_text("package Other\nend Other;\n", encoding="utf-8")
-    both = linked({"Modelica": library, "Other": other})
+    both = link_packages({"Modelica": library, "Other": other})
     assert shown(both) == set(FILES)
     assert (both / "Other" / "package.mo").is_file()
 
 
 def test_a_value_of_a_table_that_sets_a_parameter_is_a_number(library: Path) -> None:
-    text = (linked({"Modelica": library}) / "Modelica" / "Mechanics" / "Rotational" / "Brake.mo").read_text("utf-8")
+    text = (link_packages({"Modelica": library}) / "Modelica" / "Mechanics" / "Rotational" / "Brake.mo").read_text(
+        "utf-8"
+    )
     assert "sum({getTable1DValueNoDer2(tableID, 1, 0)});" in text
     assert "mu = getTable1DValueNoDer2(tableID, 1, w);" in text
     assert text.count("\n") == FILES["Mechanics/Rotational/Brake.mo"].count("\n")
 
 
 def test_a_library_that_has_changed_is_read_anew(library: Path) -> None:
-    first = linked({"Modelica": library})
-    assert linked({"Modelica": library}) == first
+    first = link_packages({"Modelica": library})
+    assert link_packages({"Modelica": library}) == first
     file = library / "Blocks" / "Gain.mo"
     file.write_text("block Gain\n  Media.Water w;\nend Gain;\n", encoding="utf-8")
     os.utime(file, ns=(1, 1))
-    assert linked({"Modelica": library}) != first
-    assert "Media/Water.mo" in shown(linked({"Modelica": library}, {"Blocks", "Gain"}))
+    assert link_packages({"Modelica": library}) != first
+    assert "Media/Water.mo" in shown(link_packages({"Modelica": library}, {"Blocks", "Gain"}))
 
 
 def test_words_are_those_of_the_code(tmp_path: Path) -> None:
     (tmp_path / "A.mo").write_text('model A "text" /* more\n Text */\n  B.C d; // rest\nend A;\n', encoding="utf-8")
-    assert words_of([tmp_path / "A.mo"]) == {"model", "A", "B", "C", "d", "end"}
+    assert names_used_in([tmp_path / "A.mo"]) == {"model", "A", "B", "C", "d", "end"}

@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.export import modelica_root
-from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export import evaluate_nodes, explicit_model, modelica_root
 
 api = pytest.importorskip("pymoca.backends.casadi.api", reason="the second front end, pymoca, is not installed")
 casadi = pytest.importorskip("casadi", reason="the second front end evaluates with CasADi, which is not installed")
@@ -79,6 +77,6 @@ def test_the_same_rates_from_both_front_ends(one_file: Path, name: str) -> None:
             zero, matrix = residual(solution, numbers)
             solution = solution - np.linalg.solve(np.array(matrix), np.array(zero).ravel())
         theirs = dict(zip((s.symbol.name() for s in other.states), solution, strict=False))
-        mine_now = evaluate(mine.rates, {b.symbol(n): v for n, v in values.items()})
+        mine_now = evaluate_nodes(mine.rates, {b.symbol(n): v for n, v in values.items()})
         for state, rate in zip(mine.states, mine_now, strict=True):
             assert rate == pytest.approx(theirs[state], rel=1e-10, abs=1e-9), state

@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, load_flat
-from aero_bayes.export.library import library_roots, needed_libraries
-from aero_bayes.export.library_view import linked
+from aero_bayes.export import export_fmu, library_roots, link_packages, load_flat, needed_libraries
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
 MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)
@@ -36,7 +34,7 @@ print(json.dumps([list(map(float, found[n])) for n in outputs] + [list(map(float
 def libraries() -> Path | None:
     """Folder of the standard library as the exporter finds it."""
     try:
-        return linked(needed_libraries("Modelica.Any", [], library_roots()))
+        return link_packages(needed_libraries("Modelica.Any", [], library_roots()))
     except InputError:
         return None
 

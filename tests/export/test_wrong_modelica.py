@@ -12,8 +12,7 @@ import pytest
 from fmpy import simulate_fmu
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.embedded import explicit_model
+from aero_bayes.export import explicit_model, export_fmu
 from aero_bayes.workflow.init import run_init
 
 Write = Callable[[str, str], Path]
@@ -30,9 +29,9 @@ def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica: Write,
     text = 'model Marked "Größe"\n  Real x;\nequation\n  der(x) = -x;\nend Marked;\n'
     assert explicit_model("Marked", [modelica("Marked", f"\ufeff{text}")]).states == ("x",)
     (tmp_path / "Marked.mo").write_bytes(f"// Latin-1\n{text}".encode("latin-1"))
-    with pytest.raises(InputError, match=r"Marked\.mo:2: the byte 0xf6 is not UTF-8"):
+    with pytest.raises(InputError, match=r"Marked\.mo:2: .*0xf6.* UTF-8"):
         explicit_model("Marked", [tmp_path / "Marked.mo"])
-    with pytest.raises(InputError, match=r"Marked\.mo:2: the byte 0xf6 is not UTF-8"):
+    with pytest.raises(InputError, match=r"Marked\.mo:2: .*0xf6.* UTF-8"):
         run_init(tmp_path / "Marked.mo", tmp_path / "Marked.mo", tmp_path / "rig.toml")
 
 

@@ -13,12 +13,11 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Structure
 from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation import ParameterTarget, open_simulator
 
 EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0

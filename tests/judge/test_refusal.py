@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.check.structure import ResidualReport
+from aero_bayes.check.residual_tests import ResidualReport
 from aero_bayes.data import Recording
 from aero_bayes.judge.prediction import Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
@@ -24,7 +24,7 @@ STRUCTURED = replace(SETTLED, rms=0.3, verdict="structured")
 def predicted(**missed: float) -> Prediction:
     """What misses the readings by their noise and by a sine of some size, by output."""
     fitted = {("run", o): missed.get(o, 0.0) * np.sin(0.8 * TIME) for o in ("y", "z")}
-    errors = {key: rms_error(UNSEEN.outputs[key[1]] - values, 0.05) for key, values in fitted.items()}
+    errors = {key: rms_error(UNSEEN.outputs[key[1]] - values) for key, values in fitted.items()}
     return Prediction({}, errors, fitted)
 
 

@@ -10,22 +10,23 @@ from numpy.random import Generator
 from small_rigs import RIGS
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText
-from aero_bayes.language.edits import (
+from aero_bayes.language import (
+    ClassText,
     TextEdit,
     add_declarations,
     add_equations,
-    apply,
+    apply_edits,
     insert_before_connector,
+    one_line,
+    read_classes,
     rename_class,
     replace_names,
+    sides_of,
+    tokenize,
     unified_diff,
 )
-from aero_bayes.language.parse import sides_of
-from aero_bayes.language.tokens import one_line, tokenize
-from aero_bayes.ports.balance import entry_of
 from aero_bayes.ports.find import is_driver
+from aero_bayes.ports.insertion_point import find_insertion_point
 
 NOISE = [
     " ",
@@ -140,13 +141,17 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     for k, s in enumerate(cls.equations):
         name = known.equations[k].partition("(")[2].partition(")")[0]
         sides = sides_of(s.core)
-        entry = entry_of(sides, is_driver(f"der({name})"), constants=frozenset("c"), values={}) if sides else None
+        entry = (
+            find_insertion_point(sides, is_driver(f"der({name})"), constants=frozenset("c"), values={})
+            if sides
+            else None
+        )
         if entry is not None:
             edits += entry.insert("term")
             touched[k] = name
         elif s.first == "connect":
             moved += insert_before_connector(text, [s], known.equations[k][8:-1].split(", ")[1], [("e.p", "e.n")])
-    after = apply(text, [*edits, *moved])
+    after = apply_edits(text, [*edits, *moved])
     (changed,) = read_classes(after)
     assert changed.name == "Copy"
     assert [c.name for c in changed.components() if c.name != "new_one"] == known.declared
@@ -158,7 +163,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     split = sum(s.first == "connect" and not s.inside for s in cls.equations)
     assert sum(s.first == "connect" for s in changed.equations) == len(connections) + split
     # nothing that was there is gone: the old text is what is left when the insertions are taken out
-    kept = iter(apply(text, edits).replace("Copy", cls.name))
+    kept = iter(apply_edits(text, edits).replace("Copy", cls.name))
     assert all(c in kept for c in text.replace(" ", "").replace("\n", ""))
     diff = unified_diff(text + "\n", after + "\n", "a", "b")
     assert diff.startswith("--- a\n+++ b\n")
@@ -204,14 +209,14 @@ def test_an_opposing_term_reads_as_a_person_would_write_it(equation: str, expect
     """``n`` is negative, ``M`` and ``g`` are constants."""
     sides = sides_of(tokenize(equation))
     assert sides is not None
-    entry = entry_of(sides, is_driver("der(v)"), constants=frozenset({"M", "g"}), values={"n": -1.0})
-    assert (None if entry is None else apply(equation, entry.insert("f"))) == expected
+    entry = find_insertion_point(sides, is_driver("der(v)"), constants=frozenset({"M", "g"}), values={"n": -1.0})
+    assert (None if entry is None else apply_edits(equation, entry.insert("f"))) == expected
 
 
 def test_names_are_replaced_but_not_modifiers_or_members() -> None:
     text = "connect(u.p, s.u); y = u + f(u = u, g(u = 2 * u)) + a[u]; Part p(u = u, k = u)"
     edits = replace_names(tokenize(text), {"u": "law.y"}.get)
-    assert apply(text, edits) == (
+    assert apply_edits(text, edits) == (
         "connect(law.y.p, s.u); y = law.y + f(u = law.y, g(u = 2 * law.y)) + a[law.y]; Part p(u = law.y, k = law.y)"
     )
 
@@ -219,7 +224,7 @@ def test_names_are_replaced_but_not_modifiers_or_members() -> None:
 def test_comments_stay_with_what_they_speak_of() -> None:
     text = "model A\n  Real x; // position\n  Real v;\nequation\n  der(x) = v; // kinematics\n  /* on */\nend A;\n"
     (cls,) = read_classes(text)
-    after = apply(text, [*add_declarations(text, cls, ["Real w;"]), *add_equations(text, cls, ["w = x;"])])
+    after = apply_edits(text, [*add_declarations(text, cls, ["Real w;"]), *add_equations(text, cls, ["w = x;"])])
     assert after == (
         "model A\n  Real x; // position\n  Real v;\n  Real w;\nequation\n  der(x) = v; // kinematics\n  w = x;\n"
         "  /* on */\nend A;\n"
@@ -230,7 +235,7 @@ def test_a_class_without_equations_gets_a_section() -> None:
     for tail in ("end A;\n", "  annotation (Icon());\nend A;\n"):
         text = "model A\n  Real x = 1;\n" + tail
         (cls,) = read_classes(text)
-        after = apply(text, add_equations(text, cls, ["y = x;"]))
+        after = apply_edits(text, add_equations(text, cls, ["y = x;"]))
         assert after == "model A\n  Real x = 1;\nequation\n  y = x;\n" + tail
 
 
@@ -245,7 +250,7 @@ def test_what_is_no_modelica_is_named_with_its_line() -> None:
 
 def test_overlapping_edits_are_refused() -> None:
     with pytest.raises(ValueError, match="overlap"):
-        apply("abcdef", [TextEdit(0, 3, "x"), TextEdit(2, 4, "y")])
+        apply_edits("abcdef", [TextEdit(0, 3, "x"), TextEdit(2, 4, "y")])
 
 
 def test_one_line_keeps_strings_and_drops_comments() -> None:

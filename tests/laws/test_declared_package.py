@@ -16,11 +16,11 @@ from click.testing import CliRunner
 from aero_bayes import LoopSettings, close_loop, load_model, read_recording
 from aero_bayes.cli import main
 from aero_bayes.data import Layout, Recording, write_csv
-from aero_bayes.declared import MEMBER
+from aero_bayes.declared import DECLARATION_MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws import ModelicaFamily
 from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
@@ -77,8 +77,8 @@ def test_a_model_that_extends_a_system_has_its_declaration_and_a_stranger_has_no
         (tmp_path / f"{name}.mo").write_text(text)
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
     assert declared_overrides(loaded)["M"].start == 2.0
-    family = RigFamily("Loaded", (SLEDGE, tmp_path / "Loaded.mo"), tmp_path)
-    assert family.plain().declared.recording == loaded.declared.recording
+    family = ModelicaFamily("Loaded", (SLEDGE, tmp_path / "Loaded.mo"), tmp_path)
+    assert family.base_model().declared.recording == loaded.declared.recording
     stranger = load_model("Stranger", sources=[tmp_path / "Stranger.mo"])
     assert declared_overrides(stranger) == {}
     assert stranger.declared.fixed == {}
@@ -94,7 +94,7 @@ def test_an_fmu_of_another_tool_goes_by_its_name(tmp_path: Path) -> None:
         made = export_fmu(name, tmp_path / "made.fmu", sources=sources)
         with zipfile.ZipFile(made) as archive, zipfile.ZipFile(tmp_path / "plain.fmu", "w") as plain:
             for member in archive.namelist():
-                if member != MEMBER:
+                if member != DECLARATION_MEMBER:
                     plain.writestr(member, archive.read(member))
         assert len(declared_overrides(Model.load(made))) in (8, 2)
         assert len(declared_overrides(Model.load(tmp_path / "plain.fmu"))) == known
@@ -151,7 +151,7 @@ def test_a_declaration_with_a_mistake_is_refused(tmp_path: Path) -> None:
         declaration_of("Sledge.Rig", [package])
     (package / "package.toml").write_text(text.replace("dry_runner@", "dry_runer@"))
     with pytest.raises(InputError, match=r"effects.rubbing.law: .*did you mean 'dry_runner@runners'"):
-        RigFamily("Sledge.Rig", (package,), tmp_path).check()
+        ModelicaFamily("Sledge.Rig", (package,), tmp_path).check()
     (package / "package.toml").write_text(text + "[[")
     with pytest.raises(InputError, match="not a valid declaration"):
         declaration_of("Sledge.Rig", [package])

@@ -14,13 +14,20 @@ from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.compose import add_input
-from aero_bayes.export.expression import evaluate
+from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.export.flat import FlatEquation
+from aero_bayes.language.classes import snake_case
 from aero_bayes.language.syntax import Call, Name
-from aero_bayes.laws.candidates import ports_of
-from aero_bayes.laws.compose import Models, compose_law, law_models
-from aero_bayes.laws.law import SHAPES, Law, laws_of, snake_case
-from aero_bayes.laws.use import use_of
+from aero_bayes.laws import (
+    LAW_INTERFACES,
+    Law,
+    LawModels,
+    compose_law,
+    law_models,
+    place_law,
+    ports_with_laws,
+    read_laws,
+)
 
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
@@ -126,7 +133,7 @@ def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None
 )
 def test_a_parameters_unit_is_as_plain_as_the_ports(flow: str, level: str, unit: str, laws: tuple[Law, ...]) -> None:
     law = next(law for law in laws if (law.kind, law.id) == ("storage", "linear_loss"))
-    assert law.switch.unit({"q_n": flow, "h_n": level, "t_n": "s"}) == unit
+    assert law.magnitude.unit({"q_n": flow, "h_n": level, "t_n": "s"}) == unit
 
 
 def test_ids_are_snake_case() -> None:
@@ -137,27 +144,30 @@ def test_ids_are_snake_case() -> None:
 
 def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -> None:
     for law in laws:
-        sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+        sizes = {**law.nominals, **{k: v for k, v in SIZES.items() if k in law.nominals}}
         for p in law.parameters:
             low, high = p.value("minimum", sizes), p.value("maximum", sizes)
             assert low <= p.value("default", sizes) <= high
             assert low < p.value("nominal", sizes) < high
-        assert law.switch.value("default", sizes) == 0.0
+        assert law.magnitude.value("default", sizes) == 0.0
     friction = next(law for law in laws if law.id == "viscous_friction")
     assert friction.switch.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
     assert friction.switch.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize("key", sorted(CLOSED))
-def test_a_law_is_its_closed_form(key: tuple[str, str], laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+def test_a_law_is_its_closed_form(
+    key: tuple[str, str], laws: tuple[Law, ...], models: LawModels, rng: Generator
+) -> None:
     law = next(law for law in laws if (law.kind, law.id) == key)
     model = explicit(models[key])
     b = model.system.builder
-    sizes = {**law.sizes, **{k: v for k, v in SIZES.items() if k in law.sizes}}
+    sizes = {**law.nominals, **{k: v for k, v in SIZES.items() if k in law.nominals}}
     fitted = {p.name: p.value("nominal", sizes) for p in law.parameters}
-    own, acts = Numbers(model).at, model.solved[law.shape.acts]
+    own, acts = Numbers(model).at, model.solved[law.interface.output]
     typical = {
-        g: next(SIZES[n] for n, of in law.shape.sizes.items() if of[0] == g[0] and n in SIZES) for g in sorted(law.uses)
+        g: next(SIZES[n] for n, of in law.interface.nominals.items() if of[0] == g[0] and n in SIZES)
+        for g in sorted(law.used_inputs)
     }
     typical |= {"h_s": -0.5 * SIZES["h_n"]} if "h_s" in typical else {}
     largest = max(abs(CLOSED[key](**typical, **fitted)), 1e-9)
@@ -166,13 +176,13 @@ def test_a_law_is_its_closed_form(key: tuple[str, str], laws: tuple[Law, ...], m
         at = {**own, **{b.symbol(n): v for n, v in {**sizes, **fitted, **given}.items()}}
         # rounding reaches as far as its width: a few thousandths of the size at a corner
         above = {**given, "h": given["h"] - given["h_s"]} if "h_s" in given else given
-        assert evaluate([acts], at)[0] == pytest.approx(
+        assert evaluate_nodes([acts], at)[0] == pytest.approx(
             CLOSED[key](**given, **fitted), abs=4e-3 * largest, rel=2e-3
         ) or (min(abs(v / size) for v, size in zip(above.values(), typical.values(), strict=True)) < 5e-3)
 
 
 def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
-    laws: tuple[Law, ...], models: Models, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, rng: Generator
 ) -> None:
     """At the default the model is the base; the slope beside it is right, and of the size of the law itself."""
     cart, tanks, circuit = (rig(m) for m in ("Cart", "TankPair", "Rlc"))
@@ -180,45 +190,45 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
     carrier = {"input": cart, "output": cart, "reading": cart, "motion": cart, "electrical": circuit}
     for law in laws:
         flat = special.get(law.id, carrier.get(law.kind, tanks))
-        ports = ports_of(flat, laws)
+        ports = ports_with_laws(flat, laws)
         if law.kind == "reading":
             ports = tuple(replace(p, kind="reading", laws=(law.id,)) for p in ports if p.kind == "output")
         port = next(p for p in ports if law.id in p.laws and p.kind in (law.kind, "storage"))
         neighbour = next((p for p in ports if p.id in port.neighbours[:1]), None)
-        use = use_of(law, port, [v.name for v in flat.variables], neighbour=neighbour)
-        model = explicit(compose_law(flat, use, models))
+        placed = place_law(law, port, [v.name for v in flat.variables], neighbour=neighbour)
+        model = explicit(compose_law(flat, placed, models))
         b = model.system.builder
         base, wide = Numbers(explicit(flat)), Numbers(model)
         # the last bump of a curve is where the points are
-        felt = law.parameters[-1] if law.learned else law.switch
-        switch = b.symbol(use.names[felt.name])
+        felt = law.parameters[-1] if law.curve_input else law.magnitude
+        switch = b.symbol(placed.names[felt.name])
         point = {n: float(v) for n, v in zip(wide.names(), rng.uniform(1.1, 1.9, len(wide.names())), strict=True)}
         # states of the law are where they are on their own: equal
-        point |= dict.fromkeys((n for n in point if n.startswith(use.instance + ".")), 0.4)
+        point |= dict.fromkeys((n for n in point if n.startswith(placed.instance + ".")), 0.4)
         expected = base({n: v for n, v in point.items() if n in base.names()})
         found = wide(point)
         assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-13), law.id
         every = [*model.rates, *(model.solved.get(n, b.symbol(n)) for n in wide.outputs)]
         # at the default itself a law with states may sleep
-        nominal = felt.value("nominal", use.all_sizes)
+        nominal = felt.value("nominal", placed.all_nominals)
         beside, step = 1e-6 * nominal, 5e-7 * nominal
         at = {**wide.at, **{b.symbol(n): v for n, v in point.items()}, switch: beside}
-        slope = np.array(evaluate([b.derivative(e, switch) for e in every], at))
-        up, down = (np.array(evaluate(every, {**at, switch: beside + s})) for s in (step, -step))
+        slope = np.array(evaluate_nodes([b.derivative(e, switch) for e in every], at))
+        up, down = (np.array(evaluate_nodes(every, {**at, switch: beside + s})) for s in (step, -step))
         assert slope == pytest.approx((up - down) / (2 * step), rel=1e-3, abs=1e-6 * (1 + np.abs(slope).max())), law.id
         if law.id not in UNFELT_AT_ZERO:
             assert np.abs(slope).max() > 1e-3, law.id
         if law.id in ("lag", "delay", "rate_limit", "hysteresis"):
             # fast states of a law that is off would set the pace of every simulation
-            own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(use.instance + ".")]
-            off, on = (np.abs(evaluate(own, {**at, switch: s})).max() for s in (0.0, beside))
+            own = [r for n, r in zip(model.states, model.rates, strict=True) if n.startswith(placed.instance + ".")]
+            off, on = (np.abs(evaluate_nodes(own, {**at, switch: s})).max() for s in (0.0, beside))
             assert off < 1e-4 * on, law.id
 
 
 @pytest.mark.parametrize("kind", ["input", "output", "reading"])
 @pytest.mark.parametrize("law_id", ["lag", "delay"])
 def test_lag_and_delay_have_their_frequency_response(
-    kind: str, law_id: str, laws: tuple[Law, ...], models: Models
+    kind: str, law_id: str, laws: tuple[Law, ...], models: LawModels
 ) -> None:
     """By the linear state space of the law alone, for an output with its rate as input: 1 / (1 + T s), exp(-T s)."""
     law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
@@ -231,13 +241,13 @@ def test_lag_and_delay_have_their_frequency_response(
         flat = add_input(replace(flat, variables=inner, equations=(*flat.equations, rate)), "w")
     model = explicit(flat)
     b = model.system.builder
-    at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.switch.name): T}
+    at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.magnitude.name): T}
     x = [b.symbol(n) for n in model.states]
     u = b.symbol("w" if kind == "output" else "u")
-    a = np.array([evaluate([b.derivative(r, j) for j in x], at) for r in model.rates])
-    into = np.array(evaluate([b.derivative(r, u) for r in model.rates], at))
-    out = np.array(evaluate([b.derivative(model.solved["y"], j) for j in x], at))
-    direct = evaluate([b.derivative(model.solved["y"], u)], at)[0]
+    a = np.array([evaluate_nodes([b.derivative(r, j) for j in x], at) for r in model.rates])
+    into = np.array(evaluate_nodes([b.derivative(r, u) for r in model.rates], at))
+    out = np.array(evaluate_nodes([b.derivative(model.solved["y"], j) for j in x], at))
+    direct = evaluate_nodes([b.derivative(model.solved["y"], u)], at)[0]
     response = direct + out @ np.linalg.solve(s * np.eye(len(x)) - a, into)
     response *= s if kind == "output" else 1.0
     exact = 1 / (1 + T * s) if law_id == "lag" else np.exp(-T * s)
@@ -271,24 +281,24 @@ end Mine;
 """,
         encoding="utf-8",
     )
-    (law,) = laws_of([own])
+    (law,) = read_laws([own])
     assert (law.id, law.kind, law.model, law.refines) == ("rope_drag", "motion", "Mine.RopeDrag", "quadratic_drag")
-    assert law.needs_unit == {"v": "m/s"}
-    assert law.uses == {"v"}
-    assert law.switch.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
+    assert law.required_units == {"v": "m/s"}
+    assert law.used_inputs == {"v"}
+    assert law.magnitude.unit({"f_n": "N", "v_n": "m/s"}) == "N.s3/m3"
     model = explicit(law_models([law], [own])["motion", "rope_drag"])
     at = {model.system.builder.symbol(n): v for n, v in {"r": 2.0, "v": 3.0}.items()}
-    assert evaluate([model.solved["f"]], at) == [54.0]
+    assert evaluate_nodes([model.solved["f"]], at) == [54.0]
     own.write_text(
         "model Bare\n  extends Laws.Interfaces.StorageLaw;\n  parameter Real k = 1;\nequation\n  q = k;\nend Bare;\n",
         encoding="utf-8",
     )
     with pytest.raises(InputError, match=r"Mine\.mo: Bare: a law needs a parameter with the attribute nominal"):
-        laws_of([own])
+        read_laws([own])
 
 
 def test_every_partial_model_has_a_shape() -> None:
     from aero_bayes.export.library import modelica_root
 
     folder = modelica_root() / "Laws" / "Interfaces"
-    assert {p.stem for p in folder.glob("*Law.mo")} == set(SHAPES)
+    assert {p.stem for p in folder.glob("*Law.mo")} == set(LAW_INTERFACES)

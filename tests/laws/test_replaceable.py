@@ -14,12 +14,9 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export.causalise import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
-from aero_bayes.export.expression import evaluate
-from aero_bayes.laws.model_sources import names_taken
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.use import uses_of
-from aero_bayes.laws.write import Written, write_laws
-from aero_bayes.ports.port import port_table
+from aero_bayes.export.expression import evaluate_nodes
+from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.ports import port_table
 from aero_bayes.simulation import Model, open_simulator
 
 CIRCUIT = """package Circuit
@@ -125,13 +122,13 @@ def source(tmp_path: Path) -> Path:
     return path
 
 
-def written(source: Path, values: dict[str, dict[str, float]]) -> Written:
+def written(source: Path, values: dict[str, dict[str, float]]) -> WrittenModel:
     """The rig with laws by id, at values of their parameters."""
-    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
-    chosen = [c for c in family.every if c.id in values]
-    uses = uses_of(chosen, names_taken(family.flat, (source,)), {"V": {"u_n": 10.0}})
-    uses = tuple(replace(use, values=values[use.id]) for use in uses)
-    return write_laws((source,), family.base, family.flat, uses, source.parent)
+    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    chosen = [c for c in family.candidates if c.id in values]
+    placed_laws = place_laws(chosen, reserved_names(family.flat, (source,)), {"V": {"u_n": 10.0}})
+    placed_laws = tuple(replace(placed, values=values[placed.id]) for placed in placed_laws)
+    return write_laws((source,), family.base, family.flat, placed_laws, source.parent)
 
 
 def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
@@ -141,12 +138,12 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
         b.symbol(p.name): p.binding.value for p in model.system.parameters if p.binding and p.binding.op == "const"
     }
     known |= {b.symbol("V"): v, b.symbol(model.states[0]): x}
-    rate, reading = evaluate([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
+    rate, reading = evaluate_nodes([model.rates[0], model.solved.get("w", b.symbol("w"))], known)
     return rate, reading
 
 
 def test_ports_and_laws_come_from_the_text(source: Path) -> None:
-    family = RigFamily("Circuit.Rig", (source,), source.parent)
+    family = ModelicaFamily("Circuit.Rig", (source,), source.parent)
     rows = {row["id"]: row for row in port_table(family.replaceables)}
     assert {id_: row["laws"] for id_, row in rows.items()} == {
         "reading": ["shifted", "scaled"], "link": ["contact", "battery"],
@@ -155,7 +152,7 @@ def test_ports_and_laws_come_from_the_text(source: Path) -> None:
     assert {id_: (row["file"], "model " + id_.capitalize() in lines[row["line"] - 1]) for id_, row in rows.items()} == {
         "reading": ("Circuit.mo", True), "link": ("Circuit.mo", True),
     }  # fmt: skip
-    ids = {c.id for c in family.every}
+    ids = {c.id for c in family.candidates}
     assert ids >= {"contact@link", "battery@link", "shifted@reading", "offset@V"}
     assert {p.id for p in family.ports} >= {"V", "w", "link", "reading"}
 
@@ -176,23 +173,23 @@ def test_a_law_in_a_replaceable_model_and_one_at_another_port_stand_in_one_file(
     assert rate == pytest.approx((9.5 - 1.5) / (2.0 + 3.0) / 0.5, rel=1e-12)
 
 
-def fitted(family: RigFamily) -> Fit:
+def fitted(family: ModelicaFamily) -> Fit:
     """A fit of the capacitance to a short recording, and the candidates prepared."""
     time = np.arange(400) * 0.02
     drive = np.repeat(np.random.default_rng(3).uniform(-10.0, 10.0, 8), 50)
     recording = Recording("run", time, {"V": drive}, {"w": np.cumsum(drive) * 0.002}, {"time": "s", "V": "V", "w": "V"})
-    plain = family.plain()
+    plain = family.base_model()
     found = fit([recording], plain, parameters=parameters_from_model(plain, free=["C"]), workers=1)
     family.prepare(found.calibration, found.optimum, open_simulator)
     return found
 
 
 def test_what_is_offered_is_what_is_written(source: Path) -> None:
-    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
     found = fitted(family)
     assert family.extra_terms_are_free is False
     ids = ["contact@link", "offset@V"]
-    offer = family.offer(ids)
+    offer = family.with_candidates(ids)
     assert {c.id for c, _ in offer.candidates} == {*ids, "battery@link", "shifted@reading", "scaled@reading"}
     values = {p.name: 0.0 for p in offer.parameters} | {"R_c": 3.0, family.parameters("offset@V")[0].name: 0.5}
     written = family.extend(ids, values, source.parent / "out")
@@ -202,8 +199,8 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
     np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-8)
 
 
-def simulated(found: Fit, family: RigFamily, model: Model, values: dict[str, float]) -> np.ndarray:
-    calibration = family.on(found.calibration, model)
+def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str, float]) -> np.ndarray:
+    calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, fixed={**calibration.fixed, **values})
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
@@ -217,7 +214,7 @@ def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source:
     assert written(source, {"shifted@reading": {"b": 0.2}}).name == "Rig_shifted"
     with pytest.raises(CannotFinishError, match="Exact does not tell how several laws"):
         written(source, {"shifted@reading": {}, "scaled@reading": {}})
-    family = RigFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
     fitted(family)
-    assert {("shifted@reading",), ("scaled@reading",)} <= set(family.groups())
-    assert "shifted@reading" not in {c.id for c, _ in family.offer(["scaled@reading"]).candidates}
+    assert {("shifted@reading",), ("scaled@reading",)} <= set(family.candidate_groups())
+    assert "shifted@reading" not in {c.id for c, _ in family.with_candidates(["scaled@reading"]).candidates}

@@ -17,22 +17,26 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import candidates, ports_of
-from aero_bayes.laws.compose import Models, compose_laws
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.use import use_of
-from aero_bayes.laws.write import write_law
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    ModelicaFamily,
+    compose_laws,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    write_law,
+)
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
+    Interpolation,
     Model,
     NativeSimulator,
     Problem,
     SolverSettings,
     WorkerPool,
 )
-from aero_bayes.simulation.interface import Interpolation
 
 ONE_OF_EACH = [
     ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),
@@ -49,7 +53,7 @@ ONE_OF_EACH = [
 
 @pytest.mark.parametrize(("model", "id_"), ONE_OF_EACH)
 def test_a_written_law_is_the_composed_one(
-    model: str, id_: str, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    model: str, id_: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     flat = rig(model)
     sources = [RIGS / f"{model.partition('.')[0]}.mo"]
@@ -65,7 +69,7 @@ def test_a_written_law_is_the_composed_one(
     ],
 )
 def test_several_laws_at_once(
-    model: str, ids: tuple[str, ...], laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    model: str, ids: tuple[str, ...], laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     sources = [RIGS / f"{model.partition('.')[0]}.mo"]
     agree(model, sources, uses_at(rig(model), laws, *ids), models, tmp_path, rng)
@@ -109,13 +113,13 @@ def test_a_law_at_a_connector_extends_and_one_in_series_splits_a_connection(
 
 def test_names_that_are_taken_get_the_ports_name(laws: tuple[Law, ...]) -> None:
     flat = rig("Pendulum")  # has a parameter d
-    (use,) = uses_at(flat, laws, "viscous_friction@w")
-    assert use.names == {"d": "d_w"}
-    assert use.unit(use.law.switch) == "N.m.s/rad"
+    (placed,) = uses_at(flat, laws, "viscous_friction@w")
+    assert placed.names == {"d": "d_w"}
+    assert placed.unit(placed.law.magnitude) == "N.m.s/rad"
 
 
 def test_outputs_that_are_states_and_readings_that_feed_back(
-    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     """The reading changes, what the rig does with the true quantity does not."""
     path = tmp_path / "Level.mo"
@@ -136,8 +140,8 @@ end Other;
     )
     flat = rig("Level", str(path))
     for ids in (("offset@output_h",), ("gain@twice", "dead_zone@u")):
-        uses = uses_at(flat, laws, *ids)
-        agree("Level", [path], uses, models, tmp_path / "out", rng)
+        placed_laws = uses_at(flat, laws, *ids)
+        agree("Level", [path], placed_laws, models, tmp_path / "out", rng)
     offset = Numbers(explicit(compose_laws(flat, uses_at(flat, laws, "offset@output_h"), models)))
     point = somewhere(offset.names(), rng)
     found = offset(point)
@@ -146,7 +150,7 @@ end Other;
 
 
 def test_a_class_of_a_package_keeps_its_meanings(
-    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     """Short names, imports and constants of the packages around a class still mean the same in its copy."""
     folder = tmp_path / "Bench"
@@ -187,10 +191,10 @@ end Fall;
         encoding="utf-8",
     )
     flat = rig("Bench.Rigs.Fall", str(folder))
-    (port,) = (p for p in ports_of(flat, laws) if p.id == "v")
+    (port,) = (p for p in ports_with_laws(flat, laws) if p.id == "v")
     assert str(port.place) == "Bench/Rigs/Fall.mo:16"
-    uses = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
-    written = agree("Bench.Rigs.Fall", [folder], uses, models, tmp_path / "out", rng)
+    placed_laws = uses_at(flat, laws, "quadratic_drag@v", "offset@u")
+    written = agree("Bench.Rigs.Fall", [folder], placed_laws, models, tmp_path / "out", rng)
     assert "  m * der(v) = gain.y - m * Bench.g - c * v * abs(v);" in written.text
     assert "  Bench.Parts.Gain gain(k = 3, u = offset.y);" in written.text
 
@@ -257,13 +261,13 @@ end Blocks;
 
 
 def test_balances_inside_components_and_of_base_classes(
-    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     """The classes on the way are copied, with their base classes written out; what is not on it stays a reference."""
     path = tmp_path / "Blocks.mo"
     path.write_text(BLOCKS, encoding="utf-8")
     flat = rig("Blocks.Rig", str(path))
-    ports = {p.id: p for p in ports_of(flat, laws)}
+    ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert set(ports) == {"u", "y", "z", "T", "line.upper.h", "line.lower.h"}
     assert ports["line.upper.h"].unit == "m3/s"
     for ids in (
@@ -280,7 +284,9 @@ def test_balances_inside_components_and_of_base_classes(
     assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
 
 
-def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path
+) -> None:
     """Nothing is written into the library, and it is still needed to load what was written."""
     library = tmp_path / "library"
     library.mkdir()
@@ -289,18 +295,18 @@ def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws: tuple[Law, ...], mo
     own.write_text("model Mine\n  Shaft.Motor motor(V = 1);\nend Mine;\n", encoding="utf-8")
     flat = load_flat("Shaft.Motor", [own], [library])
     for id_, head in (("viscous_friction@load.a", "  extends Shaft.Motor;"), ("dead_zone@V", "  Shaft.Resistor")):
-        uses = uses_at(flat, laws, id_)
-        written = write_law([own], "Shaft.Motor", flat, uses, tmp_path / "out")
+        placed_laws = uses_at(flat, laws, id_)
+        written = write_law([own], "Shaft.Motor", flat, placed_laws, tmp_path / "out")
         assert head in written.text
         again = Numbers(explicit(load_flat(written.name, [own, written.path], [library])))
-        composed = Numbers(explicit(compose_laws(flat, uses, models)))
+        composed = Numbers(explicit(compose_laws(flat, placed_laws, models)))
         point = somewhere(composed.names(), np.random.default_rng(3))
         assert again(point) == pytest.approx(composed(point), rel=1e-12)
     assert [p.name for p in library.iterdir()] == ["Shaft.mo"]
 
 
 def test_components_declared_together_part_where_one_changes(
-    laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     path = tmp_path / "Loose.mo"
     path.write_text(
@@ -318,8 +324,8 @@ end Loose;
         encoding="utf-8",
     )
     flat = rig("Loose", str(path))
-    uses = uses_at(flat, laws, "square_loss@one.x")
-    written = agree("Loose", [path], uses, models, tmp_path / "out", rng)
+    placed_laws = uses_at(flat, laws, "square_loss@one.x")
+    written = agree("Loose", [path], placed_laws, models, tmp_path / "out", rng)
     assert '  Part_one one(square_loss_q = square_loss.q);\n  Part two(x(start = 3)) "both";\n' in written.text
     both = uses_at(flat, laws, "square_loss@one.x", "offset@two.x")
     agree("Loose", [path], both, models, tmp_path / "out", rng)
@@ -343,7 +349,7 @@ end Branch;
         encoding="utf-8",
     )
     flat = rig("Branch", str(path))
-    assert {p.id for p in ports_of(flat, laws)} == {"y"}  # a balance in branches is no port
+    assert {p.id for p in ports_with_laws(flat, laws)} == {"y"}  # a balance in branches is no port
     with pytest.raises(InputError, match="Nowhere: the class was not found"):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -354,14 +360,14 @@ end Branch;
     [("Cart", "end_stop@v", "q"), ("Shaft.Motor", "heating@inductor.p", "speed")],
 )
 def test_the_written_model_moves_like_the_composed_one(
-    model: str, id_: str, output: str, laws: tuple[Law, ...], models: Models, tmp_path: Path
+    model: str, id_: str, output: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path
 ) -> None:
     """Two FMUs, one from the flat model and one from the written source: equal to 1e-9 of the range."""
     flat, sources = rig(model), [RIGS / f"{model.partition('.')[0]}.mo"]
-    uses = uses_at(flat, laws, id_)
-    written = write_law(sources, model, flat, uses, tmp_path)
+    placed_laws = uses_at(flat, laws, id_)
+    written = write_law(sources, model, flat, placed_laws, tmp_path)
     files = (
-        export_flat(compose_laws(flat, uses, models), tmp_path / "composed.fmu"),
+        export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"),
         export_fmu(written.name, tmp_path / "written.fmu", compiler="embedded", sources=[*sources, written.path]),
     )
     (name,) = (v.name for v in flat.variables if v.causality == "input" and "." not in v.name)
@@ -476,13 +482,15 @@ def test_readings_that_are_states_take_inputs_at_once_or_are_connected(tmp_path:
   end Rig;
 end Read;
 """)
-    family = RigFamily("Read.Rig", (path,), tmp_path / "fmu")
-    assert {p.id: p.kind for p in family.ports if p.via == "output"}["z"] == "reading"
-    lags = [c for c in candidates(family.ports, family.laws) if c.port.via == "output" and c.law.id == "lag"]
+    family = ModelicaFamily("Read.Rig", (path,), tmp_path / "fmu")
+    assert {p.id: p.kind for p in family.ports if p.attachment == "output"}["z"] == "reading"
+    lags = [
+        c for c in find_candidates(family.ports, family.laws) if c.port.attachment == "output" and c.law.id == "lag"
+    ]
     assert {c.port.signals["u"] for c in lags} == {"x", "z", "i"}
     for c in lags:
-        use = use_of(c.law, c.port, {v.name for v in family.flat.variables}, sizes={})
-        written = write_law([path], "Read.Rig", family.flat, [use], tmp_path / "out")
+        placed = place_law(c.law, c.port, {v.name for v in family.flat.variables}, nominals={})
+        written = write_law([path], "Read.Rig", family.flat, [placed], tmp_path / "out")
         flat = load_flat(written.name, [path, written.path])
         assert {v.name for v in flat.variables if v.causality == "output"} >= {"x", "z", "i"}
         export_flat(flat, tmp_path / "out" / f"{c.port.signals['u']}.fmu", quick=True)
@@ -509,9 +517,9 @@ def test_only_what_can_be_written_is_tried(laws: tuple[Law, ...], tmp_path: Path
 end Filter;
 """
     )
-    family = RigFamily("Filter.Rig", (tmp_path / "Filter.mo",), tmp_path)
-    tried = family.tried()
+    family = ModelicaFamily("Filter.Rig", (tmp_path / "Filter.mo",), tmp_path)
+    tried = family.writable_candidates()
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
-        use = use_of(c.law, c.port, {v.name for v in family.flat.variables}, sizes={}, neighbour=c.neighbour)
-        write_law(family.sources, family.base, family.flat, [use], tmp_path / "out")
+        placed = place_law(c.law, c.port, {v.name for v in family.flat.variables}, nominals={}, neighbour=c.neighbour)
+        write_law(family.sources, family.base, family.flat, [placed], tmp_path / "out")

@@ -12,7 +12,7 @@ from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.laws.rig_family import RigFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.loop.base_fit import fit_as_it_stands
 from aero_bayes.loop.workbench import Tally, Workbench
@@ -129,7 +129,7 @@ def test_bad_requests_are_refused(fmus):
 def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     bench = Workbench(
-        RigFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
+        ModelicaFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
         replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None, Tally(), ResultCache(),
     )  # fmt: skip
     plain = fit_as_it_stands(bench).plain

@@ -15,11 +15,16 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Name, Number
-from aero_bayes.laws.candidates import candidates, ports_of
-from aero_bayes.laws.compose import Models, compose_laws
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import Use, use_of
-from aero_bayes.laws.write import write_law
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    PlacedLaw,
+    compose_laws,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    write_law,
+)
 
 FORMS = {
     "matrices": """model Rig
@@ -79,17 +84,17 @@ end Rig;
 VALUES = {"gain@u[2]": 0.5, "offset@u[1]": 0.3, "offset@y[1]": 0.2, "gain@y[2]": 0.25}
 
 
-def uses_at(flat: FlatModel, laws: tuple[Law, ...], ids: tuple[str, ...]) -> list[Use]:
-    by_id = {c.id: c for c in candidates(ports_of(flat, laws), laws)}
+def uses_at(flat: FlatModel, laws: tuple[Law, ...], ids: tuple[str, ...]) -> list[PlacedLaw]:
+    by_id = {c.id: c for c in find_candidates(ports_with_laws(flat, laws), laws)}
     taken = {v.name for v in flat.variables}
-    uses = []
+    placed_laws = []
     for id_ in ids:
         c = by_id.get(id_.replace("@", "@output_")) or by_id[id_]
         (p,) = c.law.parameters
-        use = use_of(c.law, c.port, taken, sizes={"u_n": 1.0}, values={p.name: VALUES[id_]})
-        taken |= {use.instance, *use.names.values()}
-        uses.append(use)
-    return uses
+        placed = place_law(c.law, c.port, taken, nominals={"u_n": 1.0}, values={p.name: VALUES[id_]})
+        taken |= {placed.instance, *placed.names.values()}
+        placed_laws.append(placed)
+    return placed_laws
 
 
 def moved(fmu: Path, inputs: Mapping[str, float]) -> NDArray[np.float64]:
@@ -101,44 +106,46 @@ def moved(fmu: Path, inputs: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
     """A gain and an offset of inputs are other inputs; those of readings are done to the readings."""
     path = tmp_path / "Rig.mo"
     path.write_text(FORMS[form], encoding="utf-8")
     name = "Rims.Rig" if "Rims" in FORMS[form] else "Rig"
     flat = load_flat(name, [path])
-    ids = {p.id.removeprefix("output_") for p in ports_of(flat, laws)}
+    ids = {p.id.removeprefix("output_") for p in ports_with_laws(flat, laws)}
     assert ids >= {"u[1]", "u[2]", "y[1]", "y[2]"}
-    uses = uses_at(flat, laws, ("gain@u[2]", "offset@u[1]", "offset@y[1]", "gain@y[2]"))
+    placed_laws = uses_at(flat, laws, ("gain@u[2]", "offset@u[1]", "offset@y[1]", "gain@y[2]"))
     given = {"u[1]": 1.0, "u[2]": 2.0}
     gains = 1.0 + VALUES["gain@u[2]"], 1.0 + VALUES["gain@y[2]"]
     other = {"u[1]": 1.0 + VALUES["offset@u[1]"], "u[2]": 2.0 * gains[0]}
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), other)
     expected = np.stack([plain[0] + VALUES["offset@y[1]"], plain[1] * gains[1]])
-    composed = moved(export_flat(compose_laws(flat, uses, models), tmp_path / "composed.fmu"), given)
+    composed = moved(export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"), given)
     assert np.abs(composed - expected).max() < 1e-6
-    written = write_law([path], name, flat, uses, tmp_path / "out")
+    written = write_law([path], name, flat, placed_laws, tmp_path / "out")
     again = load_flat(written.name, [path, written.path])
-    assert {n for use in uses for n in use.names.values()} <= {v.name for v in again.variables}
+    assert {n for placed in placed_laws for n in placed.names.values()} <= {v.name for v in again.variables}
     assert {v.name for v in again.variables if v.causality in ("input", "output") and "." not in v.name} >= {"u", "y"}
     assert np.abs(moved(export_flat(again, tmp_path / "written.fmu"), given) - expected).max() < 1e-6
 
 
-def test_two_laws_at_one_element(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
     """The last one is the outermost: an offset before a gain is multiplied."""
     path = tmp_path / "Rig.mo"
     path.write_text(FORMS["matrices"], encoding="utf-8")
     flat = load_flat("Rig", [path])
     given = {"u[1]": 1.0, "u[2]": 2.0}
-    by_id = {c.id: c for c in candidates(ports_of(flat, laws), laws)}
-    uses = [
-        use_of(by_id[i].law, by_id[i].port, (), sizes={"u_n": 1.0}, values={by_id[i].law.parameters[0].name: value})
+    by_id = {c.id: c for c in find_candidates(ports_with_laws(flat, laws), laws)}
+    placed_laws = [
+        place_law(
+            by_id[i].law, by_id[i].port, (), nominals={"u_n": 1.0}, values={by_id[i].law.parameters[0].name: value}
+        )
         for i, value in {"gain@u[2]": 0.5, "offset@u[2]": 0.3}.items()
     ]
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), given | {"u[2]": 1.5 * (2.0 + 0.3)})
-    written = write_law([path], "Rig", flat, uses, tmp_path / "out")
+    written = write_law([path], "Rig", flat, placed_laws, tmp_path / "out")
     files = (
-        export_flat(compose_laws(flat, uses, models), tmp_path / "composed.fmu"),
+        export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"),
         export_flat(load_flat(written.name, [path, written.path]), tmp_path / "written.fmu"),
     )
     for file in files:
@@ -151,7 +158,7 @@ def test_what_a_term_stands_beside_is_a_number(form: str, laws: tuple[Law, ...],
     path = tmp_path / "Rig.mo"
     path.write_text(FORMS[form], encoding="utf-8")
     flat = load_flat("Rig", [path])
-    terms = [t for p in ports_of(flat, laws) if p.entrance is not None for t in p.entrance.beside]
+    terms = [t for p in ports_with_laws(flat, laws) if p.balance is not None for t in p.balance.beside]
     assert len(terms) >= 6
     for n, term in enumerate(terms):
         wider = add_output(flat, "watched", Call("+", (term, Call("*", (Number(1e-300), Name("time"))))))

@@ -11,8 +11,7 @@ from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_of
-from aero_bayes.laws.law import general_laws
+from aero_bayes.laws import ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 AXIS = """model Axis "A position loop"
@@ -83,8 +82,8 @@ def written(tmp_path: Path) -> Path:
 
 
 def test_signals_of_a_loop_are_ports_and_what_is_only_fed_in_is_none(tmp_path):
-    ports = {p.id: p for p in ports_of(load_flat("Axis", [written(tmp_path)]), general_laws())}
-    assert {id_ for id_, p in ports.items() if p.via == "signal"} == {"e", "u"}
+    ports = {p.id: p for p in ports_with_laws(load_flat("Axis", [written(tmp_path)]), shipped_laws())}
+    assert {id_ for id_, p in ports.items() if p.attachment == "signal"} == {"e", "u"}
     assert (ports["u"].kind, ports["u"].unit) == ("input", "N")
     assert set(ports["u"].states) == {"y", "v", "z"}
     assert ports["u"].laws == ports["r"].laws
@@ -104,7 +103,7 @@ def test_what_is_written_at_a_signal_acts_like_what_was_judged(ids, laws, models
 def test_what_blocks_pass_on_is_a_port_and_its_connection_is_parted(ids, laws, models, tmp_path, rng):
     (tmp_path / "Blocks.mo").write_text(BLOCKS, encoding="utf-8")
     flat = load_flat("Blocks.Rig", [tmp_path / "Blocks.mo"])
-    assert {p.id for p in ports_of(flat, laws) if p.via == "signal"} == {"plant.u", "pi.y"}
+    assert {p.id for p in ports_with_laws(flat, laws) if p.attachment == "signal"} == {"plant.u", "pi.y"}
     made = agree("Blocks.Rig", [tmp_path / "Blocks.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
     inner = ids[0].partition("@")[2]
     assert f"  {inner} = {ids[0].partition('@')[0]}.y;" in made.text
@@ -139,12 +138,12 @@ def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, tmp_
     source = tmp_path / "Chain.mo"
     source.write_text(INTEGRATORS.replace("GAIN", "1"), encoding="utf-8")
     flat = load_flat("Chain.Rig", [source])
-    port = next(p for p in ports_of(flat, laws) if p.id == "rate.y")
+    port = next(p for p in ports_with_laws(flat, laws) if p.id == "rate.y")
     assert (port.kind, port.signals) == ("motion", {"v": "rate.y", "x": "level.y"})
     agree("Chain.Rig", [source], uses_at(flat, laws, "cubic_stiffness@rate.y"), models, tmp_path, rng)
     # with a gain of its own it is a level like any other
     source.write_text(INTEGRATORS.replace("GAIN", "3"), encoding="utf-8")
-    kinds = {p.id: p.kind for p in ports_of(load_flat("Chain.Rig", [source]), laws)}
+    kinds = {p.id: p.kind for p in ports_with_laws(load_flat("Chain.Rig", [source]), laws)}
     assert (kinds["rate.y"], kinds["level.y"]) == ("storage", "storage")
 
 
@@ -208,13 +207,13 @@ def cascade(name: str, seed: int) -> Recording:
 def test_what_a_part_hands_on_to_the_next_is_a_port_where_nothing_comes_back(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
-    ports = {p.id: p for p in ports_of(load_flat("Cascade", [source]), general_laws())}
-    assert [id_ for id_, p in ports.items() if p.via == "signal"] == ["g"]
+    ports = {p.id: p for p in ports_with_laws(load_flat("Cascade", [source]), shipped_laws())}
+    assert [id_ for id_, p in ports.items() if p.attachment == "signal"] == ["g"]
     assert ports["g"].laws == ports["u"].laws
     assert ports["g"].states == ("x",)
     # once the second filter loads the first it is no signal any more
     source.write_text(CASCADE.replace("x = u;", "x = u - 0.1*y;"), encoding="utf-8")
-    assert not [p for p in ports_of(load_flat("Cascade", [source]), general_laws()) if p.via == "signal"]
+    assert not [p for p in ports_with_laws(load_flat("Cascade", [source]), shipped_laws()) if p.attachment == "signal"]
 
 
 def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tmp_path):
@@ -257,9 +256,9 @@ def test_what_vectors_give_and_a_state_by_another_name_are_handed_on(given, stat
     source = tmp_path / "Filters.mo"
     source.write_text(FILTERS.replace("w = C*x", f"w = {given}"), encoding="utf-8")
     flat = load_flat("Filters", [source])
-    (port,) = (p for p in ports_of(flat, laws) if p.via == "signal")
+    (port,) = (p for p in ports_with_laws(flat, laws) if p.attachment == "signal")
     assert (port.id, port.unit, port.states) == ("w", "V", states)
     made = agree("Filters", [source], uses_at(flat, laws, "saturation_by_side@w", "lag@w"), models, tmp_path, rng)
     assert f"= {given};" in made.text
     source.write_text(source.read_text().replace("B*u", "B*(u - 0.1*z[2])"), encoding="utf-8")
-    assert not [p for p in ports_of(load_flat("Filters", [source]), laws) if p.via == "signal"]
+    assert not [p for p in ports_with_laws(load_flat("Filters", [source]), laws) if p.attachment == "signal"]

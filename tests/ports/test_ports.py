@@ -10,12 +10,18 @@ from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.dimensions import dimension_of_unit, unit_text
-from aero_bayes.laws.candidates import candidates, ports_of
-from aero_bayes.laws.compose import Models, compose_law, probe, screening
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import use_of
-from aero_bayes.laws.write import write_law
-from aero_bayes.ports.port import DIFFERENCE_SIGN, port_table
+from aero_bayes.laws import (
+    Law,
+    LawModels,
+    compose_law,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    with_candidates,
+    with_probes,
+    write_law,
+)
+from aero_bayes.ports import DIFFERENCE, port_table
 
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
@@ -44,8 +50,8 @@ FOUND = {
 
 @pytest.mark.parametrize("model", FOUND)
 def test_ports_are_found(model: str, laws: tuple[Law, ...]) -> None:
-    ports = ports_of(rig(model), laws)
-    assert {p.id: f"{p.kind} {p.via} {p.unit}" for p in ports} == FOUND[model]
+    ports = ports_with_laws(rig(model), laws)
+    assert {p.id: f"{p.kind} {p.attachment} {p.unit}" for p in ports} == FOUND[model]
     for p in ports:
         assert p.laws
         assert p.place is not None
@@ -53,43 +59,43 @@ def test_ports_are_found(model: str, laws: tuple[Law, ...]) -> None:
 
 
 def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
-    cart = {p.id: p for p in ports_of(rig("Cart"), laws)}
+    cart = {p.id: p for p in ports_with_laws(rig("Cart"), laws)}
     assert {"coulomb_friction", "cubic_stiffness", "end_stop"} <= set(cart["v"].laws)
-    motor = {p.id: p for p in ports_of(rig("Motor"), laws)}
+    motor = {p.id: p for p in ports_with_laws(rig("Motor"), laws)}
     assert "cubic_stiffness" not in motor["w"].laws  # no angle there
     assert set(motor["i"].laws) == {"series_resistance", "contact_drop", "heating", "curve"}
     assert "position_curve" in cart["v"].laws
     assert "position_curve" not in motor["w"].laws
-    tanks = {p.id: p for p in ports_of(rig("TankPair"), laws)}
+    tanks = {p.id: p for p in ports_with_laws(rig("TankPair"), laws)}
     assert "radiation" not in tanks["h1"].laws
     assert {"overflow", "exchange", "root_loss"} <= set(tanks["h1"].laws)
     assert tanks["h1"].neighbours == ("h2",)
-    bodies = {p.id: p for p in ports_of(rig("Bodies.Pair"), laws)}
+    bodies = {p.id: p for p in ports_with_laws(rig("Bodies.Pair"), laws)}
     assert "radiation" in bodies["one.port"].laws
     assert not {"overflow", "root_loss"} & set(bodies["one.port"].laws)  # a temperature does not spill
 
 
-def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], models: Models, rng: Generator) -> None:
+def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], models: LawModels, rng: Generator) -> None:
     flat = rig("Bodies.Pair")
-    port = next(p for p in ports_of(flat, laws) if p.id == "one.port")
+    port = next(p for p in ports_with_laws(flat, laws) if p.id == "one.port")
     taken = [v.name for v in flat.variables]
     for id_, c, flow in (("radiation", 2e-9, 2e-9 * (310.0**4 - 295.0**4)), ("square_loss", 0.3, 0.3 * 15.0**2)):
         law = next(law for law in laws if law.id == id_)
-        use = use_of(law, port, taken, sizes={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c})
-        base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+        placed = place_law(law, port, taken, nominals={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c})
+        base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, placed, models)))
         point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
         change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
         assert change == pytest.approx(-flow / 20, rel=1e-9)
 
 
 def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:
-    found = [c.id for c in candidates(ports_of(rig("TankPair"), laws), laws)]
+    found = [c.id for c in find_candidates(ports_with_laws(rig("TankPair"), laws), laws)]
     assert len(found) == len(set(found))
     assert [i for i in found if i.startswith("exchange")] == ["exchange@h1"]
 
 
 def test_the_table_names_file_and_line(laws: tuple[Law, ...]) -> None:
-    rows = {r["id"]: r for r in port_table(ports_of(rig("Cart"), laws))}
+    rows = {r["id"]: r for r in port_table(ports_with_laws(rig("Cart"), laws))}
     assert (rows["v"]["file"], rows["v"]["line"], rows["v"]["unit"]) == ("Cart.mo", 12, "N")
     assert rows["v"]["states"] == ["v", "x"]
 
@@ -114,7 +120,7 @@ FORMS = [
 
 @pytest.mark.parametrize(("declared", "balance", "gain"), FORMS)
 def test_friction_brakes_however_the_balance_is_written(
-    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     """The acceleration changes by minus the force over the mass, or by minus an acceleration; never by plus."""
     path = tmp_path / "Form.mo"
@@ -135,14 +141,14 @@ end Form;
         encoding="utf-8",
     )
     flat = rig("Form", str(path))
-    (port,) = (p for p in ports_of(flat, laws) if p.kind == "motion")
+    (port,) = (p for p in ports_with_laws(flat, laws) if p.kind == "motion")
     assert port.id == "v"
     assert port.signals == {"v": "v", "x": "q"}
     law = next(law for law in laws if law.id == "viscous_friction")
     taken = [v.name for v in flat.variables]
-    use = use_of(law, port, taken, values={"d": 0.9})
-    assert use.names == {"d": "d_v"}
-    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, use, models)))
+    placed = place_law(law, port, taken, values={"d": 0.9})
+    assert placed.names == {"d": "d_v"}
+    base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, placed, models)))
     point = somewhere(base.names(), rng)
     change = wide(point)["der(v)"] - base(point)["der(v)"]
     factor = {"1 / M": 1 / 2.5, "1": 1.0, "-1 / n": 1 / 3.0}[gain]
@@ -175,14 +181,16 @@ end Crane;
 """,
         encoding="utf-8",
     )
-    ports = {p.id: p for p in ports_of(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
+    ports = {p.id: p for p in ports_with_laws(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
     lines = {i: p.place.line if p.place else 0 for i, p in ports.items()}
     assert lines == {"v": 17, "w": 16}
     assert all(p.kind == "motion" for p in ports.values())
     assert ports["w"].signals == {"v": "w", "x": "phi"}
 
 
-def test_states_in_an_array_are_states(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
+def test_states_in_an_array_are_states(
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+) -> None:
     path = tmp_path / "Chain.mo"
     path.write_text(
         """model Chain
@@ -198,12 +206,12 @@ end Chain;
         encoding="utf-8",
     )
     flat = rig("Chain", str(path))
-    (port,) = (p for p in ports_of(flat, laws) if p.kind not in ("input", "output"))
+    (port,) = (p for p in ports_with_laws(flat, laws) if p.kind not in ("input", "output"))
     assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})
     law = next(law for law in laws if law.id == "viscous_friction")
-    use = use_of(law, port, [v.name for v in flat.variables], values={"d": 0.9})
-    wide_flat = compose_law(flat, use, models)
-    written = write_law([path], "Chain", flat, [use], tmp_path / "out")
+    placed = place_law(law, port, [v.name for v in flat.variables], values={"d": 0.9})
+    wide_flat = compose_law(flat, placed, models)
+    written = write_law([path], "Chain", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [path, written.path])))
     base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
     point = somewhere(base.names(), rng)
@@ -214,14 +222,14 @@ end Chain;
 
 @pytest.mark.parametrize("model", FOUND)
 def test_screening_carries_every_law_switched_off(
-    model: str, laws: tuple[Law, ...], models: Models, rng: Generator
+    model: str, laws: tuple[Law, ...], models: LawModels, rng: Generator
 ) -> None:
     flat = rig(model)
-    ports = ports_of(flat, laws)
-    wide_flat, uses = screening(flat, candidates(ports, laws), {}, models)
-    names = [n for u in uses for n in u.names.values()]
+    ports = ports_with_laws(flat, laws)
+    wide_flat, placed_laws = with_candidates(flat, find_candidates(ports, laws), {}, models)
+    names = [n for u in placed_laws for n in u.names.values()]
     assert len(names) == len(set(names))
-    assert {u.id for u in uses} == {f"{law}@{p.id}" for p in ports for law in p.laws} - {
+    assert {u.id for u in placed_laws} == {f"{law}@{p.id}" for p in ports for law in p.laws} - {
         "exchange@h2", "exchange@two.port",
     }  # fmt: skip
     base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
@@ -234,8 +242,8 @@ def test_screening_carries_every_law_switched_off(
 @pytest.mark.parametrize("model", FOUND)
 def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Generator) -> None:
     flat = rig(model)
-    ports = ports_of(flat, laws)
-    wide_flat, names = probe(flat, ports)
+    ports = ports_with_laws(flat, laws)
+    wide_flat, names = with_probes(flat, ports)
     base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
     point = somewhere(base.names(), rng)
     expected = base(point)
@@ -245,11 +253,11 @@ def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Ge
         felt = wide({**quiet, names[port.id]: 0.1})
         changed = {k for k in expected if abs(felt[k] - expected[k]) > 1e-9}
         assert changed, port.id
-        if port.via == "output":
+        if port.attachment == "output":
             assert changed == {port.id}
             assert felt[port.id] - expected[port.id] == pytest.approx(0.1)
         elif port.kind in ("motion", "storage"):
-            first, *other = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s).split(DIFFERENCE_SIGN)
+            first, *other = next(s for s in (port.signals.get("v"), port.signals.get("h")) if s).split(DIFFERENCE)
             faster = {k: felt[f"der({k})"] - expected[f"der({k})"] for k in (first, *other)}
             assert faster[first] > 0, port.id
             assert all(faster[k] < 0 for k in other), port.id
@@ -267,6 +275,6 @@ equation
   (1 + kappa) * m * der(v) = -m * 9.81 * sin(angle);
 end Slope;
 """)
-    (port,) = (p for p in ports_of(load_flat("Slope", [path])) if p.kind == "motion")
+    (port,) = (p for p in ports_with_laws(load_flat("Slope", [path])) if p.kind == "motion")
     assert port.unit == "N"
     assert unit_text(dimension_of_unit("J/s")) == "W"

@@ -10,11 +10,7 @@ from small_rigs import RIGS
 
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import candidates, ports_of
-from aero_bayes.laws.compose import Models, compose_law
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import use_of
-from aero_bayes.laws.write import write_law
+from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_law
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"
@@ -51,52 +47,52 @@ def answer(fmu: Path) -> np.ndarray:
     return found["y"]
 
 
-def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
     """The response to a step begins at once, and then has a longer time constant."""
     path = tmp_path / "Filter.mo"
     path.write_text(FILTER, encoding="utf-8")
     sources = [RIGS / "Shaft.mo", path]
     flat = load_flat("Filter", sources)
-    ports = {p.id: p for p in ports_of(flat, laws)}
+    ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert ports["capacitor.v"].kind == "storage"
-    assert (ports["capacitor.p"].kind, ports["capacitor.p"].via) == ("electrical", "series")
+    assert (ports["capacitor.p"].kind, ports["capacitor.p"].attachment) == ("electrical", "series")
     series = 25.0
-    (c,) = (c for c in candidates([ports["capacitor.p"]], laws) if c.law.id == "series_resistance")
-    use = use_of(c.law, c.port, (), sizes={"v_n": 1.0, "i_n": 0.01}, values={"R_s": series})
-    written = write_law(sources, "Filter", flat, [use], tmp_path / "out")
+    (c,) = (c for c in find_candidates([ports["capacitor.p"]], laws) if c.law.id == "series_resistance")
+    placed = place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values={"R_s": series})
+    written = write_law(sources, "Filter", flat, [placed], tmp_path / "out")
     lines = [line.strip() for line in written.text.splitlines()]
     assert "connect(leak.p, series_resistance.p);" in lines
     assert lines.count("connect(series_resistance.n, capacitor.p);") == 1
     t = np.linspace(0.0, 0.5, 51)
     expected = 3.0 * (1.0 - 100.0 / (100.0 + series) * np.exp(-t / ((100.0 + series) * 1e-3)))
     for made, name in (
-        (compose_law(flat, use, models), "composed"), (load_flat(written.name, [*sources, written.path]), "written"),
+        (compose_law(flat, placed, models), "composed"), (load_flat(written.name, [*sources, written.path]), "written"),
     ):  # fmt: skip
         y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
         assert np.abs(y - expected).max() < 1e-5
 
 
-def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: Models, tmp_path: Path) -> None:
+def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
     """A resistance and a contact before a resistor: they follow each other, at the one place that a branch has."""
     path = tmp_path / "Filter.mo"
     path.write_text(FILTER, encoding="utf-8")
     sources = [RIGS / "Shaft.mo", path]
     flat = load_flat("Filter", sources)
-    port = next(p for p in ports_of(flat, laws) if p.id == "resistor.p")
-    assert (port.kind, port.via, port.states) == ("electrical", "series", ())
+    port = next(p for p in ports_with_laws(flat, laws) if p.id == "resistor.p")
+    assert (port.kind, port.attachment, port.states) == ("electrical", "series", ())
     values = {"series_resistance": {"R_s": 25.0}, "contact_drop": {"V_c": 0.4}}
-    uses = [
-        use_of(c.law, c.port, (), sizes={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
-        for c in candidates([port], laws) if c.law.id in values
+    placed_laws = [
+        place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
+        for c in find_candidates([port], laws) if c.law.id in values
     ]  # fmt: skip
-    written = write_law(sources, "Filter", flat, uses, tmp_path / "out")
+    written = write_law(sources, "Filter", flat, placed_laws, tmp_path / "out")
     lines = [line.strip() for line in written.text.splitlines()]
-    assert len(uses) == 2
+    assert len(placed_laws) == 2
     assert sum(line.endswith("resistor.p);") for line in lines) == 1
     t = np.linspace(0.0, 0.5, 51)
     expected = 2.6 * (1.0 - np.exp(-t / 0.125))
     for made, name in (
-        (compose_law(compose_law(flat, uses[0], models), uses[1], models), "composed"),
+        (compose_law(compose_law(flat, placed_laws[0], models), placed_laws[1], models), "composed"),
         (load_flat(written.name, [*sources, written.path]), "written"),
     ):  # fmt: skip
         y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
@@ -110,7 +106,7 @@ def test_a_branch_has_one_place(laws: tuple[Law, ...], tmp_path: Path) -> None:
     path = tmp_path / "Filter.mo"
     path.write_text(text.replace("  Shaft.Ground", "  Shaft.Resistor one(R = 7);\n  Shaft.Ground"), encoding="utf-8")
     flat = load_flat("Filter", [RIGS / "Shaft.mo", path])
-    found = [p.id for p in ports_of(flat, laws) if p.kind == "electrical"]
+    found = [p.id for p in ports_with_laws(flat, laws) if p.kind == "electrical"]
     # the third is that of the two resistors, which share a current
     assert len(found) == 3
     assert {"capacitor.p", "leak.p"} < set(found)
@@ -139,17 +135,17 @@ end Grounded;
 """
 
 
-def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws: tuple[Law, ...], models: Models, tmp_path):
+def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws: tuple[Law, ...], models: LawModels, tmp_path):
     path = tmp_path / "Grounded.mo"
     path.write_text(GROUNDED, encoding="utf-8")
     flat = load_flat("Grounded", [RIGS / "Shaft.mo", path])
-    ports = {p.id: p for p in ports_of(flat, laws)}
+    ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert (ports["one.p"].kind, ports["series_one.p"].kind) == ("storage", "electrical")
-    drop = next(c for c in candidates(tuple(ports.values()), laws) if c.id == "series_resistance@series_one.p")
-    use = use_of(drop.law, drop.port, [v.name for v in flat.variables], values={"R_s": 50.0})
-    written = write_law([RIGS / "Shaft.mo", path], "Grounded", flat, [use], tmp_path / "written")
+    drop = next(c for c in find_candidates(tuple(ports.values()), laws) if c.id == "series_resistance@series_one.p")
+    placed = place_law(drop.law, drop.port, [v.name for v in flat.variables], values={"R_s": 50.0})
+    written = write_law([RIGS / "Shaft.mo", path], "Grounded", flat, [placed], tmp_path / "written")
     again = load_flat(written.name, [RIGS / "Shaft.mo", path, written.path])
     t, tau = 0.01 * np.arange(51), 150.0 * 1e-3
-    for made, name in ((compose_law(flat, use, models), "composed"), (again, "written")):
+    for made, name in ((compose_law(flat, placed, models), "composed"), (again, "written")):
         y = answer(export_flat(made, tmp_path / f"{name}.fmu"))
         assert np.abs(y - 3.0 * (1.0 - np.exp(-t / tau))).max() < 1e-4

@@ -12,13 +12,8 @@ from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidates import ports_of
-from aero_bayes.laws.compose import Models, compose_law
-from aero_bayes.laws.law import Law
-from aero_bayes.laws.model_sources import names_taken
-from aero_bayes.laws.use import use_of
-from aero_bayes.laws.write import write_law
-from aero_bayes.ports.port import Port
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_law
+from aero_bayes.ports import Port
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};
@@ -61,7 +56,13 @@ end Modelica;
 
 
 def added(
-    model: str, sources: Sequence[Path], port: Port, laws: Sequence[Law], models: Models, folder: Path, rng: Generator
+    model: str,
+    sources: Sequence[Path],
+    port: Port,
+    laws: Sequence[Law],
+    models: LawModels,
+    folder: Path,
+    rng: Generator,
 ) -> tuple[dict[str, float], dict[str, float], str]:
     """A point, what viscous friction or a linear loss of 0.7 changes there in the rates, and the written text.
 
@@ -69,9 +70,9 @@ def added(
     """
     flat = rig(model, *map(str, sources))
     law = next(law for law in laws if law.id in ("viscous_friction", "linear_loss") and law.id in port.laws)
-    use = use_of(law, port, names_taken(flat, sources), values={law.switch.name: 0.7})
-    composed = Numbers(explicit(compose_law(flat, use, models)))
-    written = write_law(list(sources), model, flat, [use], folder)
+    placed = place_law(law, port, reserved_names(flat, sources), values={law.magnitude.name: 0.7})
+    composed = Numbers(explicit(compose_law(flat, placed, models)))
+    written = write_law(list(sources), model, flat, [placed], folder)
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     base = Numbers(explicit(flat))
     point = somewhere(base.names(), rng)
@@ -83,13 +84,13 @@ def added(
 @pytest.mark.parametrize("how", ARMS)
 @pytest.mark.parametrize("joint", [1, 2])
 def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(
-    how: str, joint: int, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    how: str, joint: int, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     balance, expected = ARMS[how]
     sources = [tmp_path / "Arm.mo", tmp_path / "Modelica.mo"]
     sources[0].write_text(ARM.format(how=how, balance=balance), encoding="utf-8")
     sources[1].write_text(LIBRARY, encoding="utf-8")
-    ports = {p.id: p for p in ports_of(rig("Arm", *map(str, sources)), laws)}
+    ports = {p.id: p for p in ports_with_laws(rig("Arm", *map(str, sources)), laws)}
     assert list(ports) == ["tau", "y", "v[1]", "v[2]"]
     port = ports[f"v[{joint}]"]
     assert (port.kind, port.unit, dict(port.signals)) == ("motion", "N.m", {"v": port.id, "x": f"q[{joint}]"})
@@ -134,11 +135,11 @@ end Chain;
     ],
 )
 def test_a_loss_of_one_element_of_a_loop_or_a_vector(
-    n: int, balance: str, expected: str, laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator
+    n: int, balance: str, expected: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     path = tmp_path / "Chain.mo"
     path.write_text(CHAIN.format(n=n, balance=balance), encoding="utf-8")
-    ports = {p.id: p for p in ports_of(rig("Chain", str(path)), laws)}
+    ports = {p.id: p for p in ports_with_laws(rig("Chain", str(path)), laws)}
     assert list(ports) == ["P", "y", *(f"T[{k + 1}]" for k in range(n))]
     at, change, text = added("Chain", [path], ports["T[2]"], laws, models, tmp_path / "out", rng)
     assert ports["T[2]"].unit == "W"
@@ -148,7 +149,9 @@ def test_a_loss_of_one_element_of_a_loop_or_a_vector(
     assert expected in text
 
 
-def test_one_of_an_array_of_components(laws: tuple[Law, ...], models: Models, tmp_path: Path, rng: Generator) -> None:
+def test_one_of_an_array_of_components(
+    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+) -> None:
     path = tmp_path / "Plant.mo"
     path.write_text(
         """model Vessel
@@ -170,7 +173,7 @@ end Plant;
 """,
         encoding="utf-8",
     )
-    ports = {p.id: p for p in ports_of(rig("Plant", str(path)), laws)}
+    ports = {p.id: p for p in ports_with_laws(rig("Plant", str(path)), laws)}
     at, change, text = added("Plant", [path], ports["tank[2].h"], laws, models, tmp_path / "out", rng)
     moved = {k: v for k, v in change.items() if v != 0.0}
     assert moved == pytest.approx({"der(tank[2].h)": -0.7 * at["tank[2].h"] / 2})
@@ -193,5 +196,5 @@ end Space;
         encoding="utf-8",
     )
     flat: FlatModel = rig("Space", str(path))
-    (port,) = (p for p in ports_of(flat, laws) if p.kind not in ("input", "output"))
+    (port,) = (p for p in ports_with_laws(flat, laws) if p.kind not in ("input", "output"))
     assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})

@@ -21,7 +21,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.report import write_report
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
-SHAPES = {"path", "use", "rect", "line", "circle"}
+LAW_INTERFACES = {"path", "use", "rect", "line", "circle"}
 KINDS = ("loop", "posterior")
 
 

@@ -16,11 +16,11 @@ from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
 from aero_bayes.report.embed import BITS, pack
 from aero_bayes.report.figure import numbers
 from aero_bayes.report.posterior_figures import most_correlated
-from aero_bayes.report.residual_figures import autocorrelation
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, signed, significant, symbol, tidy
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
+from aero_bayes.sensors.whiteness import autocorrelation
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import run
 from aero_bayes.sample.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(

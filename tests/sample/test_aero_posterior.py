@@ -94,7 +94,7 @@ def test_predictive_band_holds_its_share_of_the_readings(posterior: Posterior) -
 def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[str, Model]) -> None:
     truth = Truth("one_dof", TRUTH, (effect("pivot_coulomb_friction", tau_c=1.5e-3),), 0.006)
     wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
-    assert wrong.noise["theta"].held
+    assert wrong.noise["theta"].model_error
     assert any("does not explain theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
         assert abs(wrong.value(name) - getattr(TRUTH, name)) < 5.5 * wrong.parameters[name].sd, name
@@ -112,7 +112,7 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
     assert found.rms["theta"] < 0.0108
-    assert found.noise["theta"].held
+    assert found.noise["theta"].model_error
     assert 9.0 < found.value("R_a") < 10.5
     assert 0.003 < found.value("input_delay") < 0.006
     assert found.parameters["L_a"].sd is None

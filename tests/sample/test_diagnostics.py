@@ -6,7 +6,7 @@ import arviz as az
 import numpy as np
 import pytest
 
-from aero_bayes.sample.diagnostics import autocorrelation_time, diagnose, r_hat
+from aero_bayes.sample import autocorrelation_time, diagnose, r_hat
 
 
 def ar1(rng: np.random.Generator, rho: float, shape: tuple[int, int, int]) -> np.ndarray:

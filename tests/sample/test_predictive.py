@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sample.predictive import predict
+from aero_bayes.sample import posterior_predictive
 from aero_bayes.simulation import Outcome
 
 
@@ -26,4 +26,4 @@ def test_draws_that_all_fail_are_one_line() -> None:
     )
     joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
     with pytest.raises(CannotFinishError, match="no draw of the posterior could be simulated"):
-        predict(joint, np.zeros((30, 4)), np.random.default_rng(1))
+        posterior_predictive(joint, np.zeros((30, 4)), np.random.default_rng(1))

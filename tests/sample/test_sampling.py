@@ -18,7 +18,8 @@ from emcee.moves import MHMove
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample import SampleSettings
+from aero_bayes.sample.mcmc import Chain, run
 from aero_bayes.sample.moves import StretchMove, WarpedStudentT
 from aero_bayes.sample.tuning import Tuned
 

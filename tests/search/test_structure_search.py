@@ -16,7 +16,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search import Parts, Structure, StructureSettings
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.edits import likely_pairs, term_directions
@@ -25,8 +25,7 @@ from aero_bayes.search.models import CandidateModel, Noise
 from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
 from aero_bayes.search.starts import START_RULES, starting_points
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
 TIME = np.arange(600) * 0.05
 #: Response to each parameter: two of the base, three of effects (the last is a twin of the first effect).

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
-from aero_bayes.sensors.noise import Sampling, log_density, whiten
+from aero_bayes.sensors import SampleTimes, log_density, whiten
 
 
 def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: O
     reference = multivariate_normal(np.zeros(60), dense(t, noise)).logpdf(r)
     assert log_density(t, r, noise) == pytest.approx(reference, rel=1e-8)
     white = innovations(t, r, noise)
-    _, log_determinant = whiten(r[None], Sampling.of(t, r), noise)
+    _, log_determinant = whiten(r[None], SampleTimes.of(t, r), noise)
     density = -0.5 * float(white @ white) - 0.5 * log_determinant - 30 * np.log(2 * np.pi)
     assert density == pytest.approx(reference, rel=1e-8)
     gaps = rng.random(60) < 0.3
@@ -44,7 +44,7 @@ def test_density_agrees_with_dense_algebra_on_irregular_times_with_gaps(noise: O
     reference = multivariate_normal(np.zeros(kept.sum()), dense(t[kept], noise)).logpdf(r[kept])
     assert log_density(t, np.where(gaps, np.nan, r), noise) == pytest.approx(reference, rel=1e-8)
     columns = rng.normal(size=(60, 3))
-    white, _ = whiten(columns.T, Sampling.of(t, r), noise)
+    white, _ = whiten(columns.T, SampleTimes.of(t, r), noise)
     products = columns.T @ np.linalg.solve(dense(t, noise), columns)
     np.testing.assert_allclose(white @ white.T, products, rtol=1e-6, atol=1e-6 * np.max(np.diag(products)))
 
@@ -82,15 +82,15 @@ def test_what_lasts_too_long_for_noise_is_held_at_its_own_size_and_the_rest_is_s
     time = np.arange(3000) * 0.01
     rng = np.random.default_rng(8)
     brief = estimate_noise([time], [draw(rng, time, OutputNoise(0.01, 0.02, 0.15))])
-    assert not brief.held
-    assert brief.searched == (True, True, True)
+    assert not brief.model_error
+    assert brief.estimated == (True, True, True)
     small = estimate_noise([time], [draw(rng, time, OutputNoise(0.05, 0.02, 1.2))])
-    assert not small.held
+    assert not small.model_error
     slow = draw(rng, time, OutputNoise(0.01, 0.02, 1.2))
     smooth = 0.03 * np.sin(2.0 * time) + 0.01 * rng.standard_normal(time.size)
     for residual in (slow, smooth):
         found = estimate_noise([time], [residual])
-        assert found.held
+        assert found.model_error
         assert found.kind == "white"
         assert found.sd == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
-        assert found.searched == (False, False, False)
+        assert found.estimated == (False, False, False)

@@ -13,12 +13,7 @@ from aero_bayes.data import read_recording
 from aero_bayes.estimate import FitSettings, NoiseModel, fit
 from aero_bayes.estimate.fit import without_ripple
 from aero_bayes.export import export_fmu
-from aero_bayes.sensors.counts import (
-    counts_of,
-    interval_log_density,
-    rounding_error,
-)
-from aero_bayes.sensors.ripple import find_ripple
+from aero_bayes.sensors import describe_quantisation, find_ripple, interval_log_density, rounding_error
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.curves import ripple_series
 
@@ -97,8 +92,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 
 def test_a_fit_is_freed_of_its_ripple(model):
-    rippling = bench.Noise(white=0.005, ripple=(0.004, 0.02))
-    sensors = bench.Sensors(rippling, bench.Noise(white=1.0), bench.Noise(white=0.002))
+    rippling = bench.SensorNoise(white=0.005, ripple=(0.004, 0.02))
+    sensors = bench.Sensors(rippling, bench.SensorNoise(white=1.0), bench.SensorNoise(white=0.002))
     levels = bench.random_levels(np.random.default_rng(3), 16.0, 8.0)
     recording = bench.simulate_recording(
         bench.Truth("one_dof", bench.Parameters(), (), 0.006), levels, sensors,
@@ -156,7 +151,10 @@ def counted(model):
     """A fit to a pitch encoder of 64 counts whose noise before rounding is a fifth of a count."""
     step = 2.0 * np.pi / 64
     sensors = bench.Sensors(
-        bench.Noise(white=0.005), bench.Noise(white=1.0), bench.Noise(white=0.2 * step), encoder_counts=64
+        bench.SensorNoise(white=0.005),
+        bench.SensorNoise(white=1.0),
+        bench.SensorNoise(white=0.2 * step),
+        encoder_counts=64,
     )
     levels = bench.random_levels(np.random.default_rng(6), 20.0, 10.0)
     recording = bench.simulate_recording(
@@ -170,12 +168,12 @@ def counted(model):
 def test_counts_are_described(counted):
     fitted, step = counted
     time, readings, smooth = fitted.calibration.experiments[0].time, fitted.calibration.readings[0], fitted.fitted[0]
-    found = counts_of(time, readings[:, 2], smooth[:, 2])
+    found = describe_quantisation(time, readings[:, 2], smooth[:, 2])
     assert found.step == pytest.approx(step, rel=1e-6)
     assert found.sd == pytest.approx(0.2 * step, rel=0.25)
     assert found.share == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
     assert found.gain > 0.0
-    assert counts_of(time, readings[:, 0], smooth[:, 0]) is None
+    assert describe_quantisation(time, readings[:, 0], smooth[:, 0]) is None
     assert fitted.sensors["theta"]["encoder"]["step"] == pytest.approx(step, rel=1e-6)
 
 
@@ -184,7 +182,7 @@ def test_exact_likelihood_is_asked_for_where_counts_are_coarse(size, exact):
     time = np.arange(0.0, 40.0, 0.01)
     signal = 30.0 * np.sin(0.7 * time)
     readings = np.round(signal + size * np.random.default_rng(9).standard_normal(time.size))
-    found = counts_of(time, readings, signal)
+    found = describe_quantisation(time, readings, signal)
     assert found.exact is exact
     assert found.step == pytest.approx(1.0)
     assert found.sd == pytest.approx(size, rel=0.05)

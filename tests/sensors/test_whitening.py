@@ -7,8 +7,15 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
-from aero_bayes.sensors.innovations import reading_log_density
-from aero_bayes.sensors.noise import OutputNoise, Sampling, innovations, log_density, update_output_noise, whiten
+from aero_bayes.sensors import (
+    OutputNoise,
+    SampleTimes,
+    innovations,
+    log_density,
+    reading_log_density,
+    update_output_noise,
+    whiten,
+)
 
 NOISES = [
     OutputNoise(0.7),
@@ -56,7 +63,7 @@ def draw(rng, n, interval, noise):
 @pytest.mark.parametrize("kind", TIMES)
 def test_inner_products_and_determinant_are_those_of_the_dense_covariance(noise, kind):
     time, values = sampled(kind)
-    sampling = Sampling.of(time, values)
+    sampling = SampleTimes.of(time, values)
     seen = values[sampling.index]
     rows = np.stack([seen, seen * 2.0 + 1.0, np.sin(3.0 * time[sampling.index]), np.ones(seen.size)])
     white, log_det = whiten(rows, sampling, noise)
@@ -79,7 +86,7 @@ def test_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
 
 
 def renewed(time, residual, **more):
-    return update_output_noise([residual], [Sampling.of(time, residual)], longest=10.0, **more)
+    return update_output_noise([residual], [SampleTimes.of(time, residual)], longest=10.0, **more)
 
 
 def test_estimate_recovers_the_noise():
@@ -118,7 +125,7 @@ def test_noise_may_last_no_longer_than_it_is_allowed():
     """A slow sine has no correlation time below the limit; without one its own, seconds long, would be taken."""
     time = np.arange(3000) * 0.01
     residual = np.sin(0.8 * time) + 0.05 * np.random.default_rng(15).normal(size=3000)
-    sampling = Sampling.of(time, residual)
+    sampling = SampleTimes.of(time, residual)
     assert update_output_noise([residual], [sampling]).tau <= 0.02 * 30.0 * (1 + 1e-9)
     assert update_output_noise([residual], [sampling], longest=10.0).tau > 1.0
 

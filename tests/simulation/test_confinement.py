@@ -24,7 +24,7 @@ from aero_bayes.simulation import (
     SolverSettings,
     WorkerPool,
     confinement,
-    workers,
+    supervision,
 )
 
 (PRINT_FOREVER, ALLOCATE, ALLOCATE_SHARED, FORK, EXECUTE, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE, CONNECT,
@@ -90,9 +90,9 @@ def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
 
 def spoil_slots(problem: Problem) -> None:
     """The shared memory within the model's reach, the pipes of its worker out of it: only the clock can tell."""
-    workers.MAX_SILENCE = 1e6
+    supervision.MAX_SILENCE = 1e6
     with WorkerPool(1) as pool:
-        assert pool._arena_fd < REACH
+        assert pool.group.memory.fd < REACH
         taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(40)]
         assert min(taken[-2:]) >= REACH
         check(problem, [SAY_DONE, FINE, SAY_DONE, FINE], pool)

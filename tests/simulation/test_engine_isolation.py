@@ -16,6 +16,7 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import (
+    MAX_LOST_RUNS,
     Experiment,
     InputSignal,
     NativeSimulator,
@@ -25,7 +26,6 @@ from aero_bayes.simulation import (
     SolverSettings,
     WorkerPool,
 )
-from aero_bayes.simulation.workers import MAX_LOST_RUNS
 
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)
@@ -140,10 +140,9 @@ def test_a_killed_worker_is_replaced(test_fmu):
     problem = trouble(test_fmu)
     with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
         simulator.simulate(np.zeros((1, 1)))
-        worker = pool._workers[0]
-        assert worker is not None
-        os.kill(worker.process.pid, signal.SIGKILL)
-        worker.process.wait()
+        (worker,) = pool.processes
+        os.kill(worker, signal.SIGKILL)
+        os.waitid(os.P_PID, worker, os.WEXITED | os.WNOWAIT)
         assert np.all(simulator.simulate(np.zeros((2, 1))).outcomes == Outcome.OK)
         assert pool.replaced == 1
 
@@ -166,9 +165,9 @@ def test_memory_is_bounded_in_the_batch(test_fmu, pool):
     )
     with NativeSimulator(problem, pool=pool) as simulator:
         simulator.log_likelihood(np.full((20_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
-        before = pool.arena.size
+        before = pool.memory.size
         result = simulator.log_likelihood(np.full((100_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
-        assert pool.arena.size == before
+        assert pool.memory.size == before
     assert np.unique(result.log_likelihood).size == 1
 
 
@@ -228,15 +227,14 @@ def stopped(pool: WorkerPool, seconds: float = math.inf) -> tuple[threading.Thre
     task: list[int] = []
 
     def stop() -> None:
-        worker = pool._workers[0]
-        assert worker is not None
-        while pool._slots[0, 0] < 0:
+        (worker,) = pool.processes
+        while pool.tasks[0] < 0:
             clock.sleep(0.001)
-        os.kill(worker.process.pid, signal.SIGSTOP)
-        task.append(int(pool._slots[0, 0]))
+        os.kill(worker, signal.SIGSTOP)
+        task.append(pool.tasks[0])
         if math.isfinite(seconds):
             clock.sleep(seconds)
-            os.kill(worker.process.pid, signal.SIGCONT)
+            os.kill(worker, signal.SIGCONT)
 
     thread = threading.Thread(target=stop)
     thread.start()
@@ -281,7 +279,7 @@ problem = Problem(Model.load(sys.argv[1]), (Experiment(np.linspace(0, 2, 41), ("
                   settings=SolverSettings(time_limit=60.0))
 simulator = NativeSimulator(problem, workers=1)
 simulator.simulate(np.zeros((1, 1)))
-print(simulator.pool._workers[0].process.pid, flush=True)
+print(simulator.pool.processes[0], flush=True)
 simulator.simulate(np.full((1, 1), 2.0))
 """
 

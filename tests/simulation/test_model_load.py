@@ -86,18 +86,18 @@ def test_unusable_files_are_named(test_fmu, tmp_path, edit, message):
 
 
 UNTRUE = [
-    ((b'derivative="1"', b'derivative="0"'), r"the state of 'der\(x\)' is said to be variable 0 of 10"),
-    ((b'derivative="1"', b'derivative="-1"'), r"the state of 'der\(x\)' is said to be variable -1 of 10"),
-    ((b'derivative="1"', b'derivative="11"'), r"the state of 'der\(x\)' is said to be variable 11 of 10"),
-    ((b'derivative="1"', b'derivative="2"'), r"'der\(x\)' cannot be the derivative of 'der\(x\)'"),
-    ((b'<Derivatives><Unknown index="2"', b'<Derivatives><Unknown index="0"'), "a derivative is said to be variable 0"),
-    ((b'valueReference="3"', b'valueReference="-3"'), "the value reference -3 of 'a'"),
-    ((b'valueReference="3"', b'valueReference="4294967296"'), "the value reference 4294967296 of 'a'"),
-    ((b'name="a"', b'name="b"'), "two variables have the name 'b'"),
+    ((b'derivative="1"', b'derivative="0"'), r"'der\(x\)' .*\b0 of 10"),
+    ((b'derivative="1"', b'derivative="-1"'), r"'der\(x\)' .*-1 of 10"),
+    ((b'derivative="1"', b'derivative="11"'), r"'der\(x\)' .*\b11 of 10"),
+    ((b'derivative="1"', b'derivative="2"'), r"'der\(x\)' .*'der\(x\)'"),
+    ((b'<Derivatives><Unknown index="2"', b'<Derivatives><Unknown index="0"'), "variable 0 of 10"),
+    ((b'valueReference="3"', b'valueReference="-3"'), "-3 of 'a'"),
+    ((b'valueReference="3"', b'valueReference="4294967296"'), "4294967296 of 'a'"),
+    ((b'name="a"', b'name="b"'), "name 'b'"),
 ]
 
 
-@pytest.mark.parametrize(("edit", "message"), [*UNTRUE, (None, "minimum 2 above its maximum 1")])
+@pytest.mark.parametrize(("edit", "message"), [*UNTRUE, (None, "2 .* maximum 1")])
 @pytest.mark.parametrize("version", [2, 3])
 def test_what_cannot_be_true_is_named(test_fmu, tmp_path, edit, message, version):
     source = test_fmu("Dahlquist", defines=("FMI3",) if version == 3 else ()).path
@@ -126,7 +126,7 @@ def edited_binary(edit: Callable[[bytes], bytes]) -> Edit:
 )
 def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
     path = rewrite(test_fmu("Dahlquist").path, tmp_path / "bad.fmu", edited_binary(lambda _: binary))
-    with pytest.raises(InputError, match=r"Dahlquist_dd\.so is no shared library for Linux on x86-64"):
+    with pytest.raises(InputError, match=r"Dahlquist_dd\.so .*x86-64"):
         Model.load(path)
 
 
@@ -134,7 +134,7 @@ def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"\0libm.so.6\0", b"\0libq.so.3\0", "cannot be loaded: libq.so.3: cannot open shared object file"),
+        (b"\0libm.so.6\0", b"\0libq.so.3\0", r"libq\.so\.3"),
         (b"\0fmi2SetReal\0", b"\0fmi2SetRule\0", "cannot be loaded: .*(lacks|fmi2SetReal)"),
     ],
 )
@@ -175,7 +175,7 @@ def test_a_member_that_is_there_twice(test_fmu, tmp_path):
         with zipfile.ZipFile(path, "a") as archive:
             archive.writestr("resources/y.txt", data)
     assert Model.load(tmp_path / "same.fmu").unpack(tmp_path).is_file()
-    with pytest.raises(InputError, match=r"'resources/y\.txt' is there twice, with different contents"):
+    with pytest.raises(InputError, match=r"'resources/y\.txt'.* twice"):
         Model.load(tmp_path / "other.fmu")
 
 

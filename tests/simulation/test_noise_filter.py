@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.simulation import Experiment, NativeSimulator, ParameterTarget, Problem, SolverSettings, StartTarget
-from aero_bayes.simulation.gaussian import products
+from aero_bayes.simulation.gaussian import gauss_newton_products
 
 GRIDS = {
     "uniform": np.linspace(0.0, 3.0, 121),
@@ -63,7 +63,7 @@ def test_likelihood_and_products(test_fmu, here, grid, noise, gaps):
     np.testing.assert_allclose(gn.cost[0], cost, rtol=1e-7)
     np.testing.assert_allclose(gn.gradient[0], gradient, rtol=1e-6, atol=1e-7 * np.abs(gradient).max())
     np.testing.assert_allclose(gn.hessian[0], hessian, rtol=1e-6, atol=1e-8 * np.abs(hessian).max())
-    other = products(time, measured, y, s, noises[0])
+    other = gauss_newton_products(time, measured, y, s, noises[0])
     np.testing.assert_allclose(other[3], expected, rtol=1e-8)
     np.testing.assert_allclose(other[2], hessian, rtol=1e-7, atol=1e-9 * np.abs(hessian).max())
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws.compose import Models, law_models
+from aero_bayes.laws.compose import LawModels, law_models
 from aero_bayes.laws.fmu_coupling import couple
 from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import Law, general_laws
-from aero_bayes.laws.use import use_of
+from aero_bayes.laws.law import Law, shipped_laws
+from aero_bayes.laws.placed_law import place_law
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -41,8 +41,8 @@ CASES = [
 
 
 @pytest.fixture(scope="module")
-def gain() -> tuple[Law, Models]:
-    law = next(law for law in general_laws() if (law.kind, law.id) == ("output", "gain"))
+def gain() -> tuple[Law, LawModels]:
+    law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
     return law, law_models([law])
 
 
@@ -54,7 +54,7 @@ def test_a_law_that_is_off_changes_nothing(
     around, (law, models) = FmuBoundary(inner), gain
     port = max((p for p in around.ports if p.kind == "reading"), key=lambda p: p.id == output)
     taken = {*around.names.values(), *(v.name for v in inner.parameters)}
-    seam = around.seam([use_of(law, port, taken)], models)
+    seam = around.seam([place_law(law, port, taken)], models)
     couple(inner, seam, tmp_path / "around.fmu", tmp_path / "laws.fmu")
     drive = (DRIVE,) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}

@@ -32,7 +32,7 @@ def test_what_is_left_out_is_said_in_the_configuration(tmp_path: Path, monkeypat
         said.append(tomllib.loads((folder / "rig.toml").read_text(encoding="utf-8")).get("loop"))
         return Answer("adequate")
 
-    monkeypatch.setattr(ablation, "close_loop", program)
+    monkeypatch.setattr(ablation, "close_loop_by_command", program)
     for part in ("", "beam"):
         (tmp_path / "rig.toml").write_text('[model]\nname = "Rig"\n', encoding="utf-8")
         ablation.close_without(tmp_path, part)

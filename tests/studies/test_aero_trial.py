@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.bench import Levels, Truth, sample_times, simulate
+from aero_bayes.bench import Levels, Truth, even_times, simulate_truth
 from aero_bayes.bench.effects import KINDS
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_trial import draw_trial
+from aero_trial import draw_aero_trial
 from aero_trial.outside import KINDS as OUTSIDE
 
 
@@ -28,8 +28,8 @@ def test_trials_are_what_was_asked_for(kind: str, noise: str) -> None:
     nominal = {"R_a": 8.4, "c_m": 0.042, "k_d": 2.4e-8, "k_t": 2.9e-7, "D_p": 0.0071, "K_sp": 0.0375}
     seen = set()
     for seed in range(60):
-        spec = draw_trial(np.random.default_rng(seed), kind, noise)  # type: ignore[arg-type]
-        assert spec == draw_trial(np.random.default_rng(seed), kind, noise)  # type: ignore[arg-type]
+        spec = draw_aero_trial(np.random.default_rng(seed), kind, noise)  # type: ignore[arg-type]
+        assert spec == draw_aero_trial(np.random.default_rng(seed), kind, noise)  # type: ignore[arg-type]
         names = [effect.id for effect in spec.truth.effects]
         assert len(set(names)) == len(names) == {"single": 1, "none": 0, "pair": 2, "outside": 1}[kind]
         assert all(name in (OUTSIDE if kind == "outside" else KINDS) for name in names)
@@ -46,11 +46,11 @@ def test_trials_are_what_was_asked_for(kind: str, noise: str) -> None:
 
 def test_unknown_kind_is_refused() -> None:
     with pytest.raises(InputError, match="no trial of kind"):
-        draw_trial(np.random.default_rng(0), "double")  # type: ignore[arg-type]
+        draw_aero_trial(np.random.default_rng(0), "double")  # type: ignore[arg-type]
 
 
 def test_truth_stays_apart_from_the_recordings(tmp_path: Path) -> None:
-    spec = draw_trial(np.random.default_rng(3), "single", "real")
+    spec = draw_aero_trial(np.random.default_rng(3), "single", "real")
     train, test = spec.write(spec.record(), tmp_path / "seen", tmp_path / "hidden" / "truth.json")
     assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["test.csv", "train.csv"]
     assert train.read_text().splitlines()[0] == "time,V_m,i_m,omega_m,theta"
@@ -67,14 +67,16 @@ def test_truth_stays_apart_from_the_recordings(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_effects_outside_the_catalogue_run_show_and_vanish(name: str) -> None:
     kind = OUTSIDE[name]
-    time = sample_times(20.0, 100.0)
+    time = even_times(20.0, 100.0)
     design = Levels((0.0, 1.5, 5.0, 8.0, 12.0), (14.0, -8.0, 15.0, -14.0, 4.0))
     large = {key: high for key, (_, high) in kind.ranges.items()}
     if "time" in large:
         large["time"] = 10.0
-    base = simulate(Truth(), design, time)
-    with_effect = simulate(Truth(effects=(kind.truth(**large),)), design, time, kinds=OUTSIDE)
-    without = simulate(Truth(effects=(kind.truth(**(large | {kind.magnitude: 0.0})),)), design, time, kinds=OUTSIDE)
+    base = simulate_truth(Truth(), design, time)
+    with_effect = simulate_truth(Truth(effects=(kind.truth(**large),)), design, time, kinds=OUTSIDE)
+    without = simulate_truth(
+        Truth(effects=(kind.truth(**(large | {kind.magnitude: 0.0})),)), design, time, kinds=OUTSIDE
+    )
     changes = []
     for output in ("i_m", "omega_m", "theta"):
         span = np.ptp(getattr(base, output))

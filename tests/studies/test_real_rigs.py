@@ -13,7 +13,7 @@ import real_rigs
 import rig_references
 from aero_bayes.config import load_config
 from aero_bayes.export import export_fmu
-from real_rigs_table import judge, table
+from real_rigs_table import judge_answer, table
 
 STARTS = {"tanks": (5.0, 5.0)}
 STEPS = {"play": 0.05, "aero_step": 16.5, "aero_pulse": 16.5, "aero_2dof": 10.0}
@@ -103,14 +103,14 @@ def test_names_are_right_missed_false_or_other() -> None:
     expected, fine, false = [["overflow@h1"], ["lag@u", "delay@u"]], ["offset@*"], ["gain@*"]
     best = {start: {"rms": {"y": rms}} for start, rms in (("free", 0.2), ("as_read", 0.3))}
     answer = row("overflow@h1", "offset@h2", "gain@u", "curve@y")
-    one = judge(answer, best, expected, fine, false, {"x_b": 0.03, "gone": 1.0})
+    one = judge_answer(answer, best, expected, fine, false, {"x_b": 0.03, "gone": 1.0})
     assert (one["right"], one["missed"]) == (["overflow@h1"], ["lag@u or delay@u"])
     assert (one["false"], one["other"]) == (["gain@u"], ["curve@y"])
     assert one["over_reference"]["free"]["together"] == pytest.approx(1.5)
     assert one["standard_deviations_off"] == {"x_b": pytest.approx(2.0), "gone": None}
-    same = judge(row("gain@u", equivalent=(("gain@u", "delay@u"),)), {}, expected, fine, false, {})
+    same = judge_answer(row("gain@u", equivalent=(("gain@u", "delay@u"),)), {}, expected, fine, false, {})
     assert (same["right"], same["false"]) == (["gain@u"], [])
-    alone = judge(row("backlash@w", "offset@w"), {}, [["backlash@w"]], [], ["*"], {})
+    alone = judge_answer(row("backlash@w", "offset@w"), {}, [["backlash@w"]], [], ["*"], {})
     assert (alone["right"], alone["false"]) == (["backlash@w"], ["offset@w"])
     text = table([one, {"key": "other", "code": "0", "seconds": 2.0, "error": "stopped"}])
     assert "1 of 2 expected names found, 1 false names" in text
@@ -119,7 +119,7 @@ def test_names_are_right_missed_false_or_other() -> None:
 
 
 def test_a_case_whose_recordings_are_not_there_is_left_out(tmp_path: Path) -> None:
-    case = real_rigs.Case("rig", ("a.csv",), ("b.csv",))
+    case = real_rigs.RigCase("rig", ("a.csv",), ("b.csv",))
     (tmp_path / "a.csv").touch()
     assert case.find([tmp_path]) is None
     (tmp_path / "b.csv").touch()

@@ -24,7 +24,7 @@ from paper_replay.published import (
 )
 from paper_replay.rigs import OUTPUTS, Rigs, export_models
 from paper_replay.swarm import swarm_recipe
-from paper_replay.visibility import COLUMNS, DELAY, Visibility, look, problem_of
+from paper_replay.visibility import COLUMNS, DELAY, Visibility, judge_visibility, sensitivity_problem
 
 COLUMN = {name: k for k, name in enumerate(OUTPUTS)}
 
@@ -195,10 +195,10 @@ def test_visibility_is_the_cramer_rao_bound(rigs, recording, models, opened):
     """Bounds from finite differences of a second implementation; J_r and J_s as a null direction; L_a unseen."""
     values = dict(zip(COLUMNS, (8.9, 1.16e-3, 0.0415, 3.5e-6, 4e-6, 2.6e-8, 2.7e-7, 0.01, 0.039), strict=True))
     delay, noise = 0.006, np.array([5e-3, 1.0, 2e-3])
-    problem = problem_of(models["OneDof"], rigs.experiment)
+    problem = sensitivity_problem(models["OneDof"], rigs.experiment)
     vector = np.array([*values.values(), delay])
     found = opened(problem).simulate(vector[None, :], active=list(range(vector.size)))
-    seen = look(problem, found.outputs[0][0], found.sensitivities[0][0], vector, noise)
+    seen = judge_visibility(problem, found.outputs[0][0], found.sensitivities[0][0], vector, noise)
 
     def run(changed, late=delay):
         return quadratic_run(values | changed, recording.time, late) / noise

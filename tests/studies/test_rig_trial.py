@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.data import Layout, Quantity, read_recording
-from rig_trial import Answer, Task, answer_of, attempt, tasks_of
-from rig_trial_table import calibration, right_kin, right_law, right_pair, right_place, summarise
-from simulated_rigs import LawTruth, Place, draw_trial
-from simulated_rigs.nodes import connected, same_places
+from aero_bayes.data import ColumnSpec, Layout, read_recording
+from rig_trial import Answer, RigTrialTask, answer_of, attempt_rig_trial, rig_trial_tasks
+from rig_trial_table import calibration, right_law, right_or_similar, right_pair, right_place, summarise
+from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
+from simulated_rigs.nodes import joined_connectors, same_places
 from trial_runs import run_trials, write_summary
 
 
 def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
     """A program that always answers the same, having looked at what it was given."""
     assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
-    layout = Layout((Quantity("P", "W"),), (Quantity("T_heater", "K"), Quantity("T_plate", "K")))
+    layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
     test = read_recording(folder / "test.csv", layout=layout)
     rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
     found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "odds": 0.9} for one in ids)
@@ -27,8 +27,8 @@ def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) 
 
 
 def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Path) -> None:
-    task = Task(11001, "heat", "law", 1)
-    trial = draw_trial("heat", 1)
+    task = RigTrialTask(11001, "heat", "law", 1)
+    trial = draw_rig_trial("heat", 1)
     (law,) = trial.truth.laws
     ids = same_places(trial, law)
     rows = {}
@@ -38,11 +38,11 @@ def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Pat
         ("wrong", "delay@elsewhere", ()),
     ):
         program = lambda folder, answer=answer, same=same: says(answer, folder=folder, equivalent=same)  # noqa: E731
-        (rows[name],) = run_trials([task], partial(attempt, program=program), tmp_path / name / "rows.sqlite")
+        (rows[name],) = run_trials([task], partial(attempt_rig_trial, program=program), tmp_path / name / "rows.sqlite")
         assert "error" not in rows[name]
     assert [right_law(row) for row in rows.values()] == [True, True, False]
     assert [right_place(row) for row in rows.values()] == [True, True, False]
-    noise = trial.test.outputs["T_plate"] - trial.silent["test"].outputs["T_plate"]
+    noise = trial.test.outputs["T_plate"] - trial.noise_free["test"].outputs["T_plate"]
     expected = np.std(trial.test.outputs["T_plate"]) / np.sqrt(np.mean(noise**2))
     assert rows["right"]["after_over_noise"]["T_plate"] == pytest.approx(expected)
     summary, text = summarise(list(rows.values()), 17001, 11001)
@@ -51,13 +51,13 @@ def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Pat
 
 
 def test_finished_trials_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
-    tasks = tasks_of(11001, {"none": 2}, ("heat",))
+    tasks = rig_trial_tasks(11001, {"none": 2}, ("heat",))
 
     def fails(folder: Path) -> Answer:
         raise RuntimeError("no such thing")
 
-    first = run_trials(tasks[:1], partial(attempt, program=_nothing), tmp_path / "rows.sqlite")
-    both = run_trials(tasks, partial(attempt, program=fails), tmp_path / "rows.sqlite")
+    first = run_trials(tasks[:1], partial(attempt_rig_trial, program=_nothing), tmp_path / "rows.sqlite")
+    both = run_trials(tasks, partial(attempt_rig_trial, program=fails), tmp_path / "rows.sqlite")
     assert both[0] == first[0]
     assert both[1]["error"] == "RuntimeError: no such thing"
     summary, text = summarise(both, 17001, 11001)
@@ -86,7 +86,7 @@ def row(what: str, truth: str, found: tuple[str, ...], odds: float = 0.5, **more
 def test_rates_and_odds_are_counted() -> None:
     friction = row("law", "stribeck_friction@v", ("coulomb_friction@v",))
     assert not right_law(friction)
-    assert right_kin(friction)
+    assert right_or_similar(friction)
     assert right_place(friction)
     assert right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u")))
     assert not right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
@@ -107,14 +107,16 @@ def test_rates_and_odds_are_counted() -> None:
 
 def test_places_go_by_all_their_names() -> None:
     text = "connect(a.p, b.p);\n connect( c.p , b.p ); connect(d.p, e.n);"
-    assert sorted(map(sorted, connected(text))) == [["a.p", "b.p", "c.p"], ["d.p", "e.n"]]
-    motor, circuit = (draw_trial(name, 0, what="none") for name in ("motor", "circuit"))
-    assert same_places(motor, LawTruth("offset", Place("balance", "w"), {})) == ["offset@w"]
-    assert same_places(motor, LawTruth("lag", Place("output", "speed"), {})) == ["lag@speed", "lag@output_speed"]
-    drop = {id_.partition("@")[2] for id_ in same_places(circuit, LawTruth("heating", Place("balance", "coil.i"), {}))}
+    assert sorted(map(sorted, joined_connectors(text))) == [["a.p", "b.p", "c.p"], ["d.p", "e.n"]]
+    motor, circuit = (draw_rig_trial(name, 0, what="none") for name in ("motor", "circuit"))
+    assert same_places(motor, LawTruth("offset", LawPlace("balance", "w"), {})) == ["offset@w"]
+    assert same_places(motor, LawTruth("lag", LawPlace("output", "speed"), {})) == ["lag@speed", "lag@output_speed"]
+    drop = {
+        id_.partition("@")[2] for id_ in same_places(circuit, LawTruth("heating", LawPlace("balance", "coil.i"), {}))
+    }
     assert drop == {"coil.i", "coil.p", "coil.n", "source.p"}
-    cart = draw_trial("cart", 0, what="none")
-    names = same_places(cart, LawTruth("coulomb_friction", Place("balance", "mass.v"), {}))
+    cart = draw_rig_trial("cart", 0, what="none")
+    names = same_places(cart, LawTruth("coulomb_friction", LawPlace("balance", "mass.v"), {}))
     assert names[0] == "coulomb_friction@mass.v"
     assert {"coulomb_friction@mass.flange", "coulomb_friction@drive.flange"} <= set(names)
 

@@ -7,10 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from aero_bayes.errors import InputError
-from simulated_rigs import LawTruth, Place, places, simulate
+from simulated_rigs import LawPlace, LawTruth, law_places, simulate_rig
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.linear import run_linear
-from simulated_rigs.signals import delayed, faded, lagged, play, rate_limited
+from simulated_rigs.signals import (
+    command_with_play,
+    delayed_command,
+    faded_command,
+    lagged_command,
+    rate_limited_command,
+)
 from simulated_rigs.truth import law_kind
 
 CART, HEAT, RESERVOIRS, SHAFT, TANKS = (KINDS[name] for name in ("cart", "heat", "reservoirs", "shaft", "tanks"))
@@ -30,14 +36,14 @@ def steps(kind, rows: int, seed: int = 0) -> np.ndarray:
 
 
 def balance(law: str, name: str, **parameters: float) -> LawTruth:
-    return LawTruth(law, Place("balance", name), parameters)
+    return LawTruth(law, LawPlace("balance", name), parameters)
 
 
 def test_dry_friction_takes_the_same_from_every_swing_until_the_cart_sticks() -> None:
     """Without damping each half swing is shorter by 2 F_c / k, and the last ends within F_c / k of rest."""
     p = {"mass.m": 1.5, "spring.k": 60.0, "damper.d": 0.0}
     time = times(CART, 601)
-    outputs, states = simulate(
+    outputs, states = simulate_rig(
         CART, p, [balance("coulomb_friction", "mass.v", F_c=0.9)], time, np.zeros((601, 1)), (0.2, 0.0)
     )
     half = np.pi * np.sqrt(1.5 / 60.0)
@@ -60,7 +66,7 @@ def test_an_end_stop_throws_the_cart_back_after_half_a_period_of_the_contact() -
     p = {"mass.m": 1.5, "spring.k": 1e-9, "damper.d": 0.0}
     law = balance("end_stop", "mass.v", x_s=0.5, k_s=600.0)
     time = times(CART, 301)
-    outputs, _ = simulate(CART, p, [law], time, np.zeros((301, 1)), (0.0, 1.0))
+    outputs, _ = simulate_rig(CART, p, [law], time, np.zeros((301, 1)), (0.0, 1.0))
     contact = np.pi / np.sqrt(400.0)
     np.testing.assert_allclose(outputs[time < 0.5, 0], time[time < 0.5], atol=1e-7)
     back = (time > 0.5 + contact) & (time < 1.4 + contact)
@@ -69,9 +75,9 @@ def test_an_end_stop_throws_the_cart_back_after_half_a_period_of_the_contact() -
 
 def test_within_its_play_a_shaft_transmits_nothing() -> None:
     p = {**SHAFT.parameters, "bearing.d": 0.0}
-    law = LawTruth("backlash", Place("coupling", "shaft.phi"), {"gap": 0.4})
+    law = LawTruth("backlash", LawPlace("coupling", "shaft.phi"), {"gap": 0.4})
     time = times(SHAFT, 201)
-    _, states = simulate(SHAFT, p, [law], time, np.zeros((201, 1)), (0.5, 0.1, -0.2 + 1e-6))
+    _, states = simulate_rig(SHAFT, p, [law], time, np.zeros((201, 1)), (0.5, 0.1, -0.2 + 1e-6))
     crossing = 0.4 / 0.4
     free = time < crossing - 0.02
     np.testing.assert_allclose(states[free, :2], [[0.5, 0.1]] * free.sum(), atol=1e-12)
@@ -86,7 +92,7 @@ def test_a_full_tank_spills_what_does_not_run_off() -> None:
     law = balance("overflow", "first.h", rim=0.9, share=0.25)
     time = times(RESERVOIRS, 1001)
     flow = 4.5e-4
-    _, states = simulate(RESERVOIRS, p, [law], time, np.full((1001, 1), flow), (0.8, 0.5))
+    _, states = simulate_rig(RESERVOIRS, p, [law], time, np.full((1001, 1), flow), (0.8, 0.5))
     assert states[:, 0].max() == pytest.approx(0.9, abs=1e-9)
     full = np.flatnonzero(states[:, 0] > 0.9 - 1e-9)[0]
     np.testing.assert_allclose(states[full:, 0], 0.9, atol=1e-9)
@@ -107,32 +113,42 @@ def test_actuators_and_sensors_by_closed_form() -> None:
         return np.array([pieces.at(k, t) for k, t in enumerate(grid)])
 
     np.testing.assert_allclose(
-        at(delayed(time, values, 0.35)), values[np.maximum(np.floor(grid - 0.35), 0).astype(int)]
+        at(delayed_command(time, values, 0.35)), values[np.maximum(np.floor(grid - 0.35), 0).astype(int)]
     )
     lag = solve_ivp(
         lambda t, x: (values[min(int(t), 4)] - x) / 0.4, (0.0, 5.0), [0.0], t_eval=grid, max_step=0.01, rtol=1e-9
     )
-    np.testing.assert_allclose(at(lagged(time, values, 0.4)), lag.y[0], atol=2e-3)
+    np.testing.assert_allclose(at(lagged_command(time, values, 0.4)), lag.y[0], atol=2e-3)
     np.testing.assert_allclose(
-        at(rate_limited(time, values, 1.25)),
+        at(rate_limited_command(time, values, 1.25)),
         np.interp(grid, [0.0, 1.0, 2.6, 3.0, 5.0], [0.0, 0.0, 2.0, 2.0, -0.5]),
         atol=1e-12,
     )
     # Play of half-width 1: it moves only when the command has taken it up.
-    np.testing.assert_allclose(play(time, values, 1.0, 1.0).base, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(command_with_play(time, values, 1.0, 1.0).base, [0.0, 1.0, 0.0])
     # Half of the input is lost once its square has been the size's for long.
     held = np.full(100, 2.0)
-    lost = faded(np.arange(100.0), held, 10.0, 0.5, 2.0).base
+    lost = faded_command(np.arange(100.0), held, 10.0, 0.5, 2.0).base
     np.testing.assert_allclose(lost, 2.0 - np.cumsum(np.append(0.0, np.exp(-np.arange(99) / 10.0))) * -np.expm1(-0.1))
     rows = times(CART, 801)
     command = steps(CART, 801)
-    plain, _ = simulate(CART, CART.parameters, [], rows, command, (0.0, 0.0))
-    late, _ = simulate(
-        CART, CART.parameters, [LawTruth("delay", Place("output", "position"), {"T": 0.03})], rows, command, (0.0, 0.0)
+    plain, _ = simulate_rig(CART, CART.parameters, [], rows, command, (0.0, 0.0))
+    late, _ = simulate_rig(
+        CART,
+        CART.parameters,
+        [LawTruth("delay", LawPlace("output", "position"), {"T": 0.03})],
+        rows,
+        command,
+        (0.0, 0.0),
     )
     np.testing.assert_allclose(late[3:, 0], plain[:-3, 0], atol=1e-7)
-    slow, _ = simulate(
-        CART, CART.parameters, [LawTruth("lag", Place("output", "position"), {"T": 0.004})], rows, command, (0.0, 0.0)
+    slow, _ = simulate_rig(
+        CART,
+        CART.parameters,
+        [LawTruth("lag", LawPlace("output", "position"), {"T": 0.004})],
+        rows,
+        command,
+        (0.0, 0.0),
     )
 
     def rates(t: float, x: np.ndarray, force: float) -> list[float]:
@@ -191,7 +207,7 @@ def test_rates_of_change_by_textbook_formulas() -> None:
     for kind, rates, laws, rows in cases:
         start = kind.rest(kind.parameters)
         commands = steps(kind, rows)
-        _, states = simulate(kind, kind.parameters, laws, times(kind, rows), commands, start)
+        _, states = simulate_rig(kind, kind.parameters, laws, times(kind, rows), commands, start)
         x = np.array([*start, *([0.0] if rates is motor else [])])
         for k in range(rows - 1):
             u = commands[k, 0]
@@ -220,7 +236,7 @@ def test_friction_does_not_depend_on_the_step(law: str) -> None:
     }[law]
     commands = steps(CART, 500, 3)
     runs = [
-        simulate(
+        simulate_rig(
             CART, CART.parameters, [balance(law, "mass.v", **values)], times(CART, 500), commands, (0.02, 0.0), fine
         )[0]
         for fine in (1, 5)
@@ -229,7 +245,7 @@ def test_friction_does_not_depend_on_the_step(law: str) -> None:
 
 
 def test_every_law_of_the_library_stands_somewhere_and_unknown_ones_are_refused() -> None:
-    listed = {law for kind in KINDS.values() for law, _ in places(kind)}
+    listed = {law for kind in KINDS.values() for law, _ in law_places(kind)}
     expected = (
         "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis coulomb_friction "
         "friction_by_direction stribeck_friction presliding_friction viscous_friction quadratic_drag linear_stiffness "
@@ -238,7 +254,7 @@ def test_every_law_of_the_library_stands_somewhere_and_unknown_ones_are_refused(
     )
     assert listed == set(expected.split())
     for kind in KINDS.values():
-        for law, place in places(kind):
+        for law, place in law_places(kind):
             assert law_kind(kind, law, place).id == law
     with pytest.raises(InputError, match=r"cart has no radiation at balance mass\.v"):
-        law_kind(CART, "radiation", Place("balance", "mass.v"))
+        law_kind(CART, "radiation", LawPlace("balance", "mass.v"))

@@ -11,12 +11,12 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
-from aero_bayes.bench.sensors import Noise
+from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Experiment, InputSignal, Model, Problem, SolverSettings, StartTarget, open_simulator
-from simulated_rigs import MODELS, LawTruth, Place, draw_trial, rig_kinds, simulate, write_trial
-from simulated_rigs.distance import Yardstick, whiten
+from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, rig_kinds, simulate_rig, write_trial
+from simulated_rigs.distance import RigExperiment, arma_innovations
 from simulated_rigs.kinds import KINDS
 
 
@@ -30,8 +30,8 @@ def test_the_modelica_model_and_the_simulator_are_the_same_rig(name: str, tmp_pa
     model = Model.load(fmu)
     declared = {item.name: item for item in model.parameters}
     assert {name: declared[name].start for name in kind.parameters} == kind.parameters
-    trial = draw_trial(name, 1, what="none")
-    truth, silent = trial.truth, trial.silent["test"]
+    trial = draw_rig_trial(name, 1, what="none")
+    truth, noise_free = trial.truth, trial.noise_free["test"]
     # A state that an output shows may go by the output's name.
     found = {item.name for item in model.states}
     states = [state if state in found else truth.aliases[state] for state in kind.states]
@@ -40,22 +40,24 @@ def test_the_modelica_model_and_the_simulator_are_the_same_rig(name: str, tmp_pa
     rows = 500
     start = dict(zip(states, truth.starts["test"].values(), strict=True))
     experiment = Experiment(
-        silent.time[:rows],
+        noise_free.time[:rows],
         kind.outputs,
-        tuple(InputSignal(column, silent.time[:rows], values[:rows]) for column, values in silent.inputs.items()),
+        tuple(
+            InputSignal(column, noise_free.time[:rows], values[:rows]) for column, values in noise_free.inputs.items()
+        ),
         start,
     )
     targets = (tuple(StartTarget(state) for state in states),)
     problem = Problem(model, (experiment,), targets, truth.parameters, SolverSettings(1e-9, 1e-9))
     with open_simulator(problem, workers=0) as simulator:
         outputs = simulator.simulate(np.array([list(start.values())])).outputs[0][0]
-    expected = silent.measured(kind.outputs)
+    expected = noise_free.measured(kind.outputs)
     assert (np.abs(outputs - expected[:rows]).max(axis=0) < 2e-6 * np.ptp(expected, axis=0)).all()
 
 
 def test_trials_are_what_was_asked_for(tmp_path: Path) -> None:
     for what, count in (("none", 0), ("law", 1), ("pair", 2), ("outside", 1)):
-        trial = draw_trial("heat", 3, 17001, what)  # type: ignore[arg-type]
+        trial = draw_rig_trial("heat", 3, 17001, what)  # type: ignore[arg-type]
         truth = trial.truth
         assert truth.seed[0] == 17001
         assert len({law.place for law in truth.laws}) == len(truth.laws) == count
@@ -64,11 +66,11 @@ def test_trials_are_what_was_asked_for(tmp_path: Path) -> None:
             assert 0.7 <= value / KINDS["heat"].parameters[name] <= 1.3
         for law in truth.laws:
             assert 1.0 <= law.d < 400.0
-    again = draw_trial("heat", 3, 17001, "outside")
+    again = draw_rig_trial("heat", 3, 17001, "outside")
     np.testing.assert_array_equal(again.train.outputs["T_plate"], trial.train.outputs["T_plate"])
-    assert draw_trial("heat", 3, 11001, "outside").truth.parameters != truth.parameters
+    assert draw_rig_trial("heat", 3, 11001, "outside").truth.parameters != truth.parameters
     assert not np.array_equal(trial.train.inputs["P"], trial.test.inputs["P"])
-    noise = trial.train.outputs["T_plate"] - trial.silent["train"].outputs["T_plate"]
+    noise = trial.train.outputs["T_plate"] - trial.noise_free["train"].outputs["T_plate"]
     assert noise.std() == pytest.approx(np.hypot(truth.noise["T_plate"].white, truth.noise["T_plate"].slow), rel=0.2)
     seen = write_trial(trial, tmp_path / "seen", tmp_path / "truth.json")
     assert sorted(path.name for path in seen.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
@@ -78,34 +80,34 @@ def test_trials_are_what_was_asked_for(tmp_path: Path) -> None:
 
 def test_wrong_requests_are_refused() -> None:
     with pytest.raises(InputError, match="no rig toaster, expected one of pendulum"):
-        draw_trial("toaster", 0)
+        draw_rig_trial("toaster", 0)
     with pytest.raises(InputError, match="no trial of three"):
-        draw_trial("heat", 0, what="three")  # type: ignore[arg-type]
+        draw_rig_trial("heat", 0, what="three")  # type: ignore[arg-type]
     assert len(rig_kinds()) >= 8
 
 
 def test_whitening_is_the_noise_covariance() -> None:
     """Against the dense covariance of white noise and an Ornstein-Uhlenbeck process, after the first readings."""
-    noise, time = Noise(0.3, 0.5, 0.7), np.arange(300) * 0.1
+    noise, time = SensorNoise(0.3, 0.5, 0.7), np.arange(300) * 0.1
     covariance = 0.25 * np.exp(-np.abs(time[:, None] - time) / 0.7) + 0.09 * np.eye(300)
     values = np.sin(0.8 * time) + 0.2 * np.cos(5.0 * time)
     exact = values @ cho_solve(cho_factor(covariance), values)
-    assert np.sum(whiten(values, noise, 0.1) ** 2) == pytest.approx(exact, rel=0.02)
-    np.testing.assert_allclose(whiten(values, Noise(0.3), 0.1), values / 0.3)
+    assert np.sum(arma_innovations(values, noise, 0.1) ** 2) == pytest.approx(exact, rel=0.02)
+    np.testing.assert_allclose(arma_innovations(values, SensorNoise(0.3), 0.1), values / 0.3)
 
 
-def yardstick(name: str) -> Yardstick:
-    trial = draw_trial(name, 7, what="none")
-    truth, train = trial.truth, trial.silent["train"]
+def experiment(name: str) -> RigExperiment:
+    trial = draw_rig_trial(name, 7, what="none")
+    truth, train = trial.truth, trial.noise_free["train"]
     commands = np.column_stack(list(train.inputs.values()))
-    return Yardstick(
+    return RigExperiment(
         KINDS[name], truth.parameters, tuple(truth.starts["train"].values()), train.time, commands, truth.noise
     )
 
 
 def test_the_distance_is_what_a_free_fit_of_the_base_model_leaves() -> None:
-    stick = yardstick("heat")
-    law = LawTruth("radiation", Place("balance", "heater.T"), {"k": 3e-9})
+    stick = experiment("heat")
+    law = LawTruth("radiation", LawPlace("balance", "heater.T"), {"k": 3e-9})
     there = stick.white(stick.outputs([law]))
     fit = least_squares(lambda change: there - stick.white(stick.outputs([], change)), np.zeros(6), xtol=1e-10)
     found = stick.distance([law], [], stick.sensitivities())
@@ -122,8 +124,8 @@ def test_the_distance_is_what_a_free_fit_of_the_base_model_leaves() -> None:
     ],
 )
 def test_laws_that_are_left_out_are_changes_of_the_parameters(name: str, law: str, state: str, parameters) -> None:
-    stick = yardstick(name)
-    there = LawTruth(law, Place("balance", state), parameters)
+    stick = experiment(name)
+    there = LawTruth(law, LawPlace("balance", state), parameters)
     plain, changed = stick.outputs([]), stick.outputs([there])
     assert np.linalg.norm(stick.white(changed - plain)) > 20.0
     assert stick.distance([there], [], stick.sensitivities()) < 0.5
@@ -131,7 +133,7 @@ def test_laws_that_are_left_out_are_changes_of_the_parameters(name: str, law: st
 
 def test_what_spoils_a_simulation_is_not_a_law() -> None:
     kind = KINDS["cart"]
-    stick = yardstick("cart")
-    runaway = LawTruth("cubic_stiffness", Place("balance", "mass.v"), {"k_3": -1e6})
+    stick = experiment("cart")
+    runaway = LawTruth("cubic_stiffness", LawPlace("balance", "mass.v"), {"k_3": -1e6})
     with pytest.raises(OverflowError, match="runs away"):
-        simulate(kind, stick.parameters, [runaway], stick.time, stick.commands, (0.3, 0.0))
+        simulate_rig(kind, stick.parameters, [runaway], stick.time, stick.commands, (0.3, 0.0))

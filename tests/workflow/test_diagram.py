@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.export import modelica_root
-from aero_bayes.language.component_tree import grow, look_up, read_library
+from aero_bayes.language.component_tree import build_tree, look_up, read_library
 from aero_bayes.schema import Component, Diagram
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import Model, Variable
 from aero_bayes.workflow.diagram import model_diagrams
 
 LIBRARY = """
@@ -157,7 +157,7 @@ def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None
     assert look_up(library, "Motor", "Rig.Placed") == "Rig.Motor"
     assert look_up(library, "Rig.Motor", "Better") == "Rig.Motor"
     assert look_up(library, "Real", "Rig.Placed") is None
-    assert grow(library, "Better").inside["other"].inside["effect"].name == "Rig.Nothing"
+    assert build_tree(library, "Better").inside["other"].inside["effect"].name == "Rig.Nothing"
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])

@@ -21,7 +21,7 @@ from aero_bayes.cli import main
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.workflow.job import Job, RunOptions, open_job
 from aero_bayes.workflow.loop import loop_settings
 from aero_bayes.workflow.prediction import prediction_settings
@@ -305,18 +305,18 @@ def test_a_parameter_that_a_loop_does_not_free_is_held_where_the_user_put_it(fol
 @pytest.mark.parametrize(
     ("narrowed", "kept"),
     [
-        (Narrowed(), {"gain@u", "offset@u", "gain@y"}),
-        (Narrowed(effects=("gain",)), {"gain@u", "gain@y"}),
-        (Narrowed(effects=("offset@u",)), {"offset@u"}),
-        (Narrowed(exclude=("u",)), {"gain@y"}),
-        (Narrowed(exclude=("gain", "offset@u")), set()),
-        (Narrowed(ports=("u",), laws=("gain",)), {"gain@u"}),
-        (Narrowed(exclude=("gain",), require=("gain@y",)), {"offset@u", "gain@y"}),
+        (CandidateFilter(), {"gain@u", "offset@u", "gain@y"}),
+        (CandidateFilter(effects=("gain",)), {"gain@u", "gain@y"}),
+        (CandidateFilter(effects=("offset@u",)), {"offset@u"}),
+        (CandidateFilter(exclude=("u",)), {"gain@y"}),
+        (CandidateFilter(exclude=("gain", "offset@u")), set()),
+        (CandidateFilter(ports=("u",), laws=("gain",)), {"gain@u"}),
+        (CandidateFilter(exclude=("gain",), require=("gain@y",)), {"offset@u", "gain@y"}),
     ],
 )
 def test_what_the_engineer_narrows(narrowed, kept):
     every = [("gain@u", "gain", "u"), ("offset@u", "offset", "u"), ("gain@y", "gain", "y")]
-    assert {c[0] for c in every if narrowed.keeps(*c)} == kept
+    assert {c[0] for c in every if narrowed.accepts(*c)} == kept
 
 
 def test_an_engine_on_the_command_line_is_refused_too(folder, rig):

@@ -1,4 +1,4 @@
-"""The simulated AERO that makes labelled recordings; never imported by what fits them."""
+"""A simulated AERO that makes labelled recordings; no code that fits them imports it."""
 
 from aero_bayes.bench.defaults import SimulatedSet, default_recordings, default_truth
 from aero_bayes.bench.inputs import (
@@ -6,15 +6,15 @@ from aero_bayes.bench.inputs import (
     InputDesign,
     Levels,
     MultiSine,
-    multi_sine,
+    equal_steps,
     paper_step,
     prbs,
     pulse,
     random_levels,
-    staircase,
+    random_multi_sine,
 )
-from aero_bayes.bench.rig import TrueRun, effect, measure, sample_times, simulate, simulate_recording
-from aero_bayes.bench.sensors import Noise, Sensors, clean, real, white
+from aero_bayes.bench.rig import TrueRun, effect, even_times, measure, simulate_recording, simulate_truth
+from aero_bayes.bench.sensors import SensorNoise, Sensors, clean, real, white
 from aero_bayes.bench.truth import HALF_QUAD, EffectTruth, Parameters, Truth
 from aero_bayes.data import write_csv
 
@@ -25,8 +25,8 @@ __all__ = [
     "InputDesign",
     "Levels",
     "MultiSine",
-    "Noise",
     "Parameters",
+    "SensorNoise",
     "Sensors",
     "SimulatedSet",
     "TrueRun",
@@ -35,17 +35,17 @@ __all__ = [
     "default_recordings",
     "default_truth",
     "effect",
+    "equal_steps",
+    "even_times",
     "measure",
-    "multi_sine",
     "paper_step",
     "prbs",
     "pulse",
     "random_levels",
+    "random_multi_sine",
     "real",
-    "sample_times",
-    "simulate",
     "simulate_recording",
-    "staircase",
+    "simulate_truth",
     "white",
     "write_csv",
 ]

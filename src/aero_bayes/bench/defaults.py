@@ -1,4 +1,4 @@
-"""The recordings that plain ``make`` uses: simulated, said to be so, and carrying an effect the fit is not told of."""
+"""The recordings that plain ``make`` uses: simulated, with dry friction that the fitted model lacks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.bench.inputs import random_levels, staircase
+from aero_bayes.bench.inputs import equal_steps, random_levels
 from aero_bayes.bench.rig import effect, simulate_recording
 from aero_bayes.bench.sensors import Sensors, real, white
 from aero_bayes.bench.truth import Parameters, Truth
@@ -40,7 +40,7 @@ class SimulatedSet:
 
 
 def write_truth(path: Path, truth: Truth, sensors: Sensors, recordings: list[Recording]) -> None:
-    """The label that goes beside simulated recordings."""
+    """Write the label that goes beside simulated recordings: what they truly are."""
     label: dict[str, Any] = {
         "simulated": True,
         "recordings": [recording.name for recording in recordings],
@@ -52,7 +52,7 @@ def write_truth(path: Path, truth: Truth, sensors: Sensors, recordings: list[Rec
 
 
 def default_truth() -> Truth:
-    """A rig a few percent off its data sheet whose pivot rubs: 1.2 mN m of dry friction, and a 6 ms input delay."""
+    """Make a rig a few percent off its data sheet with 1.2 mN m of dry friction in the pivot and a 6 ms input delay."""
     parameters = Parameters().scaled(
         {"R_a": 1.07, "c_m": 0.98, "J": 0.93, "k_d": 1.08, "k_t": 0.95, "D_p": 0.9, "K_sp": 1.05}
     )
@@ -60,7 +60,7 @@ def default_truth() -> Truth:
 
 
 def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
-    """Two training recordings and one test recording, 60 s at 100 Hz each, all three outputs.
+    """Simulate two training recordings and one test recording, 60 s at 100 Hz each, all three outputs.
 
     ``noise`` is ``white`` (5 mA, 1 rad/s, 2 mrad) or ``real`` (see :func:`aero_bayes.bench.sensors.real`).
     """
@@ -68,7 +68,7 @@ def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
     truth, sensors = default_truth(), real() if noise == "real" else white()
     designs = (
         ("train_1", random_levels(streams[0], 20.0, 60.0)),
-        ("train_2", staircase([6.0, 12.0, 18.0, 24.0, 12.0, 0.0, -6.0, -12.0, -18.0, -6.0, 0.0], 5.0)),
+        ("train_2", equal_steps([6.0, 12.0, 18.0, 24.0, 12.0, 0.0, -6.0, -12.0, -18.0, -6.0, 0.0], 5.0)),
         ("test_1", random_levels(streams[1], 20.0, 60.0)),
     )
     made = [

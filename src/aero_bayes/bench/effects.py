@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import copysign, cos
 
-from aero_bayes.bench.plan import ExtraState, Plan
+from aero_bayes.bench.equations import ExtraState, RigEquations
 from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.errors import InputError
 
-Install = Callable[[Plan, Mapping[str, float]], None]
+Install = Callable[[RigEquations, Mapping[str, float]], None]
 Range = tuple[float, float]
 
 
@@ -45,113 +45,113 @@ class EffectKind:
         return next(iter(self.ranges))
 
     def truth(self, **parameters: float) -> EffectTruth:
-        """An effect of this kind. Raises InputError for missing or unknown parameters."""
+        """Make an effect of this kind. Raises InputError for missing or unknown parameters."""
         if set(parameters) != set(self.ranges):
             raise InputError(f"bench: {self.id} takes {', '.join(self.ranges)}, not {', '.join(parameters) or 'none'}")
         return EffectTruth(self.id, self.port, parameters)
 
 
-def _supply_resistance(plan: Plan, p: Mapping[str, float]) -> None:
-    plan.resistance += p["R_s"]
+def _supply_resistance(equations: RigEquations, p: Mapping[str, float]) -> None:
+    equations.resistance += p["R_s"]
 
 
-def _brush_drop(plan: Plan, p: Mapping[str, float]) -> None:
+def _brush_drop(equations: RigEquations, p: Mapping[str, float]) -> None:
     drop = p["V_b"]
-    plan.brush.append(lambda t, i, w, th, q, z: drop)
+    equations.brush.append(lambda t, i, w, th, q, z: drop)
 
 
-def _winding_heating(plan: Plan, p: Mapping[str, float]) -> None:
+def _winding_heating(equations: RigEquations, p: Mapping[str, float]) -> None:
     gain, rate = p["r_h"], 1.0 / p["T_h"]
-    index = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * gain * i * i))
-    plan.volts.append(lambda t, i, w, th, q, z: -z[index] * i)
-    plan.slopes.append(lambda i, z: z[index])
+    index = equations.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * gain * i * i))
+    equations.volts.append(lambda t, i, w, th, q, z: -z[index] * i)
+    equations.slopes.append(lambda i, z: z[index])
 
 
-def _amplifier_deadzone(plan: Plan, p: Mapping[str, float]) -> None:
+def _amplifier_deadzone(equations: RigEquations, p: Mapping[str, float]) -> None:
     width = p["V_dz"]
-    plan.amplifier.append(lambda v: copysign(max(abs(v) - width, 0.0), v))
+    equations.amplifier.append(lambda v: copysign(max(abs(v) - width, 0.0), v))
 
 
-def _amplifier_saturation(plan: Plan, p: Mapping[str, float]) -> None:
+def _amplifier_saturation(equations: RigEquations, p: Mapping[str, float]) -> None:
     if p["s_sat"] > 0.0:
         limit = 1.0 / p["s_sat"]
-        plan.amplifier.append(lambda v: min(max(v, -limit), limit))
+        equations.amplifier.append(lambda v: min(max(v, -limit), limit))
 
 
-def _rotor_coulomb_friction(plan: Plan, p: Mapping[str, float]) -> None:
+def _rotor_coulomb_friction(equations: RigEquations, p: Mapping[str, float]) -> None:
     level = p["tau_r"]
-    plan.rotor_friction.append(lambda t, i, w, th, q, z: level)
+    equations.rotor_friction.append(lambda t, i, w, th, q, z: level)
 
 
-def _rotor_viscous_friction(plan: Plan, p: Mapping[str, float]) -> None:
-    plan.viscous += p["d_r"]
+def _rotor_viscous_friction(equations: RigEquations, p: Mapping[str, float]) -> None:
+    equations.viscous += p["d_r"]
 
 
-def _thrust_inflow_loss(plan: Plan, p: Mapping[str, float]) -> None:
-    loss = p["k_v"] * plan.truth.parameters.D_t
-    plan.thrust.append(lambda F, t, i, w, th, q, z: F - loss * abs(w) * q)
+def _thrust_inflow_loss(equations: RigEquations, p: Mapping[str, float]) -> None:
+    loss = p["k_v"] * equations.truth.parameters.D_t
+    equations.thrust.append(lambda F, t, i, w, th, q, z: F - loss * abs(w) * q)
 
 
-def _thrust_lag(plan: Plan, p: Mapping[str, float]) -> None:
+def _thrust_lag(equations: RigEquations, p: Mapping[str, float]) -> None:
     if p["T_f"] <= 0.0:
         return
     rate = 1.0 / p["T_f"]
-    plan.lag = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * F))
+    equations.lag = equations.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * F))
 
 
-def _thrust_asymmetry(plan: Plan, p: Mapping[str, float]) -> None:
+def _thrust_asymmetry(equations: RigEquations, p: Mapping[str, float]) -> None:
     share = p["a_f"]
-    plan.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + copysign(share, F)))
+    equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + copysign(share, F)))
 
 
-def _pivot_coulomb_friction(plan: Plan, p: Mapping[str, float]) -> None:
+def _pivot_coulomb_friction(equations: RigEquations, p: Mapping[str, float]) -> None:
     level = p["tau_c"]
-    plan.pivot_friction.append(lambda t, i, w, th, q, z: level)
+    equations.pivot_friction.append(lambda t, i, w, th, q, z: level)
 
 
-def _body_quadratic_drag(plan: Plan, p: Mapping[str, float]) -> None:
+def _body_quadratic_drag(equations: RigEquations, p: Mapping[str, float]) -> None:
     drag = p["c_b"]
-    plan.body.append(lambda t, i, w, th, q, z: -drag * q * abs(q))
+    equations.body.append(lambda t, i, w, th, q, z: -drag * q * abs(q))
 
 
-def _gravity_offset(plan: Plan, p: Mapping[str, float]) -> None:
+def _gravity_offset(equations: RigEquations, p: Mapping[str, float]) -> None:
     torque = p["tau_g"]
-    plan.body.append(lambda t, i, w, th, q, z: torque * cos(th))
+    equations.body.append(lambda t, i, w, th, q, z: torque * cos(th))
 
 
-def _pivot_presliding_friction(plan: Plan, p: Mapping[str, float]) -> None:
+def _pivot_presliding_friction(equations: RigEquations, p: Mapping[str, float]) -> None:
     """A spring in series with a dry slider (Dahl's model), as a bearing that yields or a cable that creeps."""
     torque = p["tau_p"]
     if torque <= 0.0:
         return
     stiffness = torque / p["theta_p"]
-    index = len(plan.extra)
-    plan.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: stiffness * (q - abs(q) * z[index] / torque)))
-    plan.body.append(lambda t, i, w, th, q, z: -z[index])
+    index = len(equations.extra)
+    equations.add_state(ExtraState(0.0, lambda F, t, i, w, th, q, z: stiffness * (q - abs(q) * z[index] / torque)))
+    equations.body.append(lambda t, i, w, th, q, z: -z[index])
 
 
-def _cubic_stiffness(plan: Plan, p: Mapping[str, float]) -> None:
+def _cubic_stiffness(equations: RigEquations, p: Mapping[str, float]) -> None:
     stiffness = p["k_3"]
-    plan.body.append(lambda t, i, w, th, q, z: -stiffness * th**3)
+    equations.body.append(lambda t, i, w, th, q, z: -stiffness * th**3)
 
 
-def _current_offset(plan: Plan, p: Mapping[str, float]) -> None:
-    plan.current_offset += p["b_i"]
+def _current_offset(equations: RigEquations, p: Mapping[str, float]) -> None:
+    equations.current_offset += p["b_i"]
 
 
-def _speed_lag(plan: Plan, p: Mapping[str, float]) -> None:
+def _speed_lag(equations: RigEquations, p: Mapping[str, float]) -> None:
     if p["T_w"] <= 0.0:
         return
     rate = 1.0 / p["T_w"]
-    plan.speed_state = plan.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * w))
+    equations.speed_state = equations.add_state(ExtraState(-rate, lambda F, t, i, w, th, q, z: rate * w))
 
 
-def _pitch_delay(plan: Plan, p: Mapping[str, float]) -> None:
-    plan.pitch_delay += p["T_d"]
+def _pitch_delay(equations: RigEquations, p: Mapping[str, float]) -> None:
+    equations.pitch_delay += p["T_d"]
 
 
-def _pitch_offset(plan: Plan, p: Mapping[str, float]) -> None:
-    plan.pitch_offset += p["b_th"]
+def _pitch_offset(equations: RigEquations, p: Mapping[str, float]) -> None:
+    equations.pitch_offset += p["b_th"]
 
 
 #: Sizes from an information distance of about 4 (with the noise of :func:`aero_bayes.bench.sensors.white`) to plain.

@@ -26,7 +26,7 @@ class Block:
 
 
 def phi(z: complex) -> tuple[complex, complex, complex, complex]:
-    """exp(z) and phi_k(z) = (phi_(k-1)(z) - 1/(k-1)!) / z for k = 1, 2, 3."""
+    """Compute exp(z) and phi_k(z) = (phi_(k-1)(z) - 1/(k-1)!) / z for k = 1, 2, 3."""
     if abs(z) > 1.0:
         p0 = cmath.exp(z)
         p1 = (p0 - 1.0) / z
@@ -42,7 +42,7 @@ def phi(z: complex) -> tuple[complex, complex, complex, complex]:
 
 
 def block(a: Matrix, h: float) -> Block:
-    """Coefficients for u' = a u + N over a step of ``h`` s."""
+    """Compute the coefficients for u' = a u + N over a step of ``h`` s."""
     p0, p1, p2, p3 = _functions(a, h)
     q0, q1, _, _ = _functions(a, 0.5 * h)
     return Block(

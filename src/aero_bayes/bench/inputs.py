@@ -17,7 +17,7 @@ class InputDesign(Protocol):
     """A voltage in V as a function of time in s."""
 
     def volts(self, time: FloatArray) -> FloatArray:
-        """Values at ``time``, shape (n,); each is held to the next sample."""
+        """Return the values at ``time``, shape (n,); each is held to the next sample."""
         ...
 
 
@@ -67,24 +67,24 @@ class Chirp:
 
 
 def paper_step() -> Levels:
-    """The paper's experiment: 24 V for 20 s, then 0 V for 20 s."""
+    """Design the paper's experiment: 24 V for 20 s, then 0 V for 20 s."""
     return Levels((0.0, 20.0), (24.0, 0.0))
 
 
 def pulse(height: float, start: float, width: float) -> Levels:
-    """One pulse of ``height`` V from ``start`` s, ``width`` s long."""
+    """Design one pulse of ``height`` V from ``start`` s, ``width`` s long."""
     return Levels((start, start + width), (height, 0.0))
 
 
-def staircase(levels: Sequence[float], dwell: float, start: float = 1.0) -> Levels:
-    """``levels`` in V one after the other, ``dwell`` s each, from ``start`` s on."""
+def equal_steps(levels: Sequence[float], dwell: float, start: float = 1.0) -> Levels:
+    """Design steps to ``levels`` in V one after the other, ``dwell`` s each, from ``start`` s on."""
     return Levels(tuple(start + dwell * k for k in range(len(levels))), tuple(float(level) for level in levels))
 
 
 def random_levels(
     rng: Generator, height: float, duration: float, dwell: tuple[float, float] = (0.5, 4.0), start: float = 1.0
 ) -> Levels:
-    """Levels uniform within +-``height`` V, each held for a time drawn from ``dwell`` s, zero for the last sixth."""
+    """Draw levels uniform within +-``height`` V, each held for a time drawn from ``dwell``; zero for the last sixth."""
     starts, levels, t = [], [], start
     while t < duration * 5.0 / 6.0:
         starts.append(round(t, 2))
@@ -94,7 +94,7 @@ def random_levels(
 
 
 def prbs(rng: Generator, height: float, duration: float, clock: float = 0.5, start: float = 1.0) -> Levels:
-    """A pseudo-random binary signal of +-``height`` V that may change every ``clock`` s."""
+    """Draw a pseudo-random binary signal of +-``height`` V that may change every ``clock`` s."""
     count = int((duration - start) / clock)
     bits = rng.integers(0, 2, count)
     return Levels(
@@ -102,8 +102,10 @@ def prbs(rng: Generator, height: float, duration: float, clock: float = 0.5, sta
     )
 
 
-def multi_sine(rng: Generator, height: float, low: float = 0.05, high: float = 2.0, count: int = 12) -> MultiSine:
-    """``count`` sines between ``low`` and ``high`` Hz with random phases whose sum stays within ``height`` V."""
+def random_multi_sine(
+    rng: Generator, height: float, low: float = 0.05, high: float = 2.0, count: int = 12
+) -> MultiSine:
+    """Draw ``count`` sines between ``low`` and ``high`` Hz with random phases whose sum stays within ``height`` V."""
     frequencies = np.geomspace(low, high, count)
     phases = rng.uniform(0.0, 2.0 * np.pi, count)
     shape = frequencies**-0.25

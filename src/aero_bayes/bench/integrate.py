@@ -8,62 +8,66 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.bench.equations import RigEquations, StateFunction
 from aero_bayes.bench.exponential import Block, Matrix, block, phi
-from aero_bayes.bench.plan import Law, Plan
 
 FloatArray = NDArray[np.float64]
 State = tuple[float, ...]
 #: Sign of the brush current, of the rotor's and of the body's motion where friction asks for it; 0 sticks.
 Mode = tuple[int, int, int]
 #: Halvings of a step until an event counts as located.
-DEPTH = 24
+MAX_HALVINGS = 24
 #: Steps in which the exact part follows a current-dependent voltage, as a share of the winding's resistance.
-SLOPE_GRID = 1e-3
+SLOPE_STEP = 1e-3
 #: Jumps of the voltage in V after which steps start small.
-JUMP = 1.0
+MIN_JUMP = 1.0
 #: How far current (A), speed (rad/s) and pitch rate (rad/s) may stand on the wrong side of zero before it is an event:
 #: rounding at a release is no reversal.
-SLACK = (1e-10, 1e-8, 1e-11)
+EVENT_TOLERANCE = (1e-10, 1e-8, 1e-11)
 #: How long after a jump, in s, steps stay short where the circuit is not linear.
-SETTLING = 0.15
+SETTLING_TIME = 0.15
 _FROZEN: Matrix = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class _Coefficients:
+    """Exponential Runge-Kutta coefficients of one step length and one set of modes."""
+
     motor: Block
     body: Block
     extra: tuple[tuple[float, float, float, float, float, float], ...]
 
 
-class Integrator:
-    """Steps one rig from time to time under held voltages."""
+class AeroIntegrator:
+    """Integrator of one rig under held voltages."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
+    def __init__(self, equations: RigEquations) -> None:
+        self._equations = equations
         self._cache: dict[tuple[float, Mode, float], _Coefficients] = {}
         self._slope = 0.0
-        self._forces = _forces(plan)
-        self._levels = tuple(_total(laws) for laws in (plan.brush, plan.rotor_friction, plan.pivot_friction))
-        p = plan.truth.parameters
+        self._forces = _forces(equations)
+        self._levels = tuple(
+            _total(laws) for laws in (equations.brush, equations.rotor_friction, equations.pivot_friction)
+        )
+        p = equations.truth.parameters
         self._inertia = (p.L_a, p.J_r + p.J_s, p.J_p)
 
     def start(self, theta: float) -> State:
-        """State at rest at a pitch angle in rad."""
-        return (0.0, 0.0, theta, 0.0, *(extra.start for extra in self._plan.extra))
+        """Return the state at rest at a pitch angle in rad."""
+        return (0.0, 0.0, theta, 0.0, *(extra.start for extra in self._equations.extra))
 
     def rest_angle(self) -> float:
-        """Pitch angle in rad at which the undriven body is in balance."""
+        """Find the pitch angle in rad at which the undriven body is in balance."""
         theta = 0.0
-        stiffness = self._plan.truth.parameters.K_sp
+        stiffness = self._equations.truth.parameters.K_sp
         for _ in range(60):
             state = self.start(theta)
-            torque = sum(law(0.0, 0.0, 0.0, theta, 0.0, state[4:]) for law in self._plan.body) - stiffness * theta
+            torque = sum(law(0.0, 0.0, 0.0, theta, 0.0, state[4:]) for law in self._equations.body) - stiffness * theta
             theta += torque / stiffness
         return theta
 
     def run(self, times: FloatArray, volts: FloatArray, state: State) -> FloatArray:
-        """States at ``times`` (increasing, s), shape (n, states); ``volts[k]`` is applied from ``times[k]`` on."""
+        """Integrate to ``times`` (increasing, s), shape (n, states); ``volts[k]`` is applied from ``times[k]`` on."""
         out = np.empty((len(times), len(state)))
         out[0] = state
         mode: Mode = (_sign(state[0]), _sign(state[1]), _sign(state[3]))
@@ -72,9 +76,9 @@ class Integrator:
         for k, applied in enumerate(volts[:-1].tolist()):
             end = float(times[k + 1])
             mode = self._settle(t, state, mode, applied)
-            jump = abs(applied - previous) > JUMP
+            jump = abs(applied - previous) > MIN_JUMP
             since = t if jump else since
-            pieces = self._pieces(end - t, jump, t - since < SETTLING)
+            pieces = self._pieces(end - t, jump, t - since < SETTLING_TIME)
             for h in pieces:
                 state, mode = self._advance(t, state, mode, applied, h, 0)
                 t += h
@@ -84,7 +88,7 @@ class Integrator:
 
     def _pieces(self, length: float, jump: bool, settling: bool) -> list[float]:
         """Step lengths that fill an interval; graded where a jump excites the armature's fast mode."""
-        longest = self._plan.max_step / (8.0 if settling and self._plan.slopes else 1.0)
+        longest = self._equations.max_step / (8.0 if settling and self._equations.slopes else 1.0)
         count = max(1, int(np.ceil(length / longest - 1e-9)))
         h = round(length / count, 15)
         if not jump:
@@ -97,7 +101,7 @@ class Integrator:
         new = self._step(t, state, mode, v, h)
         if not self._violates(t + h, new, mode, v):
             return new, mode
-        if depth >= DEPTH:
+        if depth >= MAX_HALVINGS:
             return self._switch(t + h, new, mode, v)
         half = 0.5 * h
         middle, mode = self._advance(t, state, mode, v, half, depth + 1)
@@ -105,7 +109,7 @@ class Integrator:
 
     def _drive(self, which: int, t: float, state: State, v: float) -> float:
         """What pushes a variable that is zero: volts, rotor torque, body torque."""
-        p = self._plan.truth.parameters
+        p = self._equations.truth.parameters
         i, w, th, q = state[:4]
         n_i, n_w, n_q, _ = self._forces(t, i, w, th, q, state[4:], v)
         if which == 0:
@@ -123,7 +127,7 @@ class Integrator:
             if level is None:
                 continue
             if mode[which]:
-                if state[(0, 1, 3)[which]] * mode[which] < -SLACK[which]:
+                if state[(0, 1, 3)[which]] * mode[which] < -EVENT_TOLERANCE[which]:
                     return True
             elif abs(self._drive(which, t, state, v)) > self._level(which, t, state):
                 return True
@@ -159,17 +163,19 @@ class Integrator:
         return found
 
     def _build(self, mode: Mode, h: float) -> _Coefficients:
-        plan, p = self._plan, self._plan.truth.parameters
+        equations, p = self._equations, self._equations.truth.parameters
         inductance, rotor, body = self._inertia
         frozen = [level is not None and mode[which] == 0 for which, level in enumerate(self._levels)]
         motor: Matrix = (
-            0.0 if frozen[0] else -(plan.resistance + self._slope) / inductance,
+            0.0 if frozen[0] else -(equations.resistance + self._slope) / inductance,
             0.0 if frozen[0] else -p.c_m / inductance,
             0.0 if frozen[1] else p.c_m / rotor,
-            0.0 if frozen[1] else -plan.viscous / rotor,
+            0.0 if frozen[1] else -equations.viscous / rotor,
         )
-        pitch: Matrix = _FROZEN if frozen[2] else (0.0, 1.0, -p.K_sp / body, -plan.damping / body)
-        return _Coefficients(block(motor, h), block(pitch, h), tuple(_scalar(extra.rate, h) for extra in plan.extra))
+        pitch: Matrix = _FROZEN if frozen[2] else (0.0, 1.0, -p.K_sp / body, -equations.damping / body)
+        return _Coefficients(
+            block(motor, h), block(pitch, h), tuple(_scalar(extra.rate, h) for extra in equations.extra)
+        )
 
     def _rates(
         self, t: float, i: float, w: float, th: float, q: float, z: tuple[float, ...], v: float, mode: Mode
@@ -189,10 +195,10 @@ class Integrator:
         return n_i / inductance, n_w / rotor, n_q / body, sources
 
     def _step(self, t: float, state: State, mode: Mode, v: float, h: float) -> State:
-        plan = self._plan
-        if plan.slopes:
-            grid = SLOPE_GRID * plan.resistance
-            self._slope = grid * round(sum(slope(state[0], state[4:]) for slope in plan.slopes) / grid)
+        equations = self._equations
+        if equations.slopes:
+            grid = SLOPE_STEP * equations.resistance
+            self._slope = grid * round(sum(slope(state[0], state[4:]) for slope in equations.slopes) / grid)
         c = self._coefficients(mode, h)
         i, w, th, q = state[:4]
         z = state[4:]
@@ -237,13 +243,19 @@ class Integrator:
 
 
 def _forces(
-    plan: Plan,
+    equations: RigEquations,
 ) -> Callable[[float, float, float, float, float, tuple[float, ...], float], tuple[float, float, float, list[float]]]:
     """(volts, rotor torque, body torque, sources) beyond the linear part and the sign laws."""
-    p = plan.truth.parameters
-    supply, volts, rotor, thrust, body = plan.supply, plan.volts, plan.rotor, plan.thrust, plan.body
-    sources = [extra.source for extra in plan.extra]
-    k_t, k_d, arm, lag = p.k_t, p.k_d, plan.motors * p.D_t, plan.lag
+    p = equations.truth.parameters
+    supply, volts, rotor, thrust, body = (
+        equations.supply,
+        equations.volts,
+        equations.rotor,
+        equations.thrust,
+        equations.body,
+    )
+    sources = [extra.source for extra in equations.extra]
+    k_t, k_d, arm, lag = p.k_t, p.k_d, equations.motors * p.D_t, equations.lag
 
     def forces(
         t: float, i: float, w: float, th: float, q: float, z: tuple[float, ...], v: float
@@ -272,7 +284,7 @@ def _sign(value: float) -> int:
     return (value > 0.0) - (value < 0.0)
 
 
-def _total(laws: list[Law]) -> Law | None:
+def _total(laws: list[StateFunction]) -> StateFunction | None:
     if not laws:
         return None
     if len(laws) == 1:

@@ -10,10 +10,10 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from aero_bayes.bench.effects import KINDS, EffectKind
+from aero_bayes.bench.equations import RigEquations
 from aero_bayes.bench.inputs import InputDesign
-from aero_bayes.bench.integrate import Integrator
-from aero_bayes.bench.plan import Plan
-from aero_bayes.bench.sensors import Noise, Sensors, clean, quantise
+from aero_bayes.bench.integrate import AeroIntegrator
+from aero_bayes.bench.sensors import SensorNoise, Sensors, clean, quantise
 from aero_bayes.bench.truth import EffectTruth, Truth
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
@@ -35,24 +35,24 @@ class TrueRun:
     speed: FloatArray
 
 
-def sample_times(duration: float, rate_hz: float) -> FloatArray:
-    """Even sample times from 0 to ``duration`` s, both ends included."""
+def even_times(duration: float, rate_hz: float) -> FloatArray:
+    """Return even sample times from 0 to ``duration`` s, both ends included."""
     return np.arange(round(duration * rate_hz) + 1) / rate_hz
 
 
-def plan_of(truth: Truth, kinds: Mapping[str, EffectKind] = KINDS) -> Plan:
+def equations_of(truth: Truth, kinds: Mapping[str, EffectKind] = KINDS) -> RigEquations:
     """Assemble the equations of a rig. Raises InputError for an effect that is not in ``kinds``."""
-    plan = Plan.of(truth)
+    equations = RigEquations.of(truth)
     for effect in truth.effects:
         kind = kinds.get(effect.id)
         if kind is None:
             raise InputError(f"bench: no effect {effect.id}")
         kind.truth(**effect.parameters)
-        kind.install(plan, effect.parameters)
-    return plan
+        kind.install(equations, effect.parameters)
+    return equations
 
 
-def simulate(
+def simulate_truth(
     truth: Truth,
     design: InputDesign,
     time: FloatArray,
@@ -79,16 +79,16 @@ def simulate(
     InputError
         For an effect that is not in ``kinds``.
     """
-    plan = plan_of(truth, kinds)
+    equations = equations_of(truth, kinds)
     commands = design.volts(time)
     changes = np.concatenate(([True], commands[1:] != commands[:-1]))
     jump_times = time[changes] + truth.input_delay
-    jump_volts = np.array([plan.applied(command) for command in commands[changes].tolist()])
-    delayed = np.maximum(time - plan.pitch_delay, time[0])
+    jump_volts = np.array([equations.applied(command) for command in commands[changes].tolist()])
+    delayed = np.maximum(time - equations.pitch_delay, time[0])
     grid = _union(time, delayed, jump_times, end=time[-1])
     index = np.searchsorted(jump_times, grid + 1e-10, side="right")
-    volts = np.concatenate(([plan.applied(0.0)], jump_volts))[index]
-    integrator = Integrator(plan)
+    volts = np.concatenate(([equations.applied(0.0)], jump_volts))[index]
+    integrator = AeroIntegrator(equations)
     start = integrator.rest_angle() if theta_start is None else theta_start
     states = integrator.run(grid, volts, integrator.start(start))
     at, late = np.searchsorted(grid, time - 1e-10), np.searchsorted(grid, delayed - 1e-10)
@@ -96,19 +96,19 @@ def simulate(
     return TrueRun(
         time=time,
         volts=commands,
-        i_m=states[at, 0] + plan.current_offset,
-        omega_m=speed if plan.speed_state is None else states[at, 4 + plan.speed_state],
-        theta=states[late, 2] + plan.pitch_offset,
+        i_m=states[at, 0] + equations.current_offset,
+        omega_m=speed if equations.speed_state is None else states[at, 4 + equations.speed_state],
+        theta=states[late, 2] + equations.pitch_offset,
         angle=states[at, 4],
         speed=speed,
     )
 
 
 def measure(run: TrueRun, sensors: Sensors, rng: Generator, name: str = "simulated") -> Recording:
-    """What sensors make of a run."""
+    """Add what the sensors do to a run: noise, quantisation, gaps."""
     streams = rng.spawn(4)
     readings: dict[str, FloatArray] = {}
-    channels: tuple[tuple[str, FloatArray, Noise], ...] = (
+    channels: tuple[tuple[str, FloatArray, SensorNoise], ...] = (
         ("i_m", run.i_m, sensors.i_m),
         ("omega_m", _tachometer(run, sensors), sensors.omega_m),
         ("theta", run.theta, sensors.theta),
@@ -134,11 +134,11 @@ def simulate_recording(
     name: str = "simulated",
     kinds: Mapping[str, EffectKind] = KINDS,
 ) -> Recording:
-    """Simulate one recording of a rig, ``duration`` s at ``rate_hz``; see :func:`simulate` and :func:`measure`.
+    """Simulate one recording of a rig, ``duration`` s at ``rate_hz``; see :func:`simulate_truth` and :func:`measure`.
 
     ``rng`` is needed where ``sensors`` has noise.
     """
-    run = simulate(truth, design, sample_times(duration, rate_hz), kinds=kinds)
+    run = simulate_truth(truth, design, even_times(duration, rate_hz), kinds=kinds)
     chosen = sensors or clean()
     if rng is None:
         if chosen != clean():

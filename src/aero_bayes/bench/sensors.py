@@ -1,4 +1,4 @@
-"""What sensors make of the truth: noise, correlation, quantisation, ripple, gaps."""
+"""What sensors add to the true signals: noise, correlation, quantisation, ripple, gaps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Noise:
+class SensorNoise:
     """Noise of one output, in its SI unit.
 
     Parameters
@@ -37,7 +37,7 @@ class Noise:
     missing: float = 0.0
 
     def sample(self, rng: Generator, time: FloatArray, angle: FloatArray, speed: FloatArray) -> FloatArray:
-        """Noise at ``time``, shape (n,), for a rotor at ``angle`` rad turning at ``speed`` rad/s."""
+        """Draw noise at ``time``, shape (n,), for a rotor at ``angle`` rad turning at ``speed`` rad/s."""
         noise = self.white * rng.standard_normal(time.size)
         slow = ornstein_uhlenbeck(rng, time, self.slow_time)
         noise += self.slow * slow
@@ -53,7 +53,7 @@ class Sensors:
 
     Parameters
     ----------
-    i_m, omega_m, theta : Noise
+    i_m, omega_m, theta : SensorNoise
     encoder_counts : int
         Counts a revolution of the pitch encoder; 0 reads the angle itself. Edges lie half-way between counts, and the
         count is zero at zero pitch.
@@ -62,16 +62,16 @@ class Sensors:
         ``tachometer_window`` s; 0 reads the speed itself.
     """
 
-    i_m: Noise = Noise()
-    omega_m: Noise = Noise()
-    theta: Noise = Noise()
+    i_m: SensorNoise = SensorNoise()
+    omega_m: SensorNoise = SensorNoise()
+    theta: SensorNoise = SensorNoise()
     encoder_counts: int = 0
     tachometer_counts: int = 0
     tachometer_window: float = 0.02
     label: str = field(default="", compare=False)
 
     def without_missing(self) -> Sensors:
-        """The same with every reading present."""
+        """Return the same sensors with every reading present."""
         return replace(
             self,
             i_m=replace(self.i_m, missing=0.0),
@@ -81,32 +81,32 @@ class Sensors:
 
 
 def clean() -> Sensors:
-    """Perfect sensors."""
+    """Make sensors without noise."""
     return Sensors(label="clean")
 
 
 def white(level: float = 1.0) -> Sensors:
-    """White noise only: ``level`` times 5 mA, 1 rad/s and 2 mrad."""
-    return Sensors(Noise(5e-3 * level), Noise(1.0 * level), Noise(2e-3 * level), label="white")
+    """Make sensors with white noise only: ``level`` times 5 mA, 1 rad/s and 2 mrad."""
+    return Sensors(SensorNoise(5e-3 * level), SensorNoise(1.0 * level), SensorNoise(2e-3 * level), label="white")
 
 
 def real(level: float = 1.0) -> Sensors:
-    """The noise of a real AERO, as read off the public step recording, times ``level``.
+    """Make sensors with the noise of a real AERO, as read off the public step recording, times ``level``.
 
     Current: 2 mA white, ripple of 10 mA at two periods a turn; speed: 1.8 rad/s, ripple of 0.55 rad/s at one and 0.25
     at two; pitch: 2,048 counts a revolution. Some correlated noise (draught, the tachometer's filter) goes with each.
     """
     return Sensors(
-        Noise(2e-3 * level, 1.0e-3 * level, 0.05, (0.3e-3 * level, 10e-3 * level)),
-        Noise(1.8 * level, 0.4 * level, 0.05, (0.55 * level, 0.25 * level)),
-        Noise(0.2e-3 * level, 0.5e-3 * level, 0.2),
+        SensorNoise(2e-3 * level, 1.0e-3 * level, 0.05, (0.3e-3 * level, 10e-3 * level)),
+        SensorNoise(1.8 * level, 0.4 * level, 0.05, (0.55 * level, 0.25 * level)),
+        SensorNoise(0.2e-3 * level, 0.5e-3 * level, 0.2),
         encoder_counts=2048,
         label="real",
     )
 
 
 def ornstein_uhlenbeck(rng: Generator, time: FloatArray, correlation_time: float) -> FloatArray:
-    """A stationary process of unit standard deviation with correlation exp(-|dt| / correlation_time), shape (n,)."""
+    """Draw a stationary process of unit variance and correlation exp(-|dt| / correlation_time), shape (n,)."""
     decay = np.exp(-np.diff(time, prepend=time[0]) / correlation_time)
     kicks = rng.standard_normal(time.size) * np.sqrt(1.0 - decay**2)
     kicks[0] = rng.standard_normal()
@@ -119,6 +119,6 @@ def ornstein_uhlenbeck(rng: Generator, time: FloatArray, correlation_time: float
 
 
 def quantise(values: FloatArray, counts: int) -> FloatArray:
-    """Angles in rad as an encoder of ``counts`` a revolution shows them; edges half-way between counts."""
+    """Round angles in rad as an encoder of ``counts`` a revolution does; edges half-way between counts."""
     step = 2.0 * np.pi / counts
     return np.floor(values / step + 0.5) * step

@@ -32,7 +32,7 @@ class Parameters:
     D_t: float = 0.158
 
     def scaled(self, factors: Mapping[str, float]) -> Parameters:
-        """The same with some parameters multiplied by a factor; ``J`` scales both rotor inertias."""
+        """Multiply some parameters by a factor; ``J`` scales both rotor inertias."""
         known = {item.name for item in fields(self)}
         changed = {}
         for name, factor in factors.items():
@@ -49,7 +49,7 @@ HALF_QUAD = Parameters(k_t=8.2e-7, K_sp=0.09, D_p=0.0056, R_a=9.6)
 
 @dataclass(frozen=True)
 class EffectTruth:
-    """An effect on the bench: which, where it acts, and how large it is.
+    """An effect of a simulated rig: which, where it acts, and how large it is.
 
     Parameters
     ----------
@@ -87,5 +87,5 @@ class Truth:
     note: str = field(default="simulated", compare=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """For a file beside the recordings; never in them."""
+        """Return plain values for a file beside the recordings; they are never in the recordings."""
         return asdict(self)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sensors.innovations import reading_log_density
+from aero_bayes.sensors import reading_log_density
 from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]

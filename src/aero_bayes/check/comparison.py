@@ -24,7 +24,7 @@ Refit = Callable[[int], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Predictive:
+class ElpdEstimate:
     """Expected log-density of unseen stretches.
 
     ``elpd`` is the sum over stretches (larger is better), ``pointwise`` (b,) its parts, ``parameters`` the effective
@@ -63,14 +63,14 @@ class Predictive:
 
 
 @dataclass(frozen=True)
-class Difference:
+class ElpdDifference:
     """Difference in ``elpd`` of two models on the same stretches, with the standard error of the paired difference."""
 
     elpd: float
     se: float
 
 
-def compare(first: Predictive, second: Predictive) -> Difference:
+def compare_elpd(first: ElpdEstimate, second: ElpdEstimate) -> ElpdDifference:
     """How much better the first predicts than the second.
 
     Raises
@@ -81,20 +81,22 @@ def compare(first: Predictive, second: Predictive) -> Difference:
     if first.pointwise.size != second.pointwise.size:
         raise InputError(f"{first.pointwise.size} and {second.pointwise.size} stretches cannot be compared")
     gap = first.pointwise - second.pointwise
-    return Difference(float(gap.sum()), float(math.sqrt(gap.size * np.var(gap, ddof=1))) if gap.size > 1 else math.inf)
+    return ElpdDifference(
+        float(gap.sum()), float(math.sqrt(gap.size * np.var(gap, ddof=1))) if gap.size > 1 else math.inf
+    )
 
 
-def waic(densities: FloatArray) -> Predictive:
+def waic(densities: FloatArray) -> ElpdEstimate:
     """Watanabe's criterion from log-densities of stretches (s, b) over posterior draws."""
     count = len(densities)
     lppd = logsumexp(densities, axis=0) - math.log(count)
     penalty = np.var(densities, axis=0, ddof=1)
     part = lppd - penalty
     # A variance above 0.4 is where Vehtari et al. stop trusting it; put on the scale of k.
-    return Predictive("waic", float(part.sum()), part, float(penalty.sum()), np.where(penalty > 0.4, 1.0, 0.0))
+    return ElpdEstimate("waic", float(part.sum()), part, float(penalty.sum()), np.where(penalty > 0.4, 1.0, 0.0))
 
 
-def leave_one_out(densities: FloatArray) -> Predictive:
+def leave_one_out(densities: FloatArray) -> ElpdEstimate:
     """Each stretch predicted from all others, by importance sampling from the posterior draws (s, b).
 
     What is left out is the factor of the stretch given what came before it.
@@ -102,10 +104,10 @@ def leave_one_out(densities: FloatArray) -> Predictive:
     smoothed, shape = _weights(-densities)
     part = logsumexp(smoothed + densities, axis=0)
     lppd = logsumexp(densities, axis=0) - math.log(len(densities))
-    return Predictive("leave-one-out", float(part.sum()), part, float(np.sum(lppd - part)), shape)
+    return ElpdEstimate("leave-one-out", float(part.sum()), part, float(np.sum(lppd - part)), shape)
 
 
-def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = None) -> Predictive:
+def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = None) -> ElpdEstimate:
     """Each stretch from the ``first``-th on predicted from those before it only.
 
     From the last stretch backwards the draws are re-weighted so that they forget it; where the weights become
@@ -136,10 +138,10 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
             draws, known, refits = refit(b), b, refits + 1
             smoothed, shape = np.full((len(draws), 1), -math.log(len(draws))), np.zeros(1)
         part[b - first], shapes[b - first] = logsumexp(smoothed[:, 0] + draws[:, b]), shape[0]
-    return Predictive("leave-future-out", float(part.sum()), part, math.nan, shapes, refits)
+    return ElpdEstimate("leave-future-out", float(part.sum()), part, math.nan, shapes, refits)
 
 
-def pool(densities: Sequence[FloatArray]) -> FloatArray:
+def pooled_blocks(densities: Sequence[FloatArray]) -> FloatArray:
     """Stretches of several recordings side by side, shape (s, total)."""
     return np.concatenate(list(densities), axis=1)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from aero_bayes.check.blocks import block_edges, block_log_likelihood
-from aero_bayes.check.comparison import Predictive, leave_future_out, leave_one_out, waic
+from aero_bayes.check.comparison import ElpdEstimate, leave_future_out, leave_one_out, waic
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
@@ -33,12 +33,12 @@ _DELAY_POINTS = 21
 
 
 @dataclass(frozen=True, eq=False)
-class TimeOrdered:
+class TimeOrderedScores:
     """Criteria of one fit over stretches of time, all from the same draws."""
 
-    waic: Predictive
-    leave_one_out: Predictive
-    leave_future_out: Predictive
+    waic: ElpdEstimate
+    leave_one_out: ElpdEstimate
+    leave_future_out: ElpdEstimate
 
     def to_dict(self) -> dict[str, object]:
         return {
@@ -49,7 +49,7 @@ class TimeOrdered:
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class LeftOutPrediction:
     """A recording predicted by the others.
 
     ``rms`` is the prediction's error by output and ``rms_fitted`` that of the fit which had seen it; ``elpd`` is its
@@ -65,7 +65,7 @@ class LeftOut:
         return {"rms": dict(self.rms), "rms_fitted": dict(self.rms_fitted), "elpd": self.elpd}
 
 
-def time_ordered(
+def time_ordered_scores(
     fit: Fit,
     open_simulator: OpenSimulator,
     rng: np.random.Generator,
@@ -75,7 +75,7 @@ def time_ordered(
     draws: int = 400,
     refits: bool = True,
     progress: Progress | None = None,
-) -> TimeOrdered:
+) -> TimeOrderedScores:
     """WAIC, leave-one-out and leave-future-out of a fit over stretches of its recordings.
 
     Parameters
@@ -110,7 +110,7 @@ def time_ordered(
 
     pooled = np.concatenate(densities, axis=1)
     together = np.sum(densities, axis=0)
-    return TimeOrdered(
+    return TimeOrderedScores(
         waic(pooled), leave_one_out(pooled), leave_future_out(together, first, refit if refits else None)
     )
 
@@ -123,7 +123,7 @@ def leave_one_recording_out(
     draws: int = 40,
     time_limit: float = math.inf,
     progress: Progress | None = None,
-) -> tuple[LeftOut, ...]:
+) -> tuple[LeftOutPrediction, ...]:
     """Predict each recording from a fit to the others.
 
     A recording's own nuisances (its delay, its start) are no prediction of the others: for every draw they are fitted
@@ -140,7 +140,7 @@ def leave_one_recording_out(
     calibration = fit.calibration
     if len(calibration.experiments) < 2:
         raise InputError("leaving a recording out needs at least two")
-    found: list[LeftOut] = []
+    found: list[LeftOutPrediction] = []
     for index, name in enumerate(calibration.names):
         if found and (time.perf_counter() - began) * (index + 1) / index > time_limit:
             break
@@ -199,7 +199,7 @@ def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> 
 
 def _predict(
     fit: Fit, rest: Fit, alone: Calibration, index: int, sample: FloatArray, open_simulator: OpenSimulator
-) -> LeftOut:
+) -> LeftOutPrediction:
     """One recording under draws of the others' posterior (s, d)."""
     own = [j for j, p in enumerate(alone.parameters) if p.recording is not None]
     layout = NoiseLayout.of(rest.calibration, rest.noise)
@@ -215,7 +215,7 @@ def _predict(
             densities.append(density)
     error = costs.rms_overall([alone.measured[0] - fitted], fit.outputs)
     elpd = float(logsumexp(densities[1:]) - math.log(len(densities) - 1))
-    return LeftOut(alone.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
+    return LeftOutPrediction(alone.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
 
 
 def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArray:

@@ -1,33 +1,33 @@
 """Recordings: read, check, units, align, split."""
 
-from aero_bayes.data.align import hold_signal, input_before, to_experiment
 from aero_bayes.data.checks import check_recording
+from aero_bayes.data.experiment import hold_signal, input_before_start, to_experiment
 from aero_bayes.data.layout import ColumnMap, Layout
-from aero_bayes.data.noise import NoiseFloor, floors_of, noise_floor, noise_of, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, noise_floor, noise_floors, output_noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import ripple
-from aero_bayes.data.summary import InputSummary, OutputSummary, Summary, summarise
-from aero_bayes.declared import Quantity
+from aero_bayes.data.ripple import ripple_amplitudes
+from aero_bayes.data.summary import InputSummary, OutputSummary, RecordingSummary, summarise
+from aero_bayes.declared import ColumnSpec
 
 __all__ = [
     "ColumnMap",
+    "ColumnSpec",
     "InputSummary",
     "Layout",
     "NoiseFloor",
     "OutputSummary",
-    "Quantity",
     "Recording",
-    "Summary",
+    "RecordingSummary",
     "check_recording",
-    "floors_of",
     "hold_signal",
-    "input_before",
+    "input_before_start",
     "noise_floor",
-    "noise_of",
+    "noise_floors",
+    "output_noise_floor",
     "quantisation_step",
     "read_recording",
-    "ripple",
+    "ripple_amplitudes",
     "summarise",
     "to_experiment",
     "write_csv",

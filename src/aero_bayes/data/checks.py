@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from aero_bayes.data.layout import Layout
 from aero_bayes.data.recording import FloatArray, Recording
-from aero_bayes.declared import Quantity
+from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
 #: Length of a gap in the sampling, in usual intervals, above which it is reported.
 MIN_PAUSE_INTERVALS = 100
 #: Smallest number of samples of a recording.
 MIN_SAMPLES = 4
-Where = Callable[[int], str]
+RowName = Callable[[int], str]
 
 
-def check_recording(recording: Recording, layout: Layout | None = None, where: Where | None = None) -> None:
+def check_recording(recording: Recording, layout: Layout | None = None, where: RowName | None = None) -> None:
     """Raise InputError for the first thing that is wrong.
 
     Parameters
@@ -45,7 +45,7 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: W
         _check_sizes(name, recording, layout, place)
 
 
-def longest_gap(recording: Recording) -> str:
+def long_gap_warning(recording: Recording) -> str:
     """What is to be said of a long pause in the sampling; empty where there is none."""
     steps = np.diff(recording.time)
     row, usual = int(np.argmax(steps)), recording.interval
@@ -58,7 +58,7 @@ def longest_gap(recording: Recording) -> str:
     )
 
 
-def _check_time(name: str, time: FloatArray, place: Where) -> None:
+def _check_time(name: str, time: FloatArray, place: RowName) -> None:
     bad = np.flatnonzero(~np.isfinite(time))
     if bad.size:
         raise InputError(f"{name}, {place(bad[0])}, column time: is missing or not finite, expected seconds")
@@ -73,7 +73,7 @@ def _check_time(name: str, time: FloatArray, place: Where) -> None:
         )
 
 
-def _check_input(name: str, column: str, values: FloatArray, place: Where) -> None:
+def _check_input(name: str, column: str, values: FloatArray, place: RowName) -> None:
     bad = ~np.isfinite(values)
     if bad.any():
         first, count = int(np.argmax(bad)), _run(bad)
@@ -84,7 +84,7 @@ def _check_input(name: str, column: str, values: FloatArray, place: Where) -> No
         )
 
 
-def _check_output(name: str, column: str, values: FloatArray, place: Where) -> None:
+def _check_output(name: str, column: str, values: FloatArray, place: RowName) -> None:
     bad = np.flatnonzero(np.isinf(values))
     if bad.size:
         raise InputError(f"{name}, {place(int(bad[0]))}, column {column}: is infinite, expected a finite reading")
@@ -117,7 +117,7 @@ def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
         )
 
 
-def _check_sizes(name: str, recording: Recording, layout: Layout, place: Where) -> None:
+def _check_sizes(name: str, recording: Recording, layout: Layout, place: RowName) -> None:
     for quantity in (*layout.inputs, *layout.outputs):
         values = {**recording.inputs, **recording.outputs}.get(quantity.name)
         if values is None or not isfinite(quantity.largest):
@@ -151,5 +151,5 @@ def _check_sizes(name: str, recording: Recording, layout: Layout, place: Where) 
         )
 
 
-def _hint(quantity: Quantity) -> str:
+def _hint(quantity: ColumnSpec) -> str:
     return f": {quantity.hints}" if quantity.hints else ""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
-from aero_bayes.show import nearest
+from aero_bayes.unknown_names import known_names_hint
 
 FloatArray = NDArray[np.float64]
 BLOCK_BYTES = 8 << 20
@@ -199,7 +199,7 @@ def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[
             raise InputError(f"{row}: column {name} appears {names.count(name)} times, expected once")
     for name in wanted:
         if name not in names:
-            raise InputError(f"{row}: no column {name}{nearest(name, names)}")
+            raise InputError(f"{row}: no column {name}{known_names_hint(name, names)}")
     return {name: names.index(name) for name in (*wanted, *optional) if name in names}
 
 

@@ -48,7 +48,7 @@ MAX_INPUT_LAG = 12
 
 
 @dataclass(frozen=True)
-class Split:
+class NoiseVariances:
     """Variances of noise as differences of one order show them.
 
     Parameters
@@ -91,17 +91,17 @@ class Differences:
     time: FloatArray
     inputs: Sequence[FloatArray] = ()
 
-    def split(self, order: int) -> Split | None:
+    def noise_variances(self, order: int) -> NoiseVariances | None:
         """Noise by the growth of the differences' variance over the lags; None for too few readings."""
         lags, variances, windows, calm = self._variances(order)
         if not lags.size or lags[0] != 1.0:
             return None
         if variances[0] == 0.0:
-            return Split(0.0, 0.0, 0.0, 0.0, 0.0, windows)
+            return NoiseVariances(0.0, 0.0, 0.0, 0.0, 0.0, windows)
         lags, variances = lags[variances > 0.0], variances[variances > 0.0]
         beyond = np.flatnonzero(variances > MAX_VARIANCE_RATIO * variances[0])
         stop = int(beyond[0]) + 1 if beyond.size else lags.size
-        return _split(lags[:stop], variances[:stop], order, windows, calm)
+        return _fit_noise_variances(lags[:stop], variances[:stop], order, windows, calm)
 
     def explained(self, order: int) -> float:
         """Share of the variance of neighbouring readings' differences that those of the inputs tell in advance.
@@ -205,7 +205,7 @@ def _trimmed(differences: FloatArray) -> float:
     return float(squares[: max(int(TRIM_QUANTILE * squares.size), 1)].mean() / TRIMMED_NORMAL_VARIANCE)
 
 
-def _with_memory(lags: FloatArray | float, memory: float, order: int) -> FloatArray:
+def _correlated_variance(lags: FloatArray | float, memory: float, order: int) -> FloatArray:
     """Variance of differences of an Ornstein-Uhlenbeck process of variance one."""
     r = np.exp(-np.asarray(lags) / memory)
     whole = comb(2 * order, order)
@@ -213,7 +213,9 @@ def _with_memory(lags: FloatArray | float, memory: float, order: int) -> FloatAr
     return np.asarray(1.0 + sum(terms))
 
 
-def _split(lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool) -> Split:
+def _fit_noise_variances(
+    lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool
+) -> NoiseVariances:
     """Least squares over the lags; memory is believed where inputs rest and it is likelier than a drift."""
     # A window of p lags holds about one independent difference; their squares spread by sqrt(2).
     error = np.sqrt(2.0 * order * lags / windows / TRIM_QUANTILE + SHAPE_ERROR**2)
@@ -228,13 +230,13 @@ def _split(lags: FloatArray, variances: FloatArray, order: int, windows: int, ca
     if calm and lags.size >= 5:
         best, memory, shares = np.inf, 0.0, np.zeros(3)
         for tried in np.geomspace(1.0, MAX_CORRELATION_SHARE * lags[-1], 20):
-            misfit, solution = fit(steady, smooth, _with_memory(lags, tried, order))
+            misfit, solution = fit(steady, smooth, _correlated_variance(lags, tried, order))
             if misfit < best:
                 best, memory, shares = misfit, float(tried), solution
         gain, ahead = fit(steady, smooth)[0] - best, fit(steady, smooth, drift)[0] - best
         white, slow = float(shares[0]), float(shares[2])
         if slow > 0.0 and gain >= MIN_CHI_SQUARED_GAIN and ahead > MIN_GAIN_OVER_DRIFT:
-            near = white + slow * float(_with_memory(1.0, memory, order))
-            return Split(white, slow, memory, near, float(variances[0]), windows)
+            near = white + slow * float(_correlated_variance(1.0, memory, order))
+            return NoiseVariances(white, slow, memory, near, float(variances[0]), windows)
     white = float(fit(steady, smooth, drift, kinks)[1][0])
-    return Split(white, 0.0, 0.0, white, float(variances[0]), windows)
+    return NoiseVariances(white, 0.0, 0.0, white, float(variances[0]), windows)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.declared import Declaration, Quantity
+from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
+from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 
 FloatArray = NDArray[np.float64]
 
@@ -52,10 +52,10 @@ class ColumnMap:
             if not self.counts_per_revolution or self.counts_per_revolution <= 0.0:
                 raise InputError(f"column {column}: unit {unit} needs counts_per_revolution, e.g. 2048")
             unit, turns = "rev" + unit[5:], 1.0 / self.counts_per_revolution
-        known = base_units(spelled(unit))
+        known = base_units(to_modelica_unit(unit))
         found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
         if found is None:
-            if known is None and spelled(unit) not in TEMPERATURES:
+            if known is None and to_modelica_unit(unit) not in TEMPERATURES:
                 raise InputError(f"column {column}: unknown unit {unit!r}, expected one like {expected or 'rad/s'}")
             raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
         return values * (turns * found[0]) + found[1]
@@ -67,9 +67,9 @@ class Layout:
 
     Parameters
     ----------
-    inputs : tuple of Quantity
+    inputs : tuple of ColumnSpec
         All must be in the file.
-    outputs : tuple of Quantity
+    outputs : tuple of ColumnSpec
         Any of them may be; at least one must.
     rates : (float, float)
         Believable sample rates in Hz.
@@ -82,8 +82,8 @@ class Layout:
     {'time': 's', 'F': 'N', 'position': 'm'}
     """
 
-    inputs: tuple[Quantity, ...]
-    outputs: tuple[Quantity, ...]
+    inputs: tuple[ColumnSpec, ...]
+    outputs: tuple[ColumnSpec, ...]
     rates: tuple[float, float] = (0.0, math.inf)
     constants: Mapping[str, float] = field(default_factory=dict)
 
@@ -92,12 +92,12 @@ class Layout:
         """A layout of names and units, without bounds on sizes."""
         known = units or {}
         return cls(
-            tuple(Quantity(name, known.get(name, "")) for name in inputs),
-            tuple(Quantity(name, known.get(name, "")) for name in outputs),
+            tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),
+            tuple(ColumnSpec(name, known.get(name, "")) for name in outputs),
         )
 
     @classmethod
-    def declared(cls, declaration: Declaration) -> Layout:
+    def declared(cls, declaration: PackageDeclaration) -> Layout:
         """The columns that a package declares for its rigs."""
         known = declaration.recording
         return cls(tuple(known.inputs.values()), tuple(known.outputs.values()), known.rates)

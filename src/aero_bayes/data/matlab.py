@@ -31,9 +31,9 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.data import matlab_child
+from aero_bayes.data import matlab_process
 from aero_bayes.data.csv_text import FloatArray, free_memory
-from aero_bayes.data.matlab_child import HDF5
+from aero_bayes.data.matlab_process import HDF5
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
@@ -126,7 +126,7 @@ def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], list[str]]:
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     # -P: files beside the reader are no modules
-    command = [sys.executable, "-P", matlab_child.__file__, str(path), str(memory + INTERPRETER_BYTES)]
+    command = [sys.executable, "-P", matlab_process.__file__, str(path), str(memory + INTERPRETER_BYTES)]
     limit = READ_TIME_LIMIT + READ_TIME_PER_MIB * path.stat().st_size / 2**20
     try:
         done = subprocess.run(

@@ -30,7 +30,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data.differences import Differences, Split
+from aero_bayes.data.differences import Differences, NoiseVariances
 from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -103,10 +103,10 @@ def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArra
     found = _noise(Differences(values, time, inputs))
     if found is None:
         found = float(np.nanstd(values)) if readings else 0.0
-    if not isinstance(found, Split) and found > least:
+    if not isinstance(found, NoiseVariances) and found > least:
         return NoiseFloor(None, found, 0.0, 0.0, 0.0, 0.0, quantum, readings)
-    total = math.sqrt(found.white + found.slow) if isinstance(found, Split) else least
-    if not isinstance(found, Split) or total <= least or found.slow == 0.0:
+    total = math.sqrt(found.white + found.slow) if isinstance(found, NoiseVariances) else least
+    if not isinstance(found, NoiseVariances) or total <= least or found.slow == 0.0:
         total = max(total, least)
         return NoiseFloor(total, total, total, 0.0, 0.0, 0.0, quantum, readings)
     shared = found.slow * math.exp(-1.0 / found.memory) / total**2
@@ -114,12 +114,12 @@ def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArra
     return NoiseFloor(total, total, math.sqrt(found.white), math.sqrt(found.slow), memory, shared, quantum, readings)
 
 
-def _noise(differences: Differences) -> Split | float | None:
+def _noise(differences: Differences) -> NoiseVariances | float | None:
     """The noise where it is known; else how large it is at most, None where there are no differences to say so."""
-    lower: Split | None = None
+    lower: NoiseVariances | None = None
     most: float | None = None
     for order in DIFFERENCE_ORDERS:
-        found = differences.split(order)
+        found = differences.noise_variances(order)
         if found is None:
             break
         most = min(math.sqrt(found.whole), most if most is not None else math.inf)
@@ -131,7 +131,7 @@ def _noise(differences: Differences) -> Split | float | None:
     return most
 
 
-def _agree(one: Split, other: Split) -> bool:
+def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:
     """Whether differences of two orders are mostly noise, and of the same size."""
     if (
         min(one.windows, other.windows) < MIN_DIFFERENCES
@@ -141,17 +141,17 @@ def _agree(one: Split, other: Split) -> bool:
     return abs(0.5 * math.log(one.near / other.near)) < MAX_LOG_DISAGREEMENT + 1.0 / math.sqrt(one.windows)
 
 
-def noise_of(recording: Recording, output: str) -> NoiseFloor:
+def output_noise_floor(recording: Recording, output: str) -> NoiseFloor:
     """Noise of an output of a recording, from its readings and what was applied."""
     return noise_floor(recording.outputs[output], recording.time, list(recording.inputs.values()))
 
 
-def floors_of(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
+def noise_floors(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
     """Noise floors by recording and output, from readings alone; where one is unknown there is no entry."""
     floors = {}
     for recording in recordings:
         for output in outputs:
-            if output in recording.outputs and (sd := noise_of(recording, output).sd) is not None:
+            if output in recording.outputs and (sd := output_noise_floor(recording, output).sd) is not None:
                 floors[recording.name, output] = sd
     return floors
 

@@ -12,11 +12,11 @@ from aero_bayes.data.csv_text import FloatArray, read_columns, read_header
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, matlab_names, read_matlab
 from aero_bayes.data.recording import Recording
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
-from aero_bayes.show import nearest
+from aero_bayes.unknown_names import known_names_hint
 
 
 def read_recording(
@@ -89,7 +89,9 @@ def read_recording(
         raise InputError(f"{file}: may not be read (permission denied)") from None
     if not any(quantity.name in found for quantity in layout.outputs):
         missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
-        there = nearest(next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file))
+        there = known_names_hint(
+            next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file)
+        )
         raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
     values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
     recording = Recording(

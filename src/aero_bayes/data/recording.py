@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.show import nearest, table_html
+from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
@@ -124,7 +125,7 @@ class Recording:
         roles = [names_of(inputs, "inputs"), names_of(outputs, "outputs")]
         for column in (c for names in roles for c in names):
             if column not in frame.columns:
-                raise InputError(f"frame: no column {column}{nearest(column, map(str, frame.columns))}")
+                raise InputError(f"frame: no column {column}{known_names_hint(column, map(str, frame.columns))}")
         time = frame["time"] if "time" in frame.columns else frame.index
         given, measured = ({c: np.asarray(frame[c]) for c in names} for names in roles)
         found = cls(name, np.asarray(time), given, measured, {"time": "s", **(units or {})})

@@ -10,7 +10,7 @@ from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
 #: Length in s of the pieces within which the integrated angle keeps its phase.
-PIECE_LENGTH = 0.5
+SEGMENT_LENGTH = 0.5
 #: Smallest speed of a rotor whose ripple is examined, in rad/s.
 MIN_ROTOR_SPEED = 20.0
 
@@ -30,7 +30,7 @@ def _rotor_angle(recording: Recording, speed: FloatArray) -> FloatArray:
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) -> dict[int, float]:
+def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) -> dict[int, float]:
     """Amplitude of the ripple of an output at so many periods a turn, by order.
 
     Orders that do not stand out of the noise are left out, and so is one that the sample rate folds onto a near
@@ -41,7 +41,7 @@ def ripple(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) 
     if speed is None or recording.rate_hz <= 0.0:
         return {}
     values, time, angle = recording.outputs[output], recording.time, _rotor_angle(recording, speed)
-    size = max(int(PIECE_LENGTH * recording.rate_hz), 24)
+    size = max(int(SEGMENT_LENGTH * recording.rate_hz), 24)
     jumps = input_jumps(time, list(recording.inputs.values()))
     powers: dict[int, list[tuple[float, float]]] = {order: [] for order in orders}
     for first in range(0, recording.rows - size + 1, size):

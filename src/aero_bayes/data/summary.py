@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data.noise import NoiseFloor, noise_of, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, output_noise_floor, quantisation_step
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import ripple
-from aero_bayes.show import table_html, with_unit
+from aero_bayes.data.ripple import ripple_amplitudes
+from aero_bayes.display import table_html, with_unit
 
 FloatArray = NDArray[np.float64]
 #: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
@@ -75,7 +75,7 @@ class OutputSummary:
 
 
 @dataclass(frozen=True)
-class Summary:
+class RecordingSummary:
     """A recording at a glance.
 
     ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts intervals of more
@@ -116,7 +116,7 @@ class Summary:
         return table_html(("column",), [(line.strip(),) for line in self.lines[1:]], self.lines[0])
 
 
-def summarise(recording: Recording) -> Summary:
+def summarise(recording: Recording) -> RecordingSummary:
     """Look a recording over; no model is involved.
 
     Parameters
@@ -138,7 +138,7 @@ def summarise(recording: Recording) -> Summary:
     """
     intervals = np.diff(recording.time)
     median = float(np.median(intervals))
-    return Summary(
+    return RecordingSummary(
         name=recording.path.name if recording.path else recording.name,
         sha256=recording.sha256,
         rows=recording.rows,
@@ -172,7 +172,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
     values = recording.outputs[name]
     seen = np.isfinite(values)
     at = recording.time[seen]
-    noise = noise_of(recording, name)
+    noise = output_noise_floor(recording, name)
     smallest = 0.25 * noise.quantum if noise.quantum else 0.0
     return OutputSummary(
         name=name,
@@ -183,7 +183,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
         longest_gap=float(np.diff(at).max()) if not seen.all() else 0.0,
         saturated=_saturated(values[seen]),
         noise=noise,
-        ripple={order: size for order, size in ripple(recording, name).items() if size > smallest},
+        ripple={order: size for order, size in ripple_amplitudes(recording, name).items() if size > smallest},
     )
 
 

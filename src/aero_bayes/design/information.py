@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
-from aero_bayes.sensors.noise import Sampling, whiten
+from aero_bayes.sensors import SampleTimes, whiten
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -51,7 +51,7 @@ class Limits:
                 raise InputError(f"limit of {name}: {value:g} is not a positive number")
 
 
-class Fitted(Protocol):
+class GaussianFit(Protocol):
     """A fit as experiments are designed from it; ``covariance`` is in search coordinates, ``free`` ones first."""
 
     @property
@@ -71,7 +71,7 @@ class Fitted(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedExperiment:
     """What a candidate experiment is expected to do.
 
     ``information`` (p, p) on the search coordinates of the shared parameters, nuisances of the new recording
@@ -85,7 +85,7 @@ class Predicted:
     sensitivities: FloatArray
 
 
-class Forecaster:
+class ExperimentPredictor:
     """Predicts experiments with a fitted model.
 
     Parameters
@@ -100,7 +100,7 @@ class Forecaster:
 
     def __init__(
         self,
-        fit: Fitted,
+        fit: GaussianFit,
         time: FloatArray,
         limits: Limits,
         engine: Engine = "native",
@@ -135,7 +135,7 @@ class Forecaster:
         every = -(-time.size // MAX_SAMPLES)
         self.time = time[::every]
         self._noise = [_thinned(fit.noise[name], every) for name in calibration.outputs]
-        self._sampling = Sampling.of(self.time, self.time)
+        self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
         """What is known already of the shared parameters, shape (p, p), in search coordinates."""
@@ -179,7 +179,9 @@ class Forecaster:
 
         return open_simulator(problem, self._engine, self._workers, self._pool)
 
-    def predict(self, signals: Sequence[FloatArray], values: FloatArray | None = None) -> list[Predicted | None]:
+    def predict(
+        self, signals: Sequence[FloatArray], values: FloatArray | None = None
+    ) -> list[PredictedExperiment | None]:
         """Predict experiments, one an input signal (n,) on the full times; None where the simulation failed.
 
         ``values`` are the shared parameters' SI values, the fitted ones by default.
@@ -196,10 +198,10 @@ class Forecaster:
             for y, s, code in zip(result.outputs, result.sensitivities, result.outcomes[0], strict=True)
         ]
 
-    def _predicted(self, outputs: FloatArray, sensitivities: FloatArray) -> Predicted:
+    def _predicted(self, outputs: FloatArray, sensitivities: FloatArray) -> PredictedExperiment:
         joint = self.gram(sensitivities, sensitivities)
         travel = {n: float(np.max(np.abs(outputs[:, self.outputs.index(n)]))) for n in self.limited}
-        return Predicted(self.without_delay(joint), travel, outputs, sensitivities)
+        return PredictedExperiment(self.without_delay(joint), travel, outputs, sensitivities)
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Products of columns weighed by the noise of the measured outputs, (n, m, a) with (n, m, b) to (a, b)."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.information import Fitted, Forecaster, Limits, Predicted, posterior_sd
-from aero_bayes.design.optimise import BestSignal, Progress, SearchSettings, best_signals
-from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
+from aero_bayes.design.proposed_input import ProposedInput
+from aero_bayes.design.signal_search import BestSignal, Progress, SearchSettings, best_signals
+from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
-from aero_bayes.show import table_html
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +30,7 @@ TRAVEL_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedParameter:
     """What a parameter's standard deviation is, and would be: SI units, and as a share of the value.
 
     ``repeated`` is what as long a recording of the present input would leave.
@@ -51,7 +51,7 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class Design(HeldSignal):
+class Design(ProposedInput):
     """A proposed experiment.
 
     Parameters
@@ -66,7 +66,7 @@ class Design(HeldSignal):
     """
 
     families: Mapping[str, float]
-    expected: tuple[Expected, ...]
+    expected: tuple[ExpectedParameter, ...]
     travel: Mapping[str, float]
     limits: Limits
     rate_hz: float
@@ -163,7 +163,7 @@ def propose_experiment(
     Examples
     --------
     >>> from aero_bayes.design import Limits
-    >>> from aero_bayes.design.optimise import SearchSettings
+    >>> from aero_bayes.design.signal_search import SearchSettings
     >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
     >>> allowed = Limits(amplifier=5.0, travel={"position": 0.3})  # N, m
     >>> aero_bayes.propose_experiment(
@@ -172,31 +172,34 @@ def propose_experiment(
     ('d',)
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
-    time = sample_times(fit, duration, rate_hz)
+    time = experiment_times(fit, duration, rate_hz)
     rng = np.random.default_rng(settings.seed)
-    with WorkerPool(workers) as pool, Forecaster(fit, time, limits, settings.engine, workers, pool) as forecaster:
-        aimed = _targets(fit, forecaster, targets)
-        known = forecaster.precision()
+    with (
+        WorkerPool(workers) as pool,
+        ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) as predictor,
+    ):
+        aimed = _targets(fit, predictor, targets)
+        known = predictor.precision()
         before = posterior_sd(known)
 
         def score(signals: Sequence[FloatArray]) -> FloatArray:
-            predicted = forecaster.predict([limits.amplifier * s for s in signals])
+            predicted = predictor.predict([limits.amplifier * s for s in signals])
             return np.array([_score(p, known, before, aimed, limits) for p in predicted])
 
         found = best_signals(score, time, rng, settings, progress)
         if not np.isfinite(found[0].score):
             raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
-        values, travel = within_travel(forecaster, limits.amplifier * found[0].values, rng)
-        prediction = forecaster.predict([values, *_present(fit, forecaster, time)])
+        values, travel = within_travel(predictor, limits.amplifier * found[0].values, rng)
+        prediction = predictor.predict([values, *_present(fit, predictor, time)])
         if prediction[0] is None:
             raise CannotFinishError("the proposed experiment could not be simulated")
         after = posterior_sd(known + prediction[0].information)
         same = prediction[1]
         repeated = posterior_sd(known + same.information) if same is not None else np.full(before.shape, np.nan)
-        return _design(forecaster, found, values, travel, (before, after, repeated), aimed, settings.seed)
+        return _design(predictor, found, values, travel, (before, after, repeated), aimed, settings.seed)
 
 
-def default_limits(fit: Fitted) -> Limits:
+def default_limits(fit: GaussianFit) -> Limits:
     """What the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
@@ -204,7 +207,7 @@ def default_limits(fit: Fitted) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatArray:
+def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.intervals[0]
@@ -214,7 +217,7 @@ def sample_times(fit: Fitted, duration: float, rate_hz: float | None) -> FloatAr
 
 
 def within_travel(
-    forecaster: Forecaster, values: FloatArray, rng: np.random.Generator
+    predictor: ExperimentPredictor, values: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, float]]:
     """The signal, made smaller until draws of what is known keep to the travel, and the largest travel of each output.
 
@@ -223,36 +226,36 @@ def within_travel(
     CannotFinishError
         If even a hundredth of it does not.
     """
-    draws = np.vstack([forecaster.values, forecaster.draws(TRAVEL_DRAWS, rng)])
-    rows = np.column_stack([draws, np.full(len(draws), forecaster.delay_value)])
+    draws = np.vstack([predictor.values, predictor.draws(TRAVEL_DRAWS, rng)])
+    rows = np.column_stack([draws, np.full(len(draws), predictor.delay_value)])
     for _ in range(30):
-        with forecaster.open(forecaster.problem([forecaster.experiment(values)])) as simulator:
+        with predictor.open(predictor.problem([predictor.experiment(values)])) as simulator:
             outputs = simulator.simulate(rows).outputs[0]
         travel = {
-            n: float(np.nanmax(np.abs(outputs[:, :, forecaster.outputs.index(n)]), initial=0.0))
-            for n in forecaster.limited
+            n: float(np.nanmax(np.abs(outputs[:, :, predictor.outputs.index(n)]), initial=0.0))
+            for n in predictor.limited
         }
-        excess = max((travel[n] / limit for n, limit in forecaster.limits.travel.items()), default=0.0)
+        excess = max((travel[n] / limit for n, limit in predictor.limits.travel.items()), default=0.0)
         if np.all(np.isfinite(outputs)) and excess <= 1.0:
             return values, travel
         values = values * min(0.97, max(0.5, excess**-0.5) if np.isfinite(excess) else 0.5)
     raise CannotFinishError("the proposed experiment leaves the travel for some parameters that are still possible")
 
 
-def _targets(fit: Fit, forecaster: Forecaster, targets: Sequence[str] | None) -> list[int]:
-    names = forecaster.shared.names
+def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | None) -> list[int]:
+    names = predictor.shared.names
     if targets is not None:
         for name in targets:
             if name not in names:
                 raise InputError(f"{name} is no parameter of the fit; it has {', '.join(names)}")
         return [names.index(name) for name in targets]
-    sought = [j for j, item in enumerate(forecaster.shared) if not item.auto or item.name in fit.laplace.names]
+    sought = [j for j, item in enumerate(predictor.shared) if not item.auto or item.name in fit.laplace.names]
     table = fit.parameters
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 
 
 def _score(
-    predicted: Predicted | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
+    predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
 ) -> float:
     """Mean logarithm of the targets' standard deviations after over before; infinite beyond the travel."""
     if predicted is None or any(predicted.travel[n] > TRAVEL_SHARE * limit for n, limit in limits.travel.items()):
@@ -261,7 +264,7 @@ def _score(
     return float(np.mean(np.log(after[aimed] / before[aimed])))
 
 
-def _present(fit: Fit, forecaster: Forecaster, time: FloatArray) -> list[FloatArray]:
+def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> list[FloatArray]:
     """The first recording's input, repeated over the new times."""
     signal = fit.calibration.experiments[0].inputs[0]
     span = fit.calibration.experiments[0].time
@@ -271,7 +274,7 @@ def _present(fit: Fit, forecaster: Forecaster, time: FloatArray) -> list[FloatAr
 
 
 def _design(
-    forecaster: Forecaster,
+    predictor: ExperimentPredictor,
     found: Sequence[BestSignal],
     values: FloatArray,
     travel: Mapping[str, float],
@@ -279,18 +282,18 @@ def _design(
     aimed: list[int],
     seed: int,
 ) -> Design:
-    slope = forecaster.shared.jacobian(forecaster.values)
+    slope = predictor.shared.jacobian(predictor.values)
     before, after, repeated = (sd * slope for sd in spreads)
     expected = tuple(
-        Expected(
-            item.name, item.unit, float(forecaster.values[j]), float(before[j]), float(after[j]), float(repeated[j]),
+        ExpectedParameter(
+            item.name, item.unit, float(predictor.values[j]), float(before[j]), float(after[j]), float(repeated[j]),
             j in aimed,
         )
-        for j, item in enumerate(forecaster.shared)
+        for j, item in enumerate(predictor.shared)
     )  # fmt: skip
-    time = forecaster.full_time
-    unit = next((v.unit for v in forecaster.fit.calibration.model.inputs if v.name == forecaster.input), "")
+    time = predictor.full_time
+    unit = next((v.unit for v in predictor.fit.calibration.model.inputs if v.name == predictor.input), "")
     return Design(
-        forecaster.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
-        forecaster.limits, float(1.0 / (time[1] - time[0])), seed, unit,
+        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
+        predictor.limits, float(1.0 / (time[1] - time[0])), seed, unit,
     )  # fmt: skip

@@ -12,12 +12,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.export import export_fmu
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.show import listed, with_unit
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 
@@ -144,7 +144,7 @@ def calibrated_model(
     data = ", ".join(r.path.name if r.path is not None else r.name for r in calibration.recordings)
     header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
     needed = [*(file.name for file in base.files), *(added or {})]
-    header += [f"Load {listed(needed)} first."] if needed else []
+    header += [f"Load {join_names(needed)} first."] if needed else []
     return CalibratedModel(
         base, _whole_arrays(model, given), remarks, (*header, *_beside(calibration, values)), dict(added or {})
     )

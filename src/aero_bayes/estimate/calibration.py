@@ -18,8 +18,8 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.process_noise import process_parameters
-from aero_bayes.sensors.counts import quantum, thin_standstill
 from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -63,7 +63,7 @@ class CalibrationSettings:
     most_readings : int, optional
         Readings of an output that a recording keeps; beyond it every n-th is kept.
     standing : bool
-        Whether every reading of a count that stands still counts; a comparison of models takes few of them.
+        Whether all readings of a counter at standstill are fitted. Comparisons of models use few of them.
     interpolation : {"auto", "hold", "linear"} or mapping
         Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
         the fit decide for each that moves from sample to sample (see :mod:`aero_bayes.estimate.interpolation`).
@@ -326,7 +326,7 @@ def _experiment(
                 # A little less than the count's own spread, which a motion through many counts may undercut.
                 floors[name] = max(0.9 * step / 12.0**0.5, floors.get(name, 0.0))
                 if not settings.standing:
-                    values[~thin_standstill(recording.time, values)] = np.nan
+                    values[~thin_constant_readings(recording.time, values)] = np.nan
             measured[:, column] = values
     own = [name for name in outputs if name in recording.outputs]
     between = "hold" if settings.interpolation == "auto" else settings.interpolation

@@ -24,28 +24,28 @@ MAX_REMAINING_INFORMATION = 0.01
 def name_deciding_constants(
     found: Identifiability, calibration: Calibration, optimum: Optimum, open_simulator: OpenSimulator
 ) -> Identifiability:
-    """The flat directions at an optimum with the held parameters that decide them; without any it is as it was."""
+    """The identifiability with the fixed parameters that decide its flat directions; unchanged if there are none."""
     if not found.flat:
         return found
-    held = _fixed_parameters(calibration)
+    fixed = _fixed_parameters(calibration)
     values = calibration.parameters.from_search(optimum.coordinates)
-    wider = replace(calibration, parameters=calibration.parameters.extended(held.items))
+    wider = replace(calibration, parameters=calibration.parameters.extended(fixed.items))
     with open_simulator(wider.problem()) as simulator:
         objective = Objective(wider, simulator)
-        at = wider.parameters.to_search(np.concatenate([values, held.start]))
+        at = wider.parameters.to_search(np.concatenate([values, fixed.start]))
         run = objective.evaluate(at, [*optimum.free, *range(len(values), len(at))])
         if run is None or run.slopes is None:
             return found
         slopes = objective.whiten(run, optimum.noise).slopes
     own = len(optimum.free)
     alone = collinear(slopes[:own] @ slopes[:own].T)[0][0]
-    guesses = []
-    for k, item in enumerate(held):
+    deciding = []
+    for k, item in enumerate(fixed):
         rows = slopes[[*range(own), own + k]]
         sizes, vectors = collinear(rows @ rows.T)
         if sizes[0] < MAX_REMAINING_INFORMATION * alone and abs(vectors[-1, 0]) > MAX_REMAINING_INFORMATION:
-            guesses.append(f"{item.name} = {item.start:.4g}")
-    return replace(found, flat=tuple(replace(direction, held=tuple(guesses)) for direction in found.flat))
+            deciding.append(f"{item.name} = {item.start:.4g}")
+    return replace(found, flat=tuple(replace(direction, held=tuple(deciding)) for direction in found.flat))
 
 
 def _fixed_parameters(calibration: Calibration) -> ParameterSet:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from aero_bayes.declared import Searched
+from aero_bayes.declared import DeclaredParameter
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.priors import LogNormal
@@ -22,7 +22,7 @@ def declared_overrides(model: Model) -> dict[str, Override]:
     return {name: _override(name, start, declared[name]) for name in declared if (start := own.get(name)) is not None}
 
 
-def _override(name: str, start: float, known: Searched) -> Override:
+def _override(name: str, start: float, known: DeclaredParameter) -> Override:
     """Bounds a factor below the smaller and above the larger of start and prior median."""
     if start <= 0.0:
         raise InputError(

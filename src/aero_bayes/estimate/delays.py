@@ -110,7 +110,7 @@ def search_delays(
             levenberg_marquardt(cost_function, start, low, high, search_settings.settings, shape=shape)
             for start in starts
         ]
-        scores = [laplace_log_mass(f) for f in found]
+        scores = [laplace_log_evidence(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + MIN_LOG_EVIDENCE_GAIN:
             point, moved = found[best].point, True
@@ -135,8 +135,8 @@ def _starts(
     return [point, *trial[order]]
 
 
-def laplace_log_mass(found: SearchResult[QuadraticModel]) -> float:
-    """Log-probability of an optimum up to a constant, by Laplace's approximation; minus infinity where it failed."""
+def laplace_log_evidence(found: SearchResult[QuadraticModel]) -> float:
+    """Log-evidence of an optimum up to a constant, by Laplace's approximation; minus infinity where it failed."""
     if found.quadratic is None:
         return -np.inf
     sign, determinant = np.linalg.slogdet(found.quadratic.hessian)

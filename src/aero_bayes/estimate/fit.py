@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one, several
+from aero_bayes.arguments import require_all, require_type
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
@@ -35,7 +36,7 @@ from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import ParameterSet, Wish, chosen_parameters
+from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.stage_report import stage_report
@@ -43,8 +44,7 @@ from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.sensors.ripple import Ripple, ripples
-from aero_bayes.show import Settings
+from aero_bayes.sensors.ripple import Ripple, find_ripples
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -53,7 +53,7 @@ Engine = Literal["native", "fmpy"]
 
 
 @dataclass(frozen=True, repr=False)
-class FitSettings(Settings):
+class FitSettings(SettingsDisplay):
     """How a fit is done.
 
     Parameters
@@ -86,7 +86,7 @@ class FitSettings(Settings):
 
     Examples
     --------
-    >>> aero_bayes.FitSettings(method="local").ascent.swarm is None  # no particle swarm first
+    >>> aero_bayes.FitSettings(method="local").global_search.swarm is None  # no particle swarm first
     True
     """
 
@@ -105,8 +105,8 @@ class FitSettings(Settings):
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def ascent(self) -> GlobalSearchSettings:
-        """The part that is about the search."""
+    def global_search(self) -> GlobalSearchSettings:
+        """Settings of the search for the optimum."""
         swarm = self.swarm if self.method != "local" else None
         local = self.local if self.method != "pso" else replace(self.local, max_iterations=0)
         return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
@@ -116,7 +116,7 @@ def fit(
     recordings: Recording | Sequence[Recording],
     model: Model,
     *,
-    parameters: ParameterSet | str | Sequence[str] | Mapping[str, Wish] | None = None,
+    parameters: ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec] | None = None,
     settings: FitSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -156,8 +156,8 @@ def fit(
     from aero_bayes.simulation import open_simulator
 
     settings = settings or FitSettings()
-    recordings = several(recordings, Recording, "recordings")
-    overrides = declared_overrides(one(model, Model, "model"))
+    recordings = require_all(recordings, Recording, "recordings")
+    overrides = declared_overrides(require_type(model, Model, "model"))
     chosen = parameters if parameters is not None else tuple(overrides)
     if isinstance(chosen, Sized) and not chosen:
         known = ", ".join(v.name for v in model.parameters)
@@ -176,19 +176,19 @@ def fit(
 
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
     with threadpool_limits(limits=1, user_api="blas"):
-        kept = Checkpoint.at(checkpoint)
+        cache = Checkpoint.at(checkpoint)
         rng = np.random.default_rng(seed)
-        found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=kept)
+        found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
         if settings.cost == "posterior" and calibration.process is None:
-            found = _with_sensors(found, opened, settings, progress, kept)
+            found = _with_sensors(found, opened, settings, progress, cache)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         return replace(found, identifiability=judged)
 
 
 def _with_sensors(
-    first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, kept: Checkpoint | None
+    first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
 ) -> Fit:
-    """The fit with its sensors described; where ripple is to be subtracted, again from where it ended."""
+    """The fit with its sensors described; if ripple is to be subtracted, refitted to the readings without it."""
     began = time.perf_counter()
     calibration = first.calibration
     found, subtract = first, settings.ripple == "subtract"
@@ -197,8 +197,8 @@ def _with_sensors(
         cleaned, ripple = without_ripple(calibration, first.fitted)
         if ripple and subtract:
             with opened(cleaned.problem()) as simulator:
-                objective = Objective(cleaned, simulator, result_cache=kept)
-                found = _again(first, GlobalSearch(objective, settings.ascent, progress), settings)
+                objective = Objective(cleaned, simulator, result_cache=cache)
+                found = _refit_from(first, GlobalSearch(objective, settings.global_search, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
     )]  # fmt: skip
@@ -206,13 +206,13 @@ def _with_sensors(
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
 
 
-def _again(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
-    """The fit to readings without their ripple, from where the first one ended."""
+def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
+    """Fit readings without their ripple, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
-    again = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)
-    outcomes = {o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
-    return replace(again, stages=first.stages, iterations=first.iterations + again.iterations, outcomes=outcomes)
+    refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)
+    outcomes = {o: refitted.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
+    return replace(refitted, stages=first.stages, iterations=first.iterations + refitted.iterations, outcomes=outcomes)
 
 
 def without_ripple(
@@ -228,7 +228,7 @@ def without_ripple(
     for experiment, name, y, f in zip(
         calibration.experiments, calibration.names, calibration.measured, fitted, strict=True
     ):
-        own = ripples(experiment.time, y, f, calibration.outputs, by_output)
+        own = find_ripples(experiment.time, y, f, calibration.outputs, by_output)
         cleaned = y.copy()
         for output, ripple in own.items():
             cleaned[:, calibration.outputs.index(output)] -= ripple.values
@@ -260,27 +260,29 @@ def fit_calibration(
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
-        search = GlobalSearch(Objective(calibration, simulator, result_cache=checkpoint), settings.ascent, progress)
+        search = GlobalSearch(
+            Objective(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
+        )
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
-        ascent = search.run(free, open_simulator, rng)
-        lines = (
-            choose_interpolation(search, ascent, open_simulator, rng)
+        result = search.run(free, open_simulator, rng)
+        linear = (
+            choose_interpolation(search, result, open_simulator, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )
-        if lines is not None:
-            simulator = stack.enter_context(open_simulator(lines[0].problem()))
-            search = GlobalSearch(search.objective.with_calibration(lines[0], simulator), settings.ascent)
-            ascent = replace(ascent, optimum=search.refit(lines[1].coordinates, free, lines[1].noise))
-        wider = _free_what_shows(search, ascent.optimum)
+        if linear is not None:
+            simulator = stack.enter_context(open_simulator(linear[0].problem()))
+            search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings.global_search)
+            result = replace(result, optimum=search.refit(linear[1].coordinates, free, linear[1].noise))
+        wider = _with_identified(search, result.optimum)
         if wider != free:
-            optimum = search.refit(ascent.optimum.coordinates, wider, ascent.optimum.noise)
-            ascent = replace(ascent, optimum=optimum, iterations=search.iterations)
-        return _finish(search, ascent, settings, time.perf_counter() - began)
+            optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
+            result = replace(result, optimum=optimum, iterations=search.iterations)
+        return _finish(search, result, settings, time.perf_counter() - began)
 
 
-def _free_what_shows(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
-    """The free columns and each optional parameter that the data would narrow to a third of its prior."""
+def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
+    """The free columns and each optional parameter that the data identify."""
     parameters = search.objective.parameters
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
@@ -291,7 +293,7 @@ def _free_what_shows(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
-    """What the data says of some columns at an optimum, and the optimum with slopes by all of them."""
+    """Identifiability of some columns at an optimum, and the optimum with the slopes by all of them."""
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = objective.evaluate(here.coordinates, columns)
     assert found is not None, "the optimum has been simulated before"
@@ -306,13 +308,13 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     return verdict, wide
 
 
-def _finish(search: GlobalSearch, ascent: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
-    """Judge what was found and put it together: with the noise as it is, whatever the search minimised."""
-    objective, here = search.objective, ascent.optimum
+def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
+    """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
+    objective, here = search.objective, result.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":
         search = GlobalSearch(
-            objective, replace(settings.ascent, cost="posterior", local=LocalSettings(max_iterations=0))
+            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
         )
         here = search.settle_noise(replace(here, noise=search.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
@@ -353,9 +355,9 @@ def _finish(search: GlobalSearch, ascent: GlobalSearchResult, settings: FitSetti
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
         residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),
-        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in ascent.stages),
-        swarm=ascent.swarm,
-        iterations=ascent.iterations,
+        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
+        swarm=result.swarm,
+        iterations=result.iterations,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
         warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
         seconds=seconds,

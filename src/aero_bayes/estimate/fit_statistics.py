@@ -21,20 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FitStatistics:
-    """An optimum of a calibration with its residuals, and the statistics that follow from them.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    optimum : Optimum
-        Where the search ended, over the free columns.
-    laplace : Laplace
-        Gaussian approximation of the posterior of free and noise parameters in search coordinates.
-    residuals : tuple of ndarray, shape (n, m)
-        Measured minus fitted outputs of each recording.
-    outcomes : mapping of Outcome to int
-        How many simulations ended how.
-    """
+    """An optimum with its residuals, and the statistics that follow; :class:`Fit` describes the fields."""
 
     calibration: Calibration
     optimum: Optimum

@@ -24,7 +24,8 @@ from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressi
 from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.target import Target
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, estimate_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
@@ -183,7 +184,7 @@ class GlobalSearch:
             return here
         for _ in range(3):
             noise = self._estimate_noise(here)
-            new = {o for o, n in noise.items() if n.held} - self.white_outputs
+            new = {o for o, n in noise.items() if n.model_error} - self.white_outputs
             if not new:
                 new = self._outputs_overfitted_by_noise(here, noise)
             if not new:
@@ -219,7 +220,7 @@ class GlobalSearch:
                 "white" if output in self.white_outputs else kind, here.noise[output],
                 max(self.objective.calibration.floors.get(output, 0.0), 1e-7 * self._scale(output)),
             )  # fmt: skip
-            found[output] = replace(n, held=True) if output in self.white_outputs else n
+            found[output] = replace(n, model_error=True) if output in self.white_outputs else n
         return found
 
     def _scale(self, output: str) -> float:

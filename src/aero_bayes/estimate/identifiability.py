@@ -1,7 +1,7 @@
-"""What the data can say about each parameter, by name, and what it says only of combinations.
+"""Practical identifiability: which parameters the data determine, and which only in combination.
 
-Everything follows from the Gauss-Newton information of the data alone, H, on axes where every prior has unit width:
-an eigenvalue above one is a direction in which the data says more than the prior.
+It follows from the eigenvalues of the Gauss-Newton information of the data alone, in coordinates where every prior has
+unit variance. Along an eigenvector with an eigenvalue above one the data are more informative than the prior.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.show import listed
+from aero_bayes.display import join_names
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ MAX_COLLINEAR_SHARE, MIN_PART = 1e-5, 0.1
 
 
 class Status(StrEnum):
-    """How much the data says of a parameter."""
+    """How well the data determine a parameter."""
 
     IDENTIFIED = "identified"
     WEAK = "weak"
@@ -40,7 +40,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination that the data sees as one number although its members are not seen apart."""
+    """A combination of parameters that the data determine although they do not determine its members."""
 
     text: str
     members: tuple[str, ...]
@@ -49,7 +49,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters whose common change the data hardly show, and the held ones whose values decide it, in words."""
+    """Parameters whose common change hardly alters the outputs; fixed ones (``held``) whose values decide it."""
 
     members: tuple[str, ...]
     held: tuple[str, ...] = ()
@@ -78,7 +78,7 @@ class Identifiability:
     flat: tuple[FlatDirection, ...] = ()
 
     def capped(self, name: str, status: Status) -> Status:
-        """At best weak, for a parameter of a flat direction."""
+        """The status of a parameter, at best weak if it belongs to a flat direction."""
         flat = any(name in direction.members for direction in self.flat)
         return Status.WEAK if flat and status is Status.IDENTIFIED else status
 
@@ -110,7 +110,7 @@ class Identifiability:
 
 
 def status_of(ratio: float) -> Status:
-    """Verdict from the ratio of posterior to prior standard deviation."""
+    """Status for a ratio of posterior to prior standard deviation."""
     if ratio > UNIDENTIFIED_ABOVE:
         return Status.UNIDENTIFIED
     return Status.WEAK if ratio > IDENTIFIED_BELOW else Status.IDENTIFIED
@@ -132,7 +132,7 @@ def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
 
 def _listed(words: Sequence[str]) -> str:
     """Names, marked as such, in a sentence."""
-    return listed([f"`{word}`" for word in words])
+    return join_names([f"`{word}`" for word in words])
 
 
 def assess(
@@ -142,13 +142,13 @@ def assess(
     information: FloatArray,
     prior_sd: FloatArray,
 ) -> Identifiability:
-    """Judge parameters from the information of the data.
+    """Assess which parameters the data determine.
 
     Parameters
     ----------
     names : sequence of str, length p
     values : ndarray, shape (p,)
-        SI values at the point of judgement.
+        SI values at which the information was computed.
     logarithmic : sequence of bool, length p
         Whether the search axis is logarithmic.
     information : ndarray, shape (p, p)
@@ -177,8 +177,11 @@ def assess(
 
 
 def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of the information where each parameter alone has one: small ones are directions
-    in which the parameters make up for each other (Belsley, Kuh & Welsch, 1980, Regression Diagnostics)."""
+    """Eigenvalues and eigenvectors of the information, scaled to a unit diagonal.
+
+    Along an eigenvector with a small eigenvalue the parameters compensate each other (Belsley, Kuh & Welsch, 1980,
+    Regression Diagnostics).
+    """
     norm = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(norm, norm)
     sizes, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
@@ -202,7 +205,7 @@ def _combinations(
     prior_sd: FloatArray,
     seen: NDArray[np.bool_],
 ) -> tuple[Combination, ...]:
-    """Directions that the data does not see although each member alone changes an output."""
+    """Combinations that are determined of parameters whose common changes leave the outputs as they are."""
     columns = [int(j) for j in np.flatnonzero(seen) if logarithmic[int(j)]]
     if len(columns) < 2:
         return ()

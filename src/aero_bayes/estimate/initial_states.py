@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, noise_of
+from aero_bayes.data import Recording, output_noise_floor
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, StartTarget
-from aero_bayes.simulation.model import Model, Variable
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +71,7 @@ def start_parameters(
             moved = _range(values)
             spread = max(
                 min(
-                    max(NOISE_DEVIATIONS * noise_of(recording, name).at_most, MIN_SPREAD_SHARE * moved),
+                    max(NOISE_DEVIATIONS * output_noise_floor(recording, name).at_most, MIN_SPREAD_SHARE * moved),
                     MAX_SPREAD_SHARE * moved,
                 ),
                 1e-9,

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.data.align import to_experiment
+from aero_bayes.data.experiment import to_experiment
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
-from aero_bayes.sensors.noise import OutputNoise, log_density
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors.whitening import log_density
 
 FloatArray = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def curvature_adjustment(
     prior_sd : ndarray, shape (f,)
         Standard deviation of the free columns' priors in search coordinates; only sets the scale.
     """
-    if not any(optimum.noise[s.output].held for s in series):
+    if not any(optimum.noise[s.output].model_error for s in series):
         return None
     count = len(optimum.free)
     bread, meat = np.zeros((count, count)), np.zeros((count, count))
@@ -73,7 +74,7 @@ def curvature_adjustment(
         position = here.stop
         own = slopes @ slopes.T
         bread += own
-        meat += slopes @ _correlated(slopes, residual).T if optimum.noise[s.output].held else own
+        meat += slopes @ _correlated(slopes, residual).T if optimum.noise[s.output].model_error else own
     values, vectors = np.linalg.eigh(bread)
     seen = values > 1e-10 * max(float(values[-1]), 1e-300)
     root = np.where(seen, np.sqrt(np.maximum(values, 0.0)), 1.0)

@@ -1,9 +1,9 @@
 """Minimise a cost inside bounds by the Levenberg-Marquardt method.
 
-Each step minimises the damped quadratic model of the cost inside the box by a projected Newton method (Bertsekas, 1982,
-SIAM J. Control Optim. 20, 221), so that a parameter at its bound is left out of the step. The damping follows Nielsen
-(1999), "Damping parameter in Marquardt's method". After each step the cost function may estimate its noise again at the
-same point, as a likelihood with unknown noise does; this is coordinate ascent over parameters and noise.
+Each step minimises the damped quadratic model of the cost inside the box by an active-set method, so that a parameter
+at its bound is left out of the step. The damping follows Nielsen (1999), "Damping parameter in Marquardt's method".
+After each step the cost function may estimate its noise again at the same point, as a likelihood with unknown noise
+does; this is block coordinate descent over parameters and noise.
 """
 
 from __future__ import annotations
@@ -138,8 +138,9 @@ class SearchResult(Generic[Quadratic]):
 def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Minimise ``g'd + d'Hd/2`` over ``low <= d <= high`` for a positive definite H; shape (p,).
 
-    An active-set method (Bertsekas, 1982): release coordinates whose gradient points into the box, fix those that a
-    full Newton step would carry outside, until neither happens.
+    By a primal active-set method (Nocedal and Wright, 2006, Numerical Optimization, section 16.5): a Newton step over
+    the free coordinates ends at the first bound that it meets, which becomes active. If it meets none, the active
+    coordinate with the largest gradient into the box is released.
     """
     p = gradient.size
     step = np.zeros(p)

@@ -27,7 +27,8 @@ from aero_bayes.estimate.levenberg_marquardt import (
 )
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, update_output_noise
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+from aero_bayes.sensors.noise_estimation import update_output_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -261,7 +262,7 @@ class _NegativeLogPosterior:
 
 
 def _pack(found: SearchResult[_PosteriorModel]) -> Arrays:
-    """What :meth:`_Posterior.back` needs of the end of a descent."""
+    """What :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
     steps = np.array([found.iterations, found.evaluations])
     kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
     if found.quadratic is None:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.data import Recording, noise_of
-from aero_bayes.data.beginning import Beginning, first_level
+from aero_bayes.data import Recording, output_noise_floor
+from aero_bayes.data.initial_level import InitialLevel, initial_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.interface import ProblemTarget, StartTarget
@@ -38,7 +38,7 @@ def typical(
     found: dict[ProblemTarget, list[tuple[FloatArray, float]]] = {}
     for j, p in enumerate(calibration.parameters):
         if p.recording is not None:
-            first = first_reading(recordings[p.recording], p.target, calibration) or Beginning(0.0, 0.0)
+            first = first_reading(recordings[p.recording], p.target, calibration) or InitialLevel(0.0, 0.0)
             found.setdefault(p.target, []).append((values[..., j] - first.level, first.sd))
     return {target: _beyond_noise(parts) for target, parts in found.items()}
 
@@ -52,7 +52,7 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
     return np.asarray(mean * np.maximum(share, 0.0))
 
 
-def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> Beginning | None:
+def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> InitialLevel | None:
     """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
     if not isinstance(target, StartTarget):
         return None
@@ -60,4 +60,4 @@ def first_reading(recording: Recording, target: ProblemTarget, calibration: Cali
     output = next((o for o, s in states.items() if s == target.state), None)
     if output is None or (values := recording.outputs.get(output)) is None:
         return None
-    return first_level(values, recording.time, noise_of(recording, output).sd or 0.0)
+    return initial_level(values, recording.time, output_noise_floor(recording, output).sd or 0.0)

@@ -11,11 +11,11 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.process_noise import DIFFUSION_PREFIX
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.sensors.whiteness import slow_excess
+from aero_bayes.sensors.whiteness import block_variance_ratio
 from aero_bayes.simulation.interface import ProcessNoise
 
 #: Variance of averages over that of white noise above which a reader is warned.
-MAX_SLOW_EXCESS = 2.0
+MAX_VARIANCE_RATIO = 2.0
 
 
 def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
@@ -45,15 +45,15 @@ def structure_warnings(
     lines = []
     for name in calibration.outputs:
         n, unit = noise[name], units.get(name, "")
-        if n.held:
+        if n.model_error:
             lines.append(
                 f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
                 "weights it as least squares does. Its intervals are enlarged because the residual is not white; a "
                 "systematic error of the model can still lie outside of them."
             )
             continue
-        excess = slow_excess(innovations[name])
-        if excess > MAX_SLOW_EXCESS:
+        excess = block_variance_ratio(innovations[name])
+        if excess > MAX_VARIANCE_RATIO:
             lines.append(
                 f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "
                 "times the expected variance, so that its intervals are too narrow."

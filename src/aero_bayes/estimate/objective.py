@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.sensors.innovations import LOG_2PI
-from aero_bayes.sensors.noise import OutputNoise, Sampling, whiten
+from aero_bayes.sensors.noise import OutputNoise, SampleTimes
+from aero_bayes.sensors.whitening import LOG_2PI, whiten
 from aero_bayes.simulation.interface import (
     Filter,
     GaussNewton,
@@ -42,7 +42,7 @@ class Series:
     experiment: int
     column: int
     output: str
-    sampling: Sampling
+    sampling: SampleTimes
     measured: FloatArray
 
 
@@ -271,7 +271,7 @@ class Objective:
         """Noise of each output where it is among the parameters, at search coordinates (p,) of all of them."""
         values = self.parameters.from_search(coordinates)
         return {
-            p.target.output: OutputNoise(float(value), white_seen=False)
+            p.target.output: OutputNoise(float(value), white_identified=False)
             for p, value in zip(self.parameters, values, strict=True)
             if isinstance(p.target, ReadingNoiseTarget)
         }
@@ -375,7 +375,7 @@ def _series(calibration: Calibration) -> list[Series]:
     for e, (experiment, measured) in enumerate(zip(calibration.experiments, calibration.measured, strict=True)):
         for column, output in enumerate(experiment.outputs):
             values = measured[:, column]
-            sampling = Sampling.of(experiment.time, values)
+            sampling = SampleTimes.of(experiment.time, values)
             if sampling.size > 1:
                 found.append(Series(e, column, output, sampling, values[sampling.index]))
     return found

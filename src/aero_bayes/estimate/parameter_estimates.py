@@ -7,12 +7,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.show import nearest, table_html
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
+from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
@@ -22,7 +23,7 @@ Json = dict[str, object]
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter as a reader sees it; spread and quantiles are None where the data says nothing of it."""
+    """Value and interval of one parameter; ``sd`` and the quantiles are None where the data do not determine it."""
 
     name: str
     value: float
@@ -59,7 +60,7 @@ class EstimateTable(ABC):
     def __getitem__(self, name: str) -> Estimate:
         table = self.parameters
         if name not in table:
-            raise InputError(f"no parameter {name!r}{nearest(str(name), table)}")
+            raise InputError(f"no parameter {name!r}{known_names_hint(str(name), table)}")
         return table[name]
 
     def to_frame(self) -> pandas.DataFrame:

@@ -1,4 +1,4 @@
-"""Parameters of a search: values in SI units, and search coordinates scaled to a box."""
+"""Unknown parameters: values in SI units, bounds and priors, and the scaled coordinates in which they are searched."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
-from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
+from aero_bayes.unknown_names import known_names_hint
 
 FloatArray = NDArray[np.float64]
 #: Default bounds of a parameter: its start over and times this factor.
@@ -253,7 +253,7 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class Override:
-    """What a user says of a parameter in place of the model's own statement; None leaves that.
+    """Start, bounds, prior or scale of a parameter in place of the model's own; None keeps the model's.
 
     Parameters
     ----------
@@ -279,12 +279,14 @@ class Override:
     auto: bool = False
 
 
-#: What a caller may say of a parameter: nothing, a start, bounds, a prior, or all of it.
-Wish = Override | Prior | tuple[float, float] | float | None
+#: How a caller may specify a parameter: not at all, by a start, by bounds, by a prior, or by all of them.
+ParameterSpec = Override | Prior | tuple[float, float] | float | None
 
 
 def chosen_parameters(
-    model: Model, chosen: ParameterSet | str | Sequence[str] | Mapping[str, Wish], known: Mapping[str, Override]
+    model: Model,
+    chosen: ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec],
+    known: Mapping[str, Override],
 ) -> ParameterSet:
     """The parameters to search, as a caller names them.
 
@@ -294,7 +296,7 @@ def chosen_parameters(
     chosen : ParameterSet, str, sequence of str or mapping
         Names; or by name bounds ``(lower, upper)``, a value to start from, a prior, an :class:`Override`, or None.
     known : mapping of str to Override
-        What the model's package says of its parameters.
+        Start, bounds and priors that the model's package declares.
 
     Raises
     ------
@@ -305,21 +307,21 @@ def chosen_parameters(
         return chosen
     if not isinstance(chosen, Mapping):
         return parameters_from_model(model, names_of(chosen, "parameters"), known)
-    wishes = {name: _override(name, wish, known.get(name, Override())) for name, wish in chosen.items()}
-    return parameters_from_model(model, tuple(wishes), wishes)
+    overrides = {name: _override(name, spec, known.get(name, Override())) for name, spec in chosen.items()}
+    return parameters_from_model(model, tuple(overrides), overrides)
 
 
-def _override(name: str, wish: Wish, known: Override) -> Override:
-    if wish is None or isinstance(wish, Override):
-        return wish or known
-    if isinstance(wish, int | float):
-        return replace(known, start=float(wish))
-    if isinstance(wish, Sequence) and len(wish) == 2 and all(isinstance(bound, int | float) for bound in wish):
-        lower, upper = map(float, wish)
+def _override(name: str, spec: ParameterSpec, known: Override) -> Override:
+    if spec is None or isinstance(spec, Override):
+        return spec or known
+    if isinstance(spec, int | float):
+        return replace(known, start=float(spec))
+    if isinstance(spec, Sequence) and len(spec) == 2 and all(isinstance(bound, int | float) for bound in spec):
+        lower, upper = map(float, spec)
         return replace(known, lower=lower, upper=upper, scale=known.scale if lower > 0.0 else "linear")
-    if not hasattr(wish, "log_pdf"):
-        raise InputError(f"parameters: {name}: expected (lower, upper), a start, a prior or an Override, got {wish!r}")
-    return replace(known, prior=cast(Prior, wish))
+    if not hasattr(spec, "log_pdf"):
+        raise InputError(f"parameters: {name}: expected (lower, upper), a start, a prior or an Override, got {spec!r}")
+    return replace(known, prior=cast(Prior, spec))
 
 
 def parameters_from_model(
@@ -349,7 +351,7 @@ def parameters_from_model(
     items = []
     for name in free if free is not None else tuple(overrides):
         if name not in known:
-            raise InputError(f"model {model.name} has no parameter {name}{nearest(name, sorted(known))}")
+            raise InputError(f"model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}")
         variable, override = known[name], overrides.get(name, Override())
         start = _first(override.start, variable.start, variable.nominal)
         if start is None:
@@ -357,8 +359,8 @@ def parameters_from_model(
                 f"{name}: the model gives it no value to start a search from; [parameters.{name}] value can"
             )
         lower, upper = _bounds(
-            start, _first(override.lower, _meant(variable.minimum, start)),
-            _first(override.upper, _meant(variable.maximum, start)), variable.nominal,
+            start, _first(override.lower, _model_bound(variable.minimum, start)),
+            _first(override.upper, _model_bound(variable.maximum, start)), variable.nominal,
         )  # fmt: skip
         if not lower < upper:
             raise InputError(f"{name}: lower bound {lower:g} is not below upper bound {upper:g}")
@@ -375,8 +377,8 @@ def parameters_from_model(
     return ParameterSet(tuple(items))
 
 
-def _meant(bound: float | None, start: float) -> float | None:
-    """A bound of the model; one that is small beyond measure (``Modelica.Constants.small``) only says a sign."""
+def _model_bound(bound: float | None, start: float) -> float | None:
+    """A bound that the model gives; a tiny one (``Modelica.Constants.small``) counts as zero."""
     return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
 
 

@@ -10,7 +10,7 @@ from aero_bayes.data import Recording
 from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import Model, Variable
 
 #: If the model starts above the first temperature in K, readings that begin below the second must be degrees Celsius.
 MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0

@@ -18,7 +18,7 @@ from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation.interface import DiffusionTarget, Experiment, ProcessNoise, ReadingNoiseTarget
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.spec import check_process
+from aero_bayes.simulation.problem_checks import check_process
 
 FloatArray = NDArray[np.float64]
 

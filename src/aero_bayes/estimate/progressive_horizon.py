@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays
-from aero_bayes.data import floors_of
+from aero_bayes.data import noise_floors
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
@@ -69,7 +69,7 @@ def fit_progressive_horizon(
 def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
     """The largest ratio of an output's RMS residual to its noise floor; infinite where a noise floor is unknown."""
     recordings, worst = objective.calibration.recordings, 0.0
-    floors = floors_of(recordings, objective.outputs)
+    floors = noise_floors(recordings, objective.outputs)
     if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):
         return math.inf
     for (_, output), floor in floors.items():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
@@ -23,7 +24,6 @@ from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.show import with_unit
 from aero_bayes.simulation.interface import Simulator
 from aero_bayes.simulation.smoothing import SmoothedStates
 
@@ -58,7 +58,7 @@ class Fit(FitStatistics, EstimateTable):
         What was compared, by recording and output, in the order of ``optimum``.
     identifiability : Identifiability
     spread : CurvatureAdjustment, optional
-        How much wider than its likelihood the posterior is, where a residual is no noise.
+        Widens the likelihood where a residual is not noise.
     log_posterior : float
     fitted : tuple of ndarray, shape (n, m)
         Outputs at the fit, of each recording.
@@ -68,10 +68,10 @@ class Fit(FitStatistics, EstimateTable):
     iterations : int
         Of the local search.
     warnings : tuple of str
-        What a reader must know before trusting an interval.
+        Reasons why intervals may be wrong.
     seconds : float
-    engine : str
-        What simulated.
+    engine : {"native", "fmpy"}
+        Simulation engine.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
     states : tuple of SmoothedStates
@@ -188,7 +188,7 @@ class Fit(FitStatistics, EstimateTable):
         Parameters
         ----------
         inputs : Recording or mapping of str to array_like, shape (n,)
-            A recording, whose readings only say where it starts; or ``time`` in s and every input in its SI unit. A
+            A recording, whose readings only give its initial values; or ``time`` in s and every input in its SI unit. A
             recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
             were, and starts at its own first readings, off by as much as theirs were; without readings, where the
             model starts.
@@ -253,18 +253,18 @@ class Fit(FitStatistics, EstimateTable):
     def plot(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
     ) -> Figure:
-        """Draw a recording, what the fit makes of it, and what is left.
+        """Draw a recording, the fitted outputs and the residuals.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
         ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
+            Axes whose place in a larger figure it takes.
         figure : matplotlib.figure.Figure, optional
             To draw into; a new one by default.
         dark : bool
-            Colours for a dark ground.
+            Colours for a dark background.
 
         Returns
         -------

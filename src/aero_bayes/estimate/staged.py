@@ -1,6 +1,6 @@
-"""Fit in the order of causality: parameters that affect few outputs first, then those that depend on them.
+"""Stages of a fit in the order of causality: parameters that affect few outputs come first.
 
-Otherwise a wrong model of the last outputs would bias the parameters of what drives them.
+Otherwise a wrong model of the last outputs would bias the parameters of the parts that drive them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Steps of a local search at kinks of the cost and along logarithmic coordinates.
 
-Gradients say nothing about the far side of a kink, so steps may be confined to the smooth region about the point. Along
-a logarithmic coordinate a step may be linear in the logarithm or in its value, whichever the quadratic model predicts
-better (a change of the local parametrisation, as in Bates and Watts, 1980, J. R. Stat. Soc. B 42, 1).
+A gradient does not describe the far side of a kink, so steps may be confined to the smooth region about the point.
+Along a logarithmic coordinate a step may be linear in the logarithm or in its value, whichever the quadratic model
+predicts better. The curvature that such a reparametrisation removes is the parameter-effects curvature of Bates and
+Watts (1980, J. R. Stat. Soc. B 42, 1).
 """
 
 from __future__ import annotations

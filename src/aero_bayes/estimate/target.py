@@ -24,15 +24,15 @@ _NOISE_PARTS = ("sd_white", "sd_ou", "tau")
 
 @dataclass(frozen=True)
 class NoiseLayout:
-    """Which noise parameters are searched, as logarithms, with weak log-normal priors on the scale of the data.
+    """Which noise parameters are free, as logarithms, with weak log-normal priors on the scale of the data.
 
-    White noise has its median at 1 % of the output's range, correlated noise at 3 %, the correlation time at the
-    geometric mean of sample interval and duration; each may be off by a factor of 12 (one standard deviation), so
-    that a few hundred samples outweigh the prior completely. Numbers that the data does not determine are held.
+    White noise has its prior median at 1 % of the output's range, correlated noise at 3 %, the correlation time at the
+    geometric mean of sample interval and duration. One standard deviation of the prior is a factor of 12, so that a few
+    hundred samples outweigh it. Noise parameters that are not free keep their values of ``reference``.
     """
 
     outputs: tuple[str, ...]
-    held: tuple[OutputNoise, ...]
+    reference: tuple[OutputNoise, ...]
     centre: FloatArray
     sigma: float = 2.5
     limit: float = 12.0
@@ -47,7 +47,7 @@ class NoiseLayout:
 
     @property
     def _mask(self) -> NDArray[np.bool_]:
-        return np.array([n.searched for n in self.held], dtype=bool)
+        return np.array([n.estimated for n in self.reference], dtype=bool)
 
     @property
     def size(self) -> int:
@@ -65,7 +65,7 @@ class NoiseLayout:
 
     def unpack(self, coordinates: FloatArray) -> FloatArray:
         """Noise triples as a simulator takes them, shape (n, 1, m, 3)."""
-        full = np.tile(np.array([n.as_row() for n in self.held]), (len(coordinates), 1, 1))
+        full = np.tile(np.array([n.as_row() for n in self.reference]), (len(coordinates), 1, 1))
         full[:, self._mask] = np.exp(coordinates)
         return full[:, None]
 
@@ -73,8 +73,8 @@ class NoiseLayout:
         """The estimate at one point, shape (q,)."""
         rows = self.unpack(coordinates[None])[0, 0]
         return {
-            name: replace(held, sd_white=float(row[0]), sd_ou=float(row[1]), tau=float(row[2]))
-            for name, held, row in zip(self.outputs, self.held, rows, strict=True)
+            name: replace(reference, sd_white=float(row[0]), sd_ou=float(row[1]), tau=float(row[2]))
+            for name, reference, row in zip(self.outputs, self.reference, rows, strict=True)
         }
 
     def log_prior(self, coordinates: FloatArray) -> FloatArray:
@@ -98,9 +98,9 @@ class QuadraticModels:
 
 @dataclass(frozen=True, eq=False)
 class CurvatureAdjustment:
-    """Curvature adjustment of a likelihood that takes correlated readings for independent (Ribatet, Cooley & Davison,
-    2012, Statistica Sinica 22, 813).
+    """Curvature adjustment of a likelihood that takes correlated readings for independent.
 
+    After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813).
     The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
     sandwich covariance; shapes (f,) and (f, f).
     """
@@ -109,7 +109,7 @@ class CurvatureAdjustment:
     map: FloatArray
 
     def __call__(self, coordinates: FloatArray) -> FloatArray:
-        """Where the likelihood of points (n, f) is taken."""
+        """Points at which the likelihood of points (n, f) is computed."""
         return self.centre + (coordinates - self.centre) @ self.map.T
 
 
@@ -212,9 +212,9 @@ class Target:
 
 
 class JointTarget:
-    """Log-posterior of parameters and noise together: what a sampler is given.
+    """Joint log-posterior of parameters and noise, for a sampler.
 
-    ``extra`` noise coordinates follow the ``f`` free parameters; points have shape (n, f + q).
+    A point has the ``f`` free parameters, then the ``q`` noise parameters; points have shape (n, f + q).
     """
 
     def __init__(self, target: Target, layout: NoiseLayout) -> None:

@@ -1,4 +1,4 @@
-"""Modelica source to FMU: the embedded exporter, and OpenModelica for what it refuses.
+"""Modelica source to FMU: flat models, their solution for the derivatives, and the C code and description of the FMU.
 
 >>> from pathlib import Path
 >>> from aero_bayes.export import export_fmu
@@ -7,133 +7,153 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Literal
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-from aero_bayes.arguments import Paths, paths_of
-from aero_bayes.errors import InputError
-from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.library import declaration_of, modelica_root
+if TYPE_CHECKING:
+    from aero_bayes.export.arrays import Value, scalars
+    from aero_bayes.export.build import c_compiler, compile_kept, write_archive
+    from aero_bayes.export.causalise import ExplicitModel, causalise
+    from aero_bayes.export.compilers import Compiler, export_fmu, first_compiler
+    from aero_bayes.export.compose import (
+        ACTING,
+        TRUE,
+        add_input,
+        add_output,
+        add_parameter,
+        add_term,
+        add_variable,
+        attribute_value,
+        element_names,
+        equate,
+        instantiate,
+        rename_model,
+        replace_uses,
+        separate_elements,
+        set_parameter,
+    )
+    from aero_bayes.export.embedded import explicit_model, export_flat
+    from aero_bayes.export.equation_system import EquationSystem, translate
+    from aero_bayes.export.events import Events
+    from aero_bayes.export.expression import Builder, Node, evaluate_nodes
+    from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
+    from aero_bayes.export.library import declaration_of, library_roots, modelica_root, needed_libraries
+    from aero_bayes.export.library_view import link_packages, names_used_in, path_in_library
+    from aero_bayes.export.possible_values import possible_values
+    from aero_bayes.export.rumoca_front import load_flat
+    from aero_bayes.export.scope import Scope
+    from aero_bayes.export.source_check import refuse_dropped
+    from aero_bayes.export.tables import call_table
 
-Compiler = Literal["auto", "omc", "embedded"]
+#: The public names of the folder and the file of each; imported when first used, since SciPy takes long to load.
+_HOME = {
+    "Compiler": "compilers",
+    "export_fmu": "compilers",
+    "first_compiler": "compilers",
+    "explicit_model": "embedded",
+    "export_flat": "embedded",
+    "load_flat": "rumoca_front",
+    "FlatEquation": "flat",
+    "FlatModel": "flat",
+    "FlatVariable": "flat",
+    "EquationSystem": "equation_system",
+    "translate": "equation_system",
+    "ExplicitModel": "causalise",
+    "causalise": "causalise",
+    "Builder": "expression",
+    "Node": "expression",
+    "evaluate_nodes": "expression",
+    "Events": "events",
+    "Scope": "scope",
+    "Value": "arrays",
+    "scalars": "arrays",
+    "possible_values": "possible_values",
+    "call_table": "tables",
+    "refuse_dropped": "source_check",
+    "ACTING": "compose",
+    "TRUE": "compose",
+    "add_input": "compose",
+    "add_output": "compose",
+    "add_parameter": "compose",
+    "add_term": "compose",
+    "add_variable": "compose",
+    "attribute_value": "compose",
+    "element_names": "compose",
+    "equate": "compose",
+    "instantiate": "compose",
+    "rename_model": "compose",
+    "replace_uses": "compose",
+    "separate_elements": "compose",
+    "set_parameter": "compose",
+    "c_compiler": "build",
+    "compile_kept": "build",
+    "write_archive": "build",
+    "declaration_of": "library",
+    "library_roots": "library",
+    "modelica_root": "library",
+    "needed_libraries": "library",
+    "link_packages": "library_view",
+    "names_used_in": "library_view",
+    "path_in_library": "library_view",
+}
 
 __all__ = [
+    "ACTING",
+    "TRUE",
+    "Builder",
     "Compiler",
+    "EquationSystem",
+    "Events",
+    "ExplicitModel",
     "FlatEquation",
     "FlatModel",
     "FlatVariable",
+    "Node",
+    "Scope",
+    "Value",
+    "add_input",
+    "add_output",
+    "add_parameter",
+    "add_term",
+    "add_variable",
+    "attribute_value",
+    "c_compiler",
+    "call_table",
+    "causalise",
+    "compile_kept",
     "declaration_of",
+    "element_names",
+    "equate",
+    "evaluate_nodes",
+    "explicit_model",
     "export_flat",
     "export_fmu",
     "first_compiler",
+    "instantiate",
+    "library_roots",
+    "link_packages",
     "load_flat",
     "modelica_root",
+    "names_used_in",
+    "needed_libraries",
+    "path_in_library",
+    "possible_values",
+    "refuse_dropped",
+    "rename_model",
+    "replace_uses",
+    "scalars",
+    "separate_elements",
+    "set_parameter",
+    "translate",
+    "write_archive",
 ]
 
 
-def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
-    """What the first compiler makes that does not refuse: for ``auto`` the embedded one, then ``omc`` if it is there.
-
-    Parameters
-    ----------
-    compiler : {"auto", "omc", "embedded"}
-    attempt : callable
-        Given one of the last two, returns the FMU or raises InputError.
-
-    Raises
-    ------
-    InputError
-        Where all refuse, with the reason of each.
-    """
-    if compiler != "auto":
-        return attempt(compiler)
-    try:
-        return attempt("embedded")
-    except InputError as refusal:
-        if shutil.which("omc") is None:
-            raise
-        try:
-            return attempt("omc")
-        except InputError as other:
-            raise InputError(f"{refusal}; and OpenModelica: {other}") from None
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
-def export_fmu(
-    model: str,
-    out: Path | str,
-    *,
-    compiler: Compiler = "auto",
-    sources: Paths = (),
-    libraries: Paths = (),
-    fmi: int = 2,
-) -> Path:
-    """Export a Modelica model as an FMU for Model Exchange and Co-Simulation.
-
-    Parameters
-    ----------
-    model : str
-        Full name, such as ``Aero.Systems.OneDof``. Shipped packages of rigs are always loaded.
-    out : path
-        The FMU to write; it appears whole or not at all.
-    compiler : {"auto", "omc", "embedded"}
-        ``auto``: the embedded exporter, whose FMUs are several times faster and take a second; where it refuses the
-        model and ``omc`` is on the PATH, that.
-    sources : path or sequence of paths
-        Further ``.mo`` files or package folders, loaded beside them.
-    libraries : path or sequence of paths
-        Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
-        names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
-    fmi : int
-        2 or 3: version of the standard. The embedded exporter alone writes FMI 3.0.
-
-    Returns
-    -------
-    Path
-        ``out``.
-
-    Raises
-    ------
-    InputError
-        For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
-
-    Examples
-    --------
-    >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
-    PosixPath('Rig.fmu')
-    """
-    out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
-    if fmi not in (2, 3):
-        raise InputError(f"FMI {fmi}: expected 2 or 3")
-    if fmi == 3:
-        if compiler == "omc":
-            raise InputError("FMI 3.0 is written by the embedded exporter only; expected --compiler embedded")
-        compiler = "embedded"
-    if compiler == "auto":
-        return first_compiler(
-            compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
-        )
-    if compiler == "omc":
-        from aero_bayes.export.openmodelica import export_openmodelica
-
-        return export_openmodelica(model, out, sources, libraries)
-    if compiler != "embedded":
-        raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
-    from aero_bayes.export.embedded import export_embedded
-
-    return export_embedded(model, out, sources, libraries, fmi=fmi)
-
-
-def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:
-    """Flatten a Modelica model; :mod:`aero_bayes.export.compose` builds others from it. See :func:`export_fmu`."""
-    from aero_bayes.export.rumoca_front import load_flat as load
-
-    return load(model, sources, libraries)
-
-
-def export_flat(flat: FlatModel, out: Path | str, *, quick: bool = False) -> Path:
-    """Write the FMU of a flat model; ``quick`` compiles faster to code that runs somewhat slower."""
-    from aero_bayes.export.embedded import export_flat as export
-
-    return export(flat, Path(out), quick=quick)
+def __dir__() -> list[str]:
+    return __all__

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aero_bayes.export import arrays
-from aero_bayes.export.arrays import ShapeError, Value, numbers
+from aero_bayes.export.arrays import ShapeError, Value, scalars
 from aero_bayes.export.expression import Builder, Node
 
 ARRAY_FUNCTIONS = frozenset(
@@ -44,7 +44,7 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
             n = whole(size)
             return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
         case "diagonal", (value,):
-            items = numbers(value)
+            items = scalars(value)
             return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
         case "linspace", (first, last, count):
             n = whole(count)
@@ -52,25 +52,25 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
             steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
             return [arrays.elementwise(b.add, first, step) for step in steps]
         case "cross", (x, y):
-            u, v = numbers(x), numbers(y)
+            u, v = scalars(x), scalars(y)
             return [b.sub(b.mul(u[i], v[j]), b.mul(u[j], v[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
         case "transpose", (value,):
             return arrays.transposed(value)
         case "[,]", _:
-            return arrays.joined(args, 1)
+            return arrays.concatenated(args, 1)
         case "[;]", _:
-            return arrays.joined(args, 0)
+            return arrays.concatenated(args, 0)
         case "sum", (value,):
             return arrays.total(b, value)
         case "vector", (value,):
-            return list(numbers(value))
+            return list(scalars(value))
         case "matrix", (value,):
-            return arrays.joined([value], 1)
+            return arrays.concatenated([value], 1)
         case "scalar", (value,):
-            if len(numbers(value)) == 1:
-                return numbers(value)[0]
+            if len(scalars(value)) == 1:
+                return scalars(value)[0]
         case (("product" | "min" | "max"), (value,)):
-            items = numbers(value)
+            items = scalars(value)
             if items:
                 result = items[0]
                 for item in items[1:]:

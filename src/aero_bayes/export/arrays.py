@@ -26,10 +26,10 @@ class ShapeError(ValueError):
     """Arrays that do not fit together; the message says how."""
 
 
-def numbers(value: Value) -> list[Node]:
+def scalars(value: Value) -> list[Node]:
     """All numbers in order, row by row. A text has none."""
     if isinstance(value, list):
-        return [n for v in value for n in numbers(v)]
+        return [n for v in value for n in scalars(v)]
     return [] if isinstance(value, str) else [value]
 
 
@@ -80,7 +80,7 @@ def mapped(apply: Callable[[Node], Node], value: Value) -> Value:
 
 def total(b: Builder, value: Value) -> Node:
     result = b.zero
-    for n in numbers(value):
+    for n in scalars(value):
         result = b.add(result, n)
     return result
 
@@ -107,7 +107,7 @@ def select(b: Builder, condition: Node, then: Value, otherwise: Value) -> Value:
     raise ShapeError("an if with branches of different size")
 
 
-def joined(items: Sequence[Value], dimension: int) -> Value:
+def concatenated(items: Sequence[Value], dimension: int) -> Value:
     """``[a, b]`` (dimension 1) or ``[a; b]`` (dimension 0) of numbers, vectors (columns) and matrices."""
     matrices = [_matrix(v) for v in items]
     if dimension == 0:
@@ -121,6 +121,24 @@ def _matrix(value: Value) -> list[list[Value]]:
     if not isinstance(value, list):
         return [[value]]
     return [list(row) if isinstance(row, list) else [row] for row in value]
+
+
+def element(b: Builder, items: list[Value], index: Node) -> Value:
+    """The element at a subscript, which counts from one; one that is not constant selects between all elements.
+
+    Raises
+    ------
+    IndexError
+        For a constant that is no subscript of the array; the message is that constant.
+    """
+    if index.op != "const":
+        chosen = items[-1]
+        for k in range(len(items) - 1, 0, -1):
+            chosen = select(b, b.binary("eq", index, b.const(float(k))), items[k - 1], chosen)
+        return chosen
+    if not index.value.is_integer() or not 1 <= index.value <= len(items):
+        raise IndexError(f"{index.value:g}")
+    return items[int(index.value) - 1]
 
 
 def transposed(value: Value) -> Value:

@@ -70,9 +70,8 @@ def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: i
 
 def _runtime(command: Sequence[str], fmi: int) -> bytes:
     """The compiled runtime of generated models."""
-    main = "runtime.c" if fmi == 2 else "runtime3.c"
-    sources = [_NATIVE / n for n in dict.fromkeys((main, "runtime.c", "model.h"))]
-    return compile_kept(sources, [f"-I{fmi_headers()}", "-c", main], "runtime.o", command)
+    flags = [f"-I{fmi_headers()}", "-c", f"fmi{fmi}.c"]
+    return compile_kept(sorted(_NATIVE.iterdir()), flags, "runtime.o", command)
 
 
 def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:

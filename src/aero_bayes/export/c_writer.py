@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from aero_bayes.export.expression import Node, topological
+from aero_bayes.export.expression import Node, topological_order
 
 _FUNCTIONS = {
     "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
@@ -17,7 +17,7 @@ _INFIX = {
 }  # fmt: skip
 
 
-class Writer:
+class ExpressionWriter:
     """Prints expressions as C statements over local variables."""
 
     def __init__(self, leaves: dict[Node, str]) -> None:
@@ -34,7 +34,7 @@ class Writer:
 
     def write(self, nodes: Iterable[Node]) -> None:
         done: dict[Node, object] = {**self.known, **self.leaves}
-        for n in topological(nodes, done):
+        for n in topological_order(nodes, done):
             if n.op == "const":
                 continue
             if n.op == "symbol":

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.discrete import Discrete, resolve
+from aero_bayes.export.discrete import DiscretePart, solve_discrete
+from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.initial import initial_values
 from aero_bayes.export.linear import linear_solve
-from aero_bayes.export.loops import Loop, eliminate
+from aero_bayes.export.loops import AlgebraicLoop, eliminate
 from aero_bayes.export.matching import components, match
-from aero_bayes.export.translate import System
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
 
@@ -31,14 +31,14 @@ class ExplicitModel:
     initial equations say beyond ``starts`` is left to Newton's method in ``initial``.
     """
 
-    system: System
+    system: EquationSystem
     states: tuple[str, ...]
     rates: tuple[Node, ...]
     solved: dict[str, Node]
     starts: tuple[Node, ...]
-    loops: tuple[Loop, ...]
-    discrete: Discrete
-    initial: Loop | None = None
+    loops: tuple[AlgebraicLoop, ...]
+    discrete: DiscretePart
+    initial: AlgebraicLoop | None = None
 
     def timed(self, difference: Node) -> tuple[Node, Node] | None:
         """When a relation between time and parameters changes, and its slope, where both are known in advance."""
@@ -87,7 +87,7 @@ class ExplicitModel:
         )
 
 
-def causalise(system: System) -> ExplicitModel:
+def causalise(system: EquationSystem) -> ExplicitModel:
     """Solve the residuals for the derivatives and the algebraic variables.
 
     Raises
@@ -129,11 +129,11 @@ def causalise(system: System) -> ExplicitModel:
     named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
     named |= {v.name: b.symbol(v.name) for v in whole.steps}
     everything = {b.symbol(n): e for n, e in named.items()}
-    discrete = resolve(whole.name, b, whole.discrete, everything, {b.symbol(n) for n in states_in_order})
+    discrete = solve_discrete(whole.name, b, whole.discrete, everything, {b.symbol(n) for n in states_in_order})
     return ExplicitModel(whole, states_in_order, rates, named, starts, loops, discrete, initial)
 
 
-def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
+def _merge_aliases(system: EquationSystem) -> tuple[EquationSystem, dict[Node, Node]]:
     """Replace variables that equal another one, or its negative, by one of them: a state where there is one.
 
     Returns the smaller system and, for each variable that is gone, what it equals.
@@ -184,7 +184,7 @@ def _merge_aliases(system: System) -> tuple[System, dict[Node, Node]]:
     return smaller, aliases
 
 
-def _constraint(system: System, equations: Sequence[Node], unknowns: Sequence[Node]) -> Node:
+def _constraint(system: EquationSystem, equations: Sequence[Node], unknowns: Sequence[Node]) -> Node:
     """What equations that have one unknown less than they are many say about states alone."""
     b = system.builder
     constants = frozenset(b.symbol(p.name) for p in system.parameters)
@@ -198,7 +198,7 @@ def _constraint(system: System, equations: Sequence[Node], unknowns: Sequence[No
     return rest.residuals[0]
 
 
-def _demote(system: System, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
+def _demote(system: EquationSystem, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
     """A state of ``equation`` that need not be one, and the equation of its derivative in terms of the others'."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}
@@ -231,15 +231,15 @@ def _demote(system: System, equation: Node, dynamic: Sequence[str]) -> tuple[str
 
 
 def _solve(
-    system: System, equations: Sequence[Node], unknowns: Sequence[Node], matched: Sequence[int]
-) -> tuple[dict[Node, Node], tuple[Loop, ...]]:
+    system: EquationSystem, equations: Sequence[Node], unknowns: Sequence[Node], matched: Sequence[int]
+) -> tuple[dict[Node, Node], tuple[AlgebraicLoop, ...]]:
     b = system.builder
     constants = frozenset(b.symbol(p.name) for p in system.parameters)
     equation_of = {unknowns[u]: e for e, u in enumerate(matched)}
     needs = [[equation_of[s] for s in _ordered(b, e) if s in equation_of] for e in equations]
     solved: dict[Node, Node] = {}
     memo: dict[Node, Node] = {}
-    loops: list[Loop] = []
+    loops: list[AlgebraicLoop] = []
     for block in components(needs):
         block = sorted(block)
         symbols = [unknowns[matched[e]] for e in block]
@@ -250,14 +250,14 @@ def _solve(
             found = {u: u for u in rest.unknowns}
             found |= rest.back_substituted(b, found)
             if rest.unknowns:
-                loops.append(Loop(rest.unknowns, rest.residuals))
+                loops.append(AlgebraicLoop(rest.unknowns, rest.residuals))
         solved |= found
         memo |= found
     return solved, tuple(loops)
 
 
 def _linear(
-    system: System, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
+    system: EquationSystem, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
 ) -> dict[Node, Node] | None:
     """The solution of a block that is linear in its symbols, or None."""
     b = system.builder

@@ -1,31 +1,28 @@
 """Explicit model -> C: one structure, lazily evaluated functions, exact Jacobians.
 
 Expressions of parameters alone are computed when a parameter changes and kept (``m->k``); the rest is straight-line
-code over local variables. The FMI functions around it are in ``native/runtime.c``.
+code over local variables. The FMI functions around it are in ``native/fmi2.c``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
-from aero_bayes.export.c_writer import Writer
+from aero_bayes.export.c_functions import (
+    StoredValue,
+    assertion_function,
+    c_string,
+    loop_function,
+    reinit_function,
+    start_function,
+    store_function,
+)
 from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.expression import Builder, Node, evaluate, topological
-from aero_bayes.export.layout import Layout
-from aero_bayes.export.loops import Loop
-from aero_bayes.export.translate import Variable
-
-#: Values that a function stores at most, where it is long and can be cut.
-_PART = 100
-
-
-@dataclass(frozen=True)
-class _Target:
-    """Where a value goes in the structure."""
-
-    place: str
-    node: Node
+from aero_bayes.export.equation_system import ScalarVariable
+from aero_bayes.export.expression import Builder, Node, evaluate_nodes
+from aero_bayes.export.layout import VariableLayout
+from aero_bayes.export.loops import AlgebraicLoop
+from aero_bayes.export.parameter_stage import ParameterStage
 
 
 class _Memory:
@@ -43,8 +40,8 @@ class _Memory:
         return f"m->data[{self.at[group] + k}]"
 
 
-def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
-    """The complete C source of one model; native/runtime.c is linked to it."""
+def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
+    """The complete C source of one model; native/fmi2.c is linked to it."""
     b = model.system.builder
     events = model.discrete
     nx, nu, np_ = len(layout.states), len(layout.inputs), len(layout.parameters)
@@ -54,9 +51,9 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     parameters = [b.symbol(v.name) for v in layout.parameters]
     unknowns = [u for loop in model.loops for u in loop.unknowns]
     steps = sorted(events.updates, key=lambda s: s.name.startswith("when#"))
-    stage = _Stages(b, frozenset(parameters))
+    stage = ParameterStage(b, frozenset(parameters))
     defaults = {
-        p: evaluate([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
+        p: evaluate_nodes([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
     }
     # parameters of inner components that nothing shows keep their value
     hidden: dict[Node, Node] = {
@@ -102,10 +99,10 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     for group, first, symbols in values:
         leaves |= {s: memory.place(group, first + i) for i, s in enumerate(symbols)}
 
-    def targets(group: str, nodes: Sequence[Node], first: int = 0) -> list[_Target]:
-        return [_Target(memory.place(group, first + i), n) for i, n in enumerate(nodes)]
+    def targets(group: str, nodes: Sequence[Node], first: int = 0) -> list[StoredValue]:
+        return [StoredValue(memory.place(group, first + i), n) for i, n in enumerate(nodes)]
 
-    def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[_Target]:
+    def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[StoredValue]:
         return _jacobian(b, of, by, stage, memory.at[group])
 
     differences = prepare(r.difference for r in events.relations)
@@ -125,8 +122,8 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
         "watch": targets("DIFF", [*differences, *prepare(r.argument for r in events.roundings)]),
         "times": [
             *targets("TICK", prepare(x for s in events.samplings for x in (s.start, s.interval))),
-            *(_Target(memory.place("DUE", i), prepare([t[0]])[0]) for i, t in instants.items()),
-            *(_Target(memory.place("SLOPE", i), prepare([t[1]])[0]) for i, t in instants.items()),
+            *(StoredValue(memory.place("DUE", i), prepare([t[0]])[0]) for i, t in instants.items()),
+            *(StoredValue(memory.place("SLOPE", i), prepare([t[1]])[0]) for i, t in instants.items()),
         ],
     }
     reinits = prepare(x for r in events.reinits for x in (r.active, r.value))
@@ -135,21 +132,21 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     saved = stage.saved([t.node for g in (*groups.values(), *loop_rows) for t in g] + reinits + assertions)
     kept = {n: memory.place("K", i) for i, n in enumerate(saved)}
     memory.size += len(kept)
-    early = [_Target(place, n) for n, place in kept.items()]
+    early = [StoredValue(place, n) for n, place in kept.items()]
     early += targets("R", dependent, layout.first_dependent)
-    functions = [_function("k", early, leaves, {})]
-    functions += [_function(name, found, leaves, kept) for name, found in groups.items()]
-    functions.append(_reinit_function(model, reinits, {**leaves, **kept}, states))
+    functions = [store_function("k", early, leaves, {})]
+    functions += [store_function(name, found, leaves, kept) for name, found in groups.items()]
+    functions.append(reinit_function(model, reinits, {**leaves, **kept}, states))
     if model.initial is not None:
         rows_there = prepare(model.initial.residuals)
         there = {**leaves, **{u: f"m->data[{memory.at['START'] + i}]" for i, u in enumerate(model.initial.unknowns)}}
         found_there = _loop_targets(b, [model.initial], [rows_there], stage)[0]
-        functions.append(_loop_function("initial", found_there, there))
-    functions.append(_assertion_function(assertions, {**leaves, **kept}))
-    functions += [_loop_function(i, found, {**leaves, **kept}) for i, found in enumerate(loop_rows)]
+        functions.append(loop_function("initial", found_there, there))
+    functions.append(assertion_function(assertions, {**leaves, **kept}))
+    functions += [loop_function(i, found, {**leaves, **kept}) for i, found in enumerate(loop_rows)]
     before = _step_starts(model, steps, prepare)
     functions.append(
-        _start_function(
+        start_function(
             [(memory.place("R", i), memory.place("STARTED", i), n) for i, n in enumerate(starts) if n.op != "const"],
             [(memory.place("PRE", i), memory.place("D", i), n) for i, n in enumerate(before)],
             frozenset(states),
@@ -184,7 +181,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
             leaves[u].removeprefix("m->data[").removesuffix("]")
             for u in (model.initial.unknowns if model.initial is not None else ())
         ],
-        "char *const message": [_text(message) for _, message in events.assertions],
+        "char *const message": [c_string(message) for _, message in events.assertions],
     }
     names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
     lines = [
@@ -209,7 +206,7 @@ def generate(model: ExplicitModel, layout: Layout, guid: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _blocks(b: Builder, loops: Sequence[Loop]) -> list[str]:
+def _blocks(b: Builder, loops: Sequence[AlgebraicLoop]) -> list[str]:
     found, at = [], 0
     for i, loop in enumerate(loops):
         slopes = (b.derivative(r, u) for r in loop.residuals for u in loop.unknowns)
@@ -239,64 +236,24 @@ def _step_starts(
 
 
 def _loop_targets(
-    b: Builder, loops: Sequence[Loop], residuals: Sequence[Sequence[Node]], stage: _Stages
-) -> list[list[_Target]]:
+    b: Builder, loops: Sequence[AlgebraicLoop], residuals: Sequence[Sequence[Node]], stage: ParameterStage
+) -> list[list[StoredValue]]:
     found = []
     for loop, rows in zip(loops, residuals, strict=True):
         slopes = _jacobian(b, rows, loop.unknowns, stage, 0)
-        here = [_Target(f"f[{i}]", r) for i, r in enumerate(rows)]
-        found.append(here + [_Target(t.place.replace("m->data", "j"), t.node) for t in slopes])
+        here = [StoredValue(f"f[{i}]", r) for i, r in enumerate(rows)]
+        found.append(here + [StoredValue(t.place.replace("m->data", "j"), t.node) for t in slopes])
     return found
 
 
-def _loop_function(k: int | str, targets: Sequence[_Target], leaves: dict[Node, str]) -> str:
-    writer = Writer(leaves)
-    writer.write([t.node for t in targets])
-    stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
-    head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
-    return "\n".join([head, "    (void)m;", *writer.lines, *stores, "}"])
-
-
-def _assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
-    writer = Writer(leaves)
-    writer.write(conditions)
-    lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
-    head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
-    return "\n".join([*head, *writer.lines, *lines, "    return any;", "}"])
-
-
-def _text(message: str) -> str:
-    plain = message.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")
-    return f'"{plain}"'
-
-
-def _reinit_function(
-    model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
-) -> str:
-    writer = Writer(leaves)
-    writer.write(prepared)
-    lines = [
-        f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
-        for r, active, value in zip(model.discrete.reinits, prepared[::2], prepared[1::2], strict=True)
-    ]
-    return "\n".join(
-        [
-            "static int eval_reinit(Model *m) {",
-            "    int any = 0; (void)m;",
-            *writer.lines,
-            *lines,
-            "    return any;",
-            "}",
-        ]
-    )
-
-
-def _attribute(v: Variable, key: str, values: dict[Node, float], otherwise: float) -> float:
+def _attribute(v: ScalarVariable, key: str, values: dict[Node, float], otherwise: float) -> float:
     node = v.attributes.get(key)
-    return otherwise if node is None else evaluate([node], values)[0]
+    return otherwise if node is None else evaluate_nodes([node], values)[0]
 
 
-def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: _Stages, at: int) -> list[_Target]:
+def _jacobian(
+    b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: ParameterStage, at: int
+) -> list[StoredValue]:
     targets = []
     rows_with: dict[Node, list[int]] = {}
     for i, row in enumerate(rows):
@@ -307,84 +264,5 @@ def _jacobian(b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: 
         for i in rows_with.get(symbol, ()):
             slope = stage.reciprocal(b.derivative(rows[i], symbol, memo))
             if slope is not b.zero:
-                targets.append(_Target(f"m->data[{at + j * len(rows) + i}]", slope))
+                targets.append(StoredValue(f"m->data[{at + j * len(rows) + i}]", slope))
     return targets
-
-
-def _function(name: str, targets: Sequence[_Target], leaves: dict[Node, str], kept: dict[Node, str]) -> str:
-    """A function that stores values; in several where it is long and they share little.
-
-    The time that a compiler takes for a function grows with the square of its length.
-    """
-
-    def body(part: Sequence[_Target]) -> list[str]:
-        writer = Writer({**leaves, **kept})
-        writer.write([t.node for t in part])
-        return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
-
-    whole, lines = body(targets) or ["    (void)m;"], []
-    parts = [body(targets[k : k + _PART]) for k in range(0, len(targets), _PART)]
-    if len(whole) > 20 * _PART and sum(map(len, parts)) < 1.5 * len(whole):
-        for k, part in enumerate(parts):
-            lines += [f"static __attribute__((noinline)) void eval_{name}_{k}(Model *restrict m) {{", *part, "}"]
-        whole = [f"    eval_{name}_{k}(m);" for k in range(len(parts))]
-    return "\n".join([*lines, f"static void eval_{name}(Model *restrict m) {{", *whole, "}"])
-
-
-def _start_function(
-    starts: Sequence[tuple[str, str, Node]],
-    steps: Sequence[tuple[str, str, Node]],
-    states: frozenset[Node],
-    b: Builder,
-    leaves: dict[Node, str],
-) -> str:
-    """Initial values that depend on parameters, then those that depend on other states' initial values."""
-    lines: list[str] = []
-    for later in (False, True):
-        group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
-        writer = Writer(leaves)
-        writer.write([n for _, _, n in group])
-        stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
-        lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    writer = Writer(leaves)
-    writer.write([n for _, _, n in steps])
-    lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
-    return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
-
-
-class _Stages:
-    """Tells expressions of parameters alone from the rest, and turns division by one into multiplication."""
-
-    def __init__(self, builder: Builder, parameters: frozenset[Node]) -> None:
-        self.builder = builder
-        self.parameters = parameters
-        self._memo: dict[Node, Node] = {}
-
-    def early(self, node: Node) -> bool:
-        return self.builder.symbols(node) <= self.parameters
-
-    def reciprocal(self, node: Node) -> Node:
-        b = self.builder
-        for n in topological([node], self._memo):
-            args = tuple(self._memo[a] for a in n.args)
-            if n.op == "div" and self.early(args[1]) and not self.early(args[0]):
-                self._memo[n] = b.mul(args[0], b.div(b.one, args[1]))
-            else:
-                self._memo[n] = b.apply(n, args) if n.args else n
-        return self._memo[node]
-
-    def saved(self, nodes: Sequence[Node]) -> list[Node]:
-        """Early expressions (no plain symbols or constants) that late ones or the results use directly."""
-        found: dict[Node, None] = {}
-
-        def consider(n: Node) -> None:
-            if n.args and self.early(n):
-                found.setdefault(n)
-
-        for n in nodes:
-            consider(n)
-        for n in topological(nodes, {}, lambda n: not self.early(n)):
-            if not self.early(n):
-                for a in n.args:
-                    consider(a)
-        return sorted(found, key=lambda n: n.index)

@@ -17,7 +17,7 @@ from dataclasses import replace
 from itertools import product
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.arrays import Value, mapped, numbers
+from aero_bayes.export.arrays import Value, mapped, scalars
 from aero_bayes.export.expression import Builder
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable, When
 from aero_bayes.export.scope import Scope
@@ -28,10 +28,10 @@ from aero_bayes.language.syntax import (
     Name,
     Number,
     Statement,
+    map_names,
+    map_names_in_statement,
     names_in,
-    rebuilt,
-    rebuilt_statement,
-    reference,
+    parse_reference,
 )
 
 _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "fixed": 0.0}
@@ -43,7 +43,7 @@ TRUE, ACTING = "_true", "_acting"
 Change = Callable[[Name], Expression]
 
 
-def renamed(flat: FlatModel, name: str) -> FlatModel:
+def rename_model(flat: FlatModel, name: str) -> FlatModel:
     """The same model under another name."""
     return replace(flat, name=name)
 
@@ -75,8 +75,8 @@ def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
             v,
             name=f"{instance}.{v.name}",
             causality="local",
-            attributes={k: rebuilt(t, moved) for k, t in v.attributes.items()},
-            binding=None if v.binding is None else rebuilt(v.binding, moved),
+            attributes={k: map_names(t, moved) for k, t in v.attributes.items()},
+            binding=None if v.binding is None else map_names(v.binding, moved),
         )
         for v in law.variables
     )
@@ -100,7 +100,7 @@ def _under(e: FlatEquation, instance: str) -> FlatEquation:
 
 def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
     """Add the equation ``name = expression``, ``x[1]`` for an element; the last one of the result."""
-    left = reference(name)
+    left = parse_reference(name)
     flat.variable(left.name)
     return replace(flat, equations=(*flat.equations, FlatEquation(left, expression, "added")))
 
@@ -169,7 +169,7 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
     ``keep_equations`` are indices of equations that stay as they are, such as the one that determines ``name``. What
     an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so.
     """
-    old = reference(name)
+    old = parse_reference(name)
 
     def change(n: Name) -> Expression:
         if n == old and n.subscripts:
@@ -188,13 +188,13 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
     return replace(changed, equations=equations)
 
 
-def with_elements_apart(flat: FlatModel, element: str) -> FlatModel:
+def separate_elements(flat: FlatModel, element: str) -> FlatModel:
     """The model with an array that is an input or output kept from what it stands for, element by element.
 
     ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
     is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.
     """
-    name = reference(element).name
+    name = parse_reference(element).name
     v = flat.variable(name)
     inner = f"{name}{ACTING if v.causality == 'input' else TRUE}"
     if name == element or any(w.name == inner for w in flat.variables):
@@ -205,7 +205,7 @@ def with_elements_apart(flat: FlatModel, element: str) -> FlatModel:
     flat = replace(flat, variables=(*(shown if w.name == name else w for w in flat.variables), own))
     for pair in zip(element_names(name, v.sizes), element_names(inner, v.sizes), strict=True):
         to, source = reversed(pair) if v.causality == "input" else pair
-        flat = equate(flat, to, reference(source))
+        flat = equate(flat, to, parse_reference(source))
     return flat
 
 
@@ -214,7 +214,7 @@ def element_names(name: str, sizes: Sequence[int]) -> list[str]:
     return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
 
 
-def evaluate(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
+def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
     """A number of a parameter or variable.
 
     Parameters
@@ -274,7 +274,7 @@ def evaluate(flat: FlatModel, name: str, attribute: str, values: Mapping[str, fl
     found: Value = scope.value(tree)
     for k in subscripts:
         found = found[k - 1] if isinstance(found, list) else found
-    items = numbers(found)
+    items = scalars(found)
     if len(items) != 1 or items[0].op != "const":
         raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
     return items[0].value
@@ -284,7 +284,7 @@ def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[st
     value = scope.value(binding)
     if not isinstance(value, list) or not any(n.startswith(f"{name}[") for n in values):
         return value
-    places = iter(f"{name}[{k + 1}]" for k in range(len(numbers(value))))
+    places = iter(f"{name}[{k + 1}]" for k in range(len(scalars(value))))
     return mapped(lambda n: scope.builder.const(values.get(next(places), n.value)), value)
 
 
@@ -314,20 +314,20 @@ def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) ->
     """Equations, algorithms and events with every name changed; declarations as they are."""
 
     def both(e: FlatEquation) -> FlatEquation:
-        left, right = rebuilt(e.left, change), rebuilt(e.right, change)
+        left, right = map_names(e.left, change), map_names(e.right, change)
         return e if left == e.left and right == e.right else replace(e, left=left, right=right)
 
     def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(rebuilt_statement(s, change, target) for s in body)
+        return tuple(map_names_in_statement(s, change, target) for s in body)
 
     def clause(w: When) -> When:
         branches = []
         for condition, actions in w.branches:
             new = tuple(
-                replace(a, target=None if a.target is None else target(a.target), value=rebuilt(a.value, change))
+                replace(a, target=None if a.target is None else target(a.target), value=map_names(a.value, change))
                 for a in actions
             )
-            branches.append((rebuilt(condition, change), new))
+            branches.append((map_names(condition, change), new))
         return replace(w, branches=tuple(branches))
 
     def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -344,5 +344,5 @@ def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) ->
             replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
         ),
         whens=tuple(map(clause, flat.whens)),
-        assertions=tuple(replace(a, condition=rebuilt(a.condition, change)) for a in flat.assertions),
+        assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
     )

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
 from aero_bayes.export.causalise import ExplicitModel
-from aero_bayes.export.expression import Node, evaluate
-from aero_bayes.export.layout import Layout
-from aero_bayes.export.translate import Variable
+from aero_bayes.export.equation_system import ScalarVariable
+from aero_bayes.export.expression import Node, evaluate_nodes
+from aero_bayes.export.layout import VariableLayout
 from aero_bayes.language.units import base_units
 
 
-def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifier: str, guid: str) -> bytes:
+def write_fmi2_description(
+    model: ExplicitModel, layout: VariableLayout, *, model_name: str, identifier: str, guid: str
+) -> bytes:
     """The description as bytes, the same for the same model."""
     b = model.system.builder
     values = {b.symbol(p.name): _number(p.binding, {}) for p in layout.parameters if p.binding is not None}
@@ -131,7 +133,7 @@ def describe(model: ExplicitModel, layout: Layout, *, model_name: str, identifie
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
 
 
-def _units(root: ET.Element, layout: Layout) -> None:
+def _units(root: ET.Element, layout: VariableLayout) -> None:
     names = {
         v.unit
         for group in (layout.states, layout.inputs, layout.parameters, layout.dependent, layout.outputs)
@@ -166,10 +168,10 @@ def _rate_unit(unit: str) -> str:
 
 
 def _number(node: Node | None, values: Mapping[Node, float]) -> float:
-    return 0.0 if node is None else evaluate([node], values)[0]
+    return 0.0 if node is None else evaluate_nodes([node], values)[0]
 
 
-def _attribute(v: Variable, key: str, values: Mapping[Node, float], otherwise: float) -> float:
+def _attribute(v: ScalarVariable, key: str, values: Mapping[Node, float], otherwise: float) -> float:
     return _number(v.attributes[key], values) if key in v.attributes else otherwise
 
 
@@ -181,7 +183,7 @@ class _Variables:
     def causality(self, index: int) -> str:
         return self.group[index - 1].get("causality", "local")
 
-    def add(self, v: Variable, reference: int, *, start: float | None = None, **attributes: str) -> int:
+    def add(self, v: ScalarVariable, reference: int, *, start: float | None = None, **attributes: str) -> int:
         """Append a variable; its index counts from one."""
         element = ET.SubElement(self.group, "ScalarVariable", name=v.name, valueReference=str(reference))
         if v.description:
@@ -200,8 +202,8 @@ class _Variables:
         return len(self.group)
 
 
-def _add_rate(writer: _Variables, v: Variable, reference: int, state: int) -> int:
-    rate = Variable(f"der({v.name})", "Real", "continuous", "local", "", _rate_unit(v.unit), {}, False, None)
+def _add_rate(writer: _Variables, v: ScalarVariable, reference: int, state: int) -> int:
+    rate = ScalarVariable(f"der({v.name})", "Real", "continuous", "local", "", _rate_unit(v.unit), {}, False, None)
     index = writer.add(rate, reference, causality="local", variability="continuous", initial="calculated")
     writer.group[index - 1][0].set("derivative", str(state))
     return index

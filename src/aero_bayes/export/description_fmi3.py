@@ -12,7 +12,7 @@ _SAME = ("UnitDefinitions", "LogCategories", "DefaultExperiment")
 _UNKNOWNS = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
 
 
-def as_fmi3(description: bytes, indicators: int) -> bytes:
+def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
     """The description in the terms of FMI 3.0; names that share another variable's reference are left out.
 
     Parameters

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import arrays
-from aero_bayes.export.arrays import Value, numbers
-from aero_bayes.export.events import Events, Relation, Rounding, Sampling
+from aero_bayes.export.arrays import Value, scalars
+from aero_bayes.export.events import Events, PeriodicEvent, Relation, Rounding
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatModel, When
 from aero_bayes.export.scope import Scope
@@ -32,7 +32,7 @@ class Reinit:
 
 
 @dataclass(frozen=True)
-class Discrete:
+class DiscretePart:
     """What changes in events only.
 
     Attributes
@@ -55,7 +55,7 @@ class Discrete:
     reinits: tuple[Reinit, ...] = ()
     relations: tuple[Relation, ...] = ()
     roundings: tuple[Rounding, ...] = ()
-    samplings: tuple[Sampling, ...] = ()
+    samplings: tuple[PeriodicEvent, ...] = ()
     assertions: tuple[tuple[Node, str], ...] = ()
     before: Mapping[Node, Node] = field(default_factory=dict)
     limits: Mapping[Node, Node] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class EventActions:
         """True in the event in which the condition (or one of several) becomes true."""
         b = self.scope.builder
         active = b.zero
-        for c in numbers(self.scope.value(condition)):
+        for c in scalars(self.scope.value(condition)):
             symbol = self.events.new(f"when#{self.conditions}")
             self.conditions += 1
             self.updates[symbol] = c
@@ -129,7 +129,7 @@ class EventActions:
                 if a.target is None:
                     continue
                 value = self.scope.value(a.value)
-                targets = numbers(self.scope.value(a.target))
+                targets = scalars(self.scope.value(a.target))
                 for target, new in zip(targets, _like(value, len(targets)), strict=True):
                     if a.kind == "reinit":
                         self.reinits.append(Reinit(target, active, new))
@@ -142,7 +142,7 @@ class EventActions:
         """Runs an algorithm; gives the pairs (variable, value) of outputs that are not discrete."""
         found = []
         for s, new in self.run(statements, outputs):
-            if s in self.events.held:
+            if s in self.events.piecewise_constant:
                 self.assign(s, new)
             else:
                 found.append((s, new))
@@ -156,7 +156,7 @@ class EventActions:
         scope.values = dict(saved)
         for n, value in symbols.items():
             scope.values[n] = arrays.mapped(
-                lambda s: self.events.pre(s) if s in self.events.held else scope.builder.zero, value
+                lambda s: self.events.pre(s) if s in self.events.piecewise_constant else scope.builder.zero, value
             )
         self.statements(statements)
         found = [p for n, value in symbols.items() for p in arrays.pairs(value, scope.values[n])]
@@ -193,7 +193,7 @@ class EventActions:
 
 
 def _like(value: Value, count: int) -> list[Node]:
-    found = numbers(value)
+    found = scalars(value)
     return found * count if len(found) == 1 else found
 
 
@@ -227,7 +227,9 @@ def match_discrete(
     return rest
 
 
-def resolve(model: str, b: Builder, part: Discrete, solved: Mapping[Node, Node], states: set[Node]) -> Discrete:
+def solve_discrete(
+    model: str, b: Builder, part: DiscretePart, solved: Mapping[Node, Node], states: set[Node]
+) -> DiscretePart:
     """The discrete part in terms of states, and each discrete value without the others.
 
     Raises
@@ -264,7 +266,7 @@ def resolve(model: str, b: Builder, part: Discrete, solved: Mapping[Node, Node],
         if state not in states:
             raise InputError(f"model {model}: reinit({r.state.name}) of a variable that is no state")
         reinits.append(Reinit(state, b.substitute(r.active, memo), value))
-    return Discrete(
+    return DiscretePart(
         {d: done[d] for d in first},
         tuple(reinits),
         tuple(replace(r, difference=b.substitute(r.difference, memo)) for r in part.relations),

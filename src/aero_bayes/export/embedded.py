@@ -12,13 +12,13 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_library, write_archive
 from aero_bayes.export.causalise import ExplicitModel, causalise
 from aero_bayes.export.codegen import generate
-from aero_bayes.export.description import describe
-from aero_bayes.export.description_fmi3 import as_fmi3
+from aero_bayes.export.description import write_fmi2_description
+from aero_bayes.export.description_fmi3 import convert_to_fmi3
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.layout import lay_out
 from aero_bayes.export.library import declared_members, identifier
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.translate import translate
 
 _PLACED = re.compile(r"[^ :]+\.mo:\d+: ")
 _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
@@ -53,14 +53,19 @@ def export_embedded(
 
 
 def export_flat(
-    flat: FlatModel, out: Path, *, quick: bool = False, fmi: int = 2, members: Mapping[str, bytes] | None = None
+    flat: FlatModel,
+    out: Path | str,
+    *,
+    quick: bool = False,
+    fmi: int = 2,
+    members: Mapping[str, bytes] | None = None,
 ) -> Path:
     """Write the FMU of a flat model to ``out``.
 
     Parameters
     ----------
     flat : FlatModel
-    out : Path
+    out : path
     quick : bool
         Compile in less time to code that runs somewhat slower: for candidates that are tried and dropped.
     members : mapping of str to bytes, optional
@@ -78,16 +83,16 @@ def export_flat(
     InputError
         For a construct that the exporter cannot translate.
     """
-    name = identifier(flat.name)
+    out, name = Path(out), identifier(flat.name)
     with _placed(flat):
         solved = causalise(translate(flat))
         layout = lay_out(solved, sharing=fmi == 2)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
         source = generate(solved, layout, _NO_GUID)
-        description = describe(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
+        description = write_fmi2_description(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     if fmi == 3:
-        description = as_fmi3(description, solved.indicators)
+        description = convert_to_fmi3(description, solved.indicators)
     digest = hashlib.sha256(source.encode() + description).hexdigest()
     guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
     library = compile_library(source.replace(_NO_GUID, guid), name, quick=quick, fmi=fmi)

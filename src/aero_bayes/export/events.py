@@ -27,7 +27,7 @@ class Rounding:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class PeriodicEvent:
     """``symbol`` is 1 in the events at ``start + k interval``, k = 0, 1, ..."""
 
     symbol: Node
@@ -37,20 +37,20 @@ class Sampling:
 
 @dataclass
 class Events:
-    """Collects events while a model is translated; ``held`` are the symbols that change in events only."""
+    """Collects events while a model is translated; the symbols ``piecewise_constant`` change in events only."""
 
     builder: Builder
-    held: set[Node] = field(default_factory=set)
+    piecewise_constant: set[Node] = field(default_factory=set)
     relations: dict[tuple[Node, bool], Relation] = field(default_factory=dict)
     roundings: dict[Node, Rounding] = field(default_factory=dict)
-    samplings: dict[tuple[Node, Node], Sampling] = field(default_factory=dict)
+    samplings: dict[tuple[Node, Node], PeriodicEvent] = field(default_factory=dict)
 
     def constant_between(self, node: Node) -> bool:
-        return self.builder.symbols(node) <= self.held
+        return self.builder.symbols(node) <= self.piecewise_constant
 
     def new(self, name: str) -> Node:
         symbol = self.builder.symbol(name)
-        self.held.add(symbol)
+        self.piecewise_constant.add(symbol)
         return symbol
 
     def relation(self, op: str, left: Node, right: Node) -> Node:
@@ -76,7 +76,7 @@ class Events:
     def sample(self, start: Node, interval: Node) -> Node:
         key = (start, interval)
         if key not in self.samplings:
-            self.samplings[key] = Sampling(self.new(f"sample#{len(self.samplings)}"), start, interval)
+            self.samplings[key] = PeriodicEvent(self.new(f"sample#{len(self.samplings)}"), start, interval)
         return self.samplings[key].symbol
 
     def pre(self, variable: Node) -> Node:

@@ -188,7 +188,7 @@ class Builder:
 
     def symbols(self, node: Node) -> frozenset[Node]:
         """The symbols that an expression contains."""
-        for n in topological([node], self._symbols):
+        for n in topological_order([node], self._symbols):
             if n.op == "symbol":
                 self._symbols[n] = frozenset((n,))
             else:
@@ -197,7 +197,7 @@ class Builder:
 
     def substitute(self, node: Node, memo: dict[Node, Node]) -> Node:
         """Replace nodes by ``memo`` throughout; ``memo`` also caches, and gains every node that was visited."""
-        for n in topological([node], memo):
+        for n in topological_order([node], memo):
             memo[n] = n if not n.args else self.apply(n, tuple(memo[a] for a in n.args))
         return memo[node]
 
@@ -205,7 +205,7 @@ class Builder:
         """Partial derivative by the symbol ``by``; a ``memo`` may be shared between calls with the same symbol."""
         memo = {} if memo is None else memo
         memo[by] = self.one
-        for n in topological([node], memo, lambda n: by in self.symbols(n)):
+        for n in topological_order([node], memo, lambda n: by in self.symbols(n)):
             memo[n] = self._chain(n, tuple(memo[a] for a in n.args)) if by in self.symbols(n) else self.zero
         return memo[node]
 
@@ -277,7 +277,7 @@ class Builder:
         return self.mul(slope, da)
 
 
-def topological(
+def topological_order(
     roots: Iterable[Node], done: Mapping[Node, object], enter: Callable[[Node], bool] | None = None
 ) -> Iterable[Node]:
     """Nodes below ``roots`` that are not in ``done``, arguments first; below a node that ``enter`` refuses nothing."""
@@ -296,7 +296,7 @@ def topological(
     return order
 
 
-def evaluate(nodes: Iterable[Node], values: Mapping[Node, float]) -> list[float]:
+def evaluate_nodes(nodes: Iterable[Node], values: Mapping[Node, float]) -> list[float]:
     """Numbers of expressions at given values of their symbols."""
     nodes = list(nodes)
     known: dict[Node, float] = dict(values)
@@ -304,7 +304,7 @@ def evaluate(nodes: Iterable[Node], values: Mapping[Node, float]) -> list[float]
     def branch(n: Node) -> bool:
         return n.op != "select"
 
-    for n in topological(nodes, known, branch):
+    for n in topological_order(nodes, known, branch):
         _evaluate_one(n, known)
     return [known[n] for n in nodes]
 
@@ -315,8 +315,8 @@ def _evaluate_one(n: Node, known: dict[Node, float]) -> None:
     elif n.op == "symbol":
         raise KeyError(n.name)
     elif n.op == "select":
-        condition = evaluate([n.args[0]], known)[0]
-        known[n] = evaluate([n.args[1] if condition else n.args[2]], known)[0]
+        condition = evaluate_nodes([n.args[0]], known)[0]
+        known[n] = evaluate_nodes([n.args[1] if condition else n.args[2]], known)[0]
     elif len(n.args) == 1:
         known[n] = UNARY[n.op](known[n.args[0]])
     else:

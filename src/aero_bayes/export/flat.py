@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.language.syntax import Expression, Name, Statement
-from aero_bayes.language.tokens import Place
+from aero_bayes.language.tokens import SourceLocation
 
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
 Causality = Literal["local", "input", "output"]
@@ -48,7 +48,7 @@ class FlatVariable:
     protected: bool = False
     final: bool = False
     description: str = ""
-    place: Place | None = None
+    place: SourceLocation | None = None
 
     @property
     def constant(self) -> bool:
@@ -68,7 +68,7 @@ class FlatEquation:
     right: Expression
     origin: Origin = "component"
     component: str = ""
-    place: Place | None = None
+    place: SourceLocation | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class When:
     """Branches ``when``, ``elsewhen``: a condition, and what it assigns to variables or gives to states anew."""
 
     branches: tuple[tuple[Expression, tuple[WhenAction, ...]], ...]
-    place: Place | None = None
+    place: SourceLocation | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Assertion:
     condition: Expression
     message: str
     warning: bool = False
-    place: Place | None = None
+    place: SourceLocation | None = None
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Algorithm:
 
     statements: tuple[Statement, ...]
     outputs: tuple[str, ...]
-    place: Place | None = None
+    place: SourceLocation | None = None
 
 
 @dataclass(frozen=True)

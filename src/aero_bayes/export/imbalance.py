@@ -10,8 +10,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.translate import translate
 from aero_bayes.language.syntax import names_in
 
 #: Begins the names of what is added to a model so that rumoca, which refuses an imbalance, flattens it.
@@ -20,7 +20,7 @@ ADDED = "added_unknown_"
 MAX_LISTED = 6
 
 
-def balancing(model: str, missing: int) -> str:
+def balanced_model(model: str, missing: int) -> str:
     """A model with as many further equations, or further unknowns, as it takes for equally many of both."""
     lines = ["  time = 0;"] * missing if missing > 0 else [f"  Real {ADDED}{k};" for k in range(-missing)]
     return "\n".join(
@@ -28,8 +28,8 @@ def balancing(model: str, missing: int) -> str:
     )
 
 
-def imbalance(name: str, flat: FlatModel) -> InputError | None:
-    """What to tell of a model that was flattened with :func:`balancing`; None where its structure does not tell."""
+def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
+    """The error of a model that was flattened with :func:`balanced_model`; None where its structure does not tell."""
     system = translate(flat)
     b = system.builder
     unknowns = [b.symbol(v.name) for v in system.variables if v.name not in system.derivatives]

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Node
 from aero_bayes.export.linear import linear_solve
-from aero_bayes.export.loops import Loop
+from aero_bayes.export.loops import AlgebraicLoop
 from aero_bayes.export.matching import components
-from aero_bayes.export.translate import System
 
 
 def initial_values(
-    system: System, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[Loop]
-) -> tuple[tuple[Node, ...], Loop | None]:
+    system: EquationSystem, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[AlgebraicLoop]
+) -> tuple[tuple[Node, ...], AlgebraicLoop | None]:
     """Initial value of each state: its start attribute, or what initial equations and other fixed values give.
 
     Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned.
@@ -72,14 +72,14 @@ def initial_values(
     unsolved = None
     if residuals:
         more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
-        unsolved = Loop(
+        unsolved = AlgebraicLoop(
             (*used, *(u for loop in more for u in loop.unknowns)),
             (*residuals, *(r for loop in more for r in loop.residuals)),
         )
     return tuple(starts[b.symbol(n)] for n in states), unsolved
 
 
-def _linear(system: System, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:
+def _linear(system: EquationSystem, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:
     """The values of symbols, where the residuals are linear in them."""
     b = system.builder
     matrix = [[b.derivative(r, s) for s in symbols] for r in residuals]

@@ -5,23 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node
-from aero_bayes.export.translate import Variable
 
 
 @dataclass(frozen=True)
-class Layout:
+class VariableLayout:
     """Which variable has which value reference: states, derivatives, inputs, parameters, dependent ones, outputs.
 
     ``names`` of states are those of the outputs that equal them where there are any; ``aliases`` maps further names.
     """
 
-    states: tuple[Variable, ...]
+    states: tuple[ScalarVariable, ...]
     state_paths: tuple[str, ...]
-    inputs: tuple[Variable, ...]
-    parameters: tuple[Variable, ...]
-    dependent: tuple[Variable, ...]
-    outputs: tuple[Variable, ...]
+    inputs: tuple[ScalarVariable, ...]
+    parameters: tuple[ScalarVariable, ...]
+    dependent: tuple[ScalarVariable, ...]
+    outputs: tuple[ScalarVariable, ...]
     aliases: dict[str, int]
 
     @property
@@ -37,7 +37,7 @@ class Layout:
         return self.first_dependent + len(self.dependent)
 
 
-def lay_out(model: ExplicitModel, *, sharing: bool = True) -> Layout:
+def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
     """Sort the variables that the FMU shows.
 
     Outputs that equal a state share its value reference; without ``sharing`` one of them does, and the others are
@@ -50,7 +50,7 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> Layout:
     symbols = {b.symbol(path): i for i, path in enumerate(model.states)}
     position = {o.name: symbols[e] for o in top if (e := model.solved.get(o.name, b.symbol(o.name))) in symbols}
     aliases: dict[str, int] = {}
-    states: list[Variable] = []
+    states: list[ScalarVariable] = []
     for i, path in enumerate(model.states):
         inner = by_name[path]
         mine = [o for o in top if position.get(o.name) == i]
@@ -86,6 +86,6 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> Layout:
         elif "." not in p.name:
             dependent.append(p)
     outputs = [o for o in (*top, *(v for v in model.system.steps if v.shown)) if o.name not in position]
-    return Layout(
+    return VariableLayout(
         tuple(states), model.states, model.system.inputs, tuple(free), tuple(dependent), tuple(outputs), aliases
     )

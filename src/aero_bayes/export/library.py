@@ -10,10 +10,10 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from aero_bayes.declared import FILE, MEMBER, Declaration, parse
+from aero_bayes.declared import DECLARATION_FILE, DECLARATION_MEMBER, PackageDeclaration, parse_declaration
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.sources import modelica_files, modelica_text
+from aero_bayes.language.sources import modelica_files, read_modelica_text
 from aero_bayes.language.tokens import tokenize, words_of
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
@@ -31,16 +31,18 @@ def modelica_root() -> Path:
 @cache
 def rig_packages() -> tuple[Path, ...]:
     """Shipped packages of rigs, those that declare something of them; every model is loaded beside them."""
-    return tuple(sorted(path.parent for path in modelica_root().glob(f"*/{FILE}")))
+    return tuple(sorted(path.parent for path in modelica_root().glob(f"*/{DECLARATION_FILE}")))
 
 
-def declaration_in(folder: Path) -> Declaration:
+def declaration_in(folder: Path) -> PackageDeclaration:
     """What a package declares of its rigs; nothing where it has no such file."""
-    file = folder / FILE
-    return parse(file.read_text("utf-8"), str(file), folder.name) if file.is_file() else Declaration()
+    file = folder / DECLARATION_FILE
+    return (
+        parse_declaration(file.read_text("utf-8"), str(file), folder.name) if file.is_file() else PackageDeclaration()
+    )
 
 
-def declaration_of(model: str, sources: Sequence[Path] = ()) -> Declaration:
+def declaration_of(model: str, sources: Sequence[Path] = ()) -> PackageDeclaration:
     """What the package that a model is from, or is extended from in one of the sources, declares of it.
 
     Nothing for a model that no declaration names. Raises InputError for a declaration that is not valid.
@@ -53,7 +55,7 @@ def declaration_of(model: str, sources: Sequence[Path] = ()) -> Declaration:
         for name in _bases(model, file):
             if (known := declaration_of(name, sources)).systems:
                 return known
-    return Declaration()
+    return PackageDeclaration()
 
 
 def _bases(model: str, file: Path) -> list[str]:
@@ -67,11 +69,11 @@ def _bases(model: str, file: Path) -> list[str]:
 def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
     """The declaration that a model's FMU takes along, by the member of the archive."""
     package = declaration_of(model, sources).package
-    files = [folder / FILE for folder in (*rig_packages(), *sources) if folder.name == package]
-    return {MEMBER: files[0].read_bytes()} if files else {}
+    files = [folder / DECLARATION_FILE for folder in (*rig_packages(), *sources) if folder.name == package]
+    return {DECLARATION_MEMBER: files[0].read_bytes()} if files else {}
 
 
-def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
+def copy_sources(folder: Path, sources: Sequence[Path]) -> list[Path]:
     """Copy the shipped packages of rigs and further files into an empty folder, so that nothing beside them is read.
 
     Returns
@@ -92,7 +94,7 @@ def stage(folder: Path, sources: Sequence[Path]) -> list[Path]:
         if not source.exists():
             raise InputError(f"{source}: no such file")
         for file in modelica_files([source]):
-            modelica_text(file)  # refused here, under its own path
+            read_modelica_text(file)  # refused here, under its own path
         if source.is_dir():
             if not (source / "package.mo").is_file():
                 raise InputError(f"{source}: a Modelica package folder needs a package.mo")

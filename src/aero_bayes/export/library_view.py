@@ -30,7 +30,7 @@ _CORE = frozenset({
 _MISREAD = re.compile(r"\bgetTable1DValue\w*\(tableID, \d+, 0\)")
 
 
-def linked(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
+def link_packages(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
     """A folder that holds just these packages under their plain names.
 
     It stays where it is for the same packages, since a compiler may keep what it has read by its path. Of the standard
@@ -63,14 +63,14 @@ def linked(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
     return folder
 
 
-def in_library(file: str) -> str:
+def path_in_library(file: str) -> str:
     """Path of a library's file from the library's own folder on; that of any other file as it is."""
     folder = user_cache() / "libraries"
     inside = Path(file).parts[len(folder.parts) + 1 :] if Path(file).is_relative_to(folder) else ()
     return "/".join(inside) or file
 
 
-def words_of(files: Iterable[Path]) -> set[str]:
+def names_used_in(files: Iterable[Path]) -> set[str]:
     """Every name that Modelica files use outside of comments and strings."""
     tokens = (t for f in files for t in tokenize(f.read_text("utf-8", "replace"), strict=False))
     return {t.word for t in tokens if t.kind == "name"}

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.expression import Builder, Node, topological
-from aero_bayes.export.translate import System
+from aero_bayes.export.equation_system import EquationSystem
+from aero_bayes.export.expression import Builder, Node, topological_order
 from aero_bayes.language.values import BOOLEAN
 
 
 def linear_solve(
-    system: System, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]
+    system: EquationSystem, matrix: list[list[Node]], right: list[Node], symbols: Sequence[Node]
 ) -> list[Node] | None:
     """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone.
 
@@ -65,7 +65,7 @@ def linear_solve(
 
 def switches(node: Node) -> bool:
     """Whether an expression has branches."""
-    return any(n.op in ("select", "sign", "min", "max") or n.op in BOOLEAN for n in topological([node], {}))
+    return any(n.op in ("select", "sign", "min", "max") or n.op in BOOLEAN for n in topological_order([node], {}))
 
 
 def _fill(b: Builder, matrix: list[list[Node]], rows: list[int], columns: list[int], i: int, j: int) -> int:

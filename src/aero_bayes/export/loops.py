@@ -10,7 +10,7 @@ from aero_bayes.export.linear import switches
 
 
 @dataclass(frozen=True)
-class Loop:
+class AlgebraicLoop:
     """``0 = residuals`` in the ``unknowns``, which stay symbols in all other expressions."""
 
     unknowns: tuple[Node, ...]

@@ -18,11 +18,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.build import write_archive
 from aero_bayes.export.library import (
     check_model_name,
+    copy_sources,
     declared_members,
     identifier,
     library_roots,
     needed_libraries,
-    stage,
 )
 from aero_bayes.scratch import ScratchFolder
 
@@ -45,7 +45,7 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), lib
         raise InputError("omc (OpenModelica) is not on the PATH; install it or use the embedded exporter")
     check_model_name(model)
     with ScratchFolder() as folder:
-        staged = stage(folder, sources)
+        staged = copy_sources(folder, sources)
         # without any the compiler looks for libraries itself, where a model says which ones it uses
         packages = needed_libraries(model, staged, library_roots(libraries)) if libraries else {}
         files = [str(p / "package.mo" if p.is_dir() else p) for p in packages.values()]

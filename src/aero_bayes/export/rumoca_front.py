@@ -16,22 +16,22 @@ from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.imbalance import balancing, imbalance
-from aero_bayes.export.library import check_model_name, library_roots, needed_libraries, rig_packages, stage
-from aero_bayes.export.library_view import linked, words_of
+from aero_bayes.export.imbalance import balanced_model, explain_imbalance
+from aero_bayes.export.library import check_model_name, copy_sources, library_roots, needed_libraries, rig_packages
+from aero_bayes.export.library_view import link_packages, names_used_in
 from aero_bayes.export.source_check import locate, refuse_dropped
 from aero_bayes.export.structured import read_structured
-from aero_bayes.language.edits import TextEdit, apply
-from aero_bayes.language.sources import modelica_files, modelica_text, sources_in
+from aero_bayes.language.edits import TextEdit, apply_edits
+from aero_bayes.language.sources import modelica_files, read_modelica_text, sources_in
 from aero_bayes.language.tokens import line_of, split_outside, tokenize
-from aero_bayes.language.units import spelled
+from aero_bayes.language.units import to_modelica_unit
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.show import nearest
+from aero_bayes.unknown_names import known_names_hint
 
 #: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
 TIME_LIMIT = 50.0
 _TOO_LONG = "an expression of very many operands is too long; name parts of it, or write sum() of an array"
-_WORK = """
+_CHILD_PROGRAM = """
 import json, os, re, sys
 import rumoca
 roots, file, model, *own = sys.argv[1:]
@@ -74,16 +74,16 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
     """
     check_model_name(model)
     with ScratchFolder() as root:
-        files = stage(root, sources)
+        files = copy_sources(root, sources)
         packages = needed_libraries(model, files, library_roots(libraries))
         own = files[len(rig_packages()) :]
         added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
         refuse_dropped(root, added)
-        _spell_units(added)
-        words = {*model.split("."), *words_of(added)}
+        _normalise_units(added)
+        words = {*model.split("."), *names_used_in(added)}
         staged = [f.parent.name for f in files if f.name == "package.mo" and f.parent.name in words]
-        _mention([*packages, *staged], _file_of(model, files))
-        links = [linked(packages, words)] if packages else []
+        _name_packages([*packages, *staged], _file_of(model, files))
+        links = [link_packages(packages, words)] if packages else []
         try:
             answer = _run(model, root, files, links)
             return read_structured(model, answer["flat"], answer["files"])
@@ -101,10 +101,10 @@ def _imbalance(
 ) -> InputError | None:
     """Which variables or equations are left over; None where that cannot be told."""
     file = root / "Balanced.mo"
-    file.write_text(balancing(model, int(unequal[2]) - int(unequal[1])), "utf-8")
+    file.write_text(balanced_model(model, int(unequal[2]) - int(unequal[1])), "utf-8")
     with suppress(InputError, RecursionError):
         answer = _run("Balanced", root, [*files, file], links)
-        return imbalance(model, read_structured(model, answer["flat"], answer["files"]))
+        return explain_imbalance(model, read_structured(model, answer["flat"], answer["files"]))
     return None
 
 
@@ -129,7 +129,7 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
     if not known:
         return InputError(f"{model}: no such class; name its file by [model] sources or --source")
     place = " and ".join(dict.fromkeys(f.name for f in own)) or first
-    return InputError(f"{model}: no such class in {place}{nearest(model, known)}")
+    return InputError(f"{model}: no such class in {place}{known_names_hint(model, known)}")
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
     own = [str(f.relative_to(root)) for f in files[len(rig_packages()) :]]
     # what MODELICAPATH names is linked where it is needed; rumoca would read all of it
     environment = {k: v for k, v in os.environ.items() if k != "MODELICAPATH"}
-    command = [sys.executable, "-c", _WORK, roots, str(_file_of(model, files)), model, *own]
+    command = [sys.executable, "-c", _CHILD_PROGRAM, roots, str(_file_of(model, files)), model, *own]
     try:
         done = subprocess.run(
             command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
@@ -157,19 +157,21 @@ def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
     return answer
 
 
-def _spell_units(files: Iterable[Path]) -> None:
+def _normalise_units(files: Iterable[Path]) -> None:
     """Write units as the grammar has them: rumoca refuses ``kg*m^2``, and byte-order marks, which other tools take."""
     for file in files:
-        text = modelica_text(file)
+        text = read_modelica_text(file)
         tokens = tokenize(text, strict=False)
         given = (t for key, equals, t in zip(tokens, tokens[1:], tokens[2:], strict=False)
                  if key.word in ("unit", "displayUnit") and equals.word == "=" and t.kind == "text")  # fmt: skip
-        edits = [TextEdit(t.start + 1, t.end - 1, s) for t in given if (s := spelled(t.word[1:-1])) != t.word[1:-1]]
+        edits = [
+            TextEdit(t.start + 1, t.end - 1, s) for t in given if (s := to_modelica_unit(t.word[1:-1])) != t.word[1:-1]
+        ]
         if edits or file.read_bytes().startswith(codecs.BOM_UTF8):
-            file.write_bytes(apply(text, edits).encode())
+            file.write_bytes(apply_edits(text, edits).encode())
 
 
-def _mention(packages: Collection[str], main: Path) -> None:
+def _name_packages(packages: Collection[str], main: Path) -> None:
     """Name libraries at the end of the file that is loaded: rumoca opens only those that it finds named in that one."""
     if packages:
         with main.open("a", encoding="utf-8") as file:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
-from aero_bayes.language.syntax import Call, Expression, summands, with_parts
+from aero_bayes.language.syntax import Call, Expression, map_children, summands
 
-SOLVE = "Modelica.Math.Matrices.solve"
+SOLVE_FUNCTION = "Modelica.Math.Matrices.solve"
 
 
-def unsolved(e: FlatEquation) -> FlatEquation:
+def without_solve(e: FlatEquation) -> FlatEquation:
     """The equation times the matrix that the library's ``solve`` inverts in it, where it stands in a sum.
 
     The library calls LAPACK; here the equations are solved as all others are.
@@ -27,13 +27,13 @@ def _matrix(tree: Expression) -> Expression | None:
 def _inverted(tree: Expression) -> tuple[Expression | None, Expression]:
     """``A`` and ``b`` of ``solve(A, b)``; no matrix where a tree is no such call."""
     match tree:
-        case Call(function, (matrix, right)) if function == SOLVE:
+        case Call(function, (matrix, right)) if function == SOLVE_FUNCTION:
             return matrix, right
     return None, tree
 
 
 def _times(matrix: Expression, tree: Expression) -> Expression:
     if isinstance(tree, Call) and tree.function in ("+", "-", ".+", ".-", "neg"):
-        return with_parts(tree, lambda t: _times(matrix, t))
+        return map_children(tree, lambda t: _times(matrix, t))
     inverted, right = _inverted(tree)
     return right if inverted == matrix else Call("*", (matrix, tree))

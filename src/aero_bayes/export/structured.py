@@ -49,10 +49,10 @@ def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -
     InputError
         For a construct that has no counterpart; names it, with file and line where they are known.
     """
-    return _Reader(name, flat, files).model()
+    return _FlatModelReader(name, flat, files).model()
 
 
-class _Reader(TreeReader):
+class _FlatModelReader(TreeReader):
     # the model
 
     def model(self) -> FlatModel:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from aero_bayes.export.arrays import Record, ShapeError, Value, numbers
+from aero_bayes.export.arrays import Record, ShapeError, Value, scalars
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.language.syntax import Expression, Number
@@ -55,7 +55,7 @@ def call_table(b: Builder, function: str, args: Sequence[Value], events: Events 
     rows = table.field("rows")
     if not isinstance(rows, list):
         raise ShapeError("a table without rows")
-    first = [numbers(row)[0] for row in rows]
+    first = [scalars(row)[0] for row in rows]
     if name.startswith("getTable2D"):
         return _surface(b, name, table, rows, first[1:], args)
     if name in ("getTable1DAbscissaUmin", "getTimeTableTmin"):
@@ -66,17 +66,17 @@ def call_table(b: Builder, function: str, args: Sequence[Value], events: Events 
         return b.const(1e60)  # Modelica.Constants.inf; the relations of the value itself make the events
     if not name.startswith(("getTable1DValue", "getTimeTableValue")):
         return None
-    column, u = numbers(args[1])[0], numbers(args[2])[0]
-    which = int(numbers(table.field("columns"))[int(column.value) - 1].value)
-    values = [numbers(row)[which - 1] for row in rows]
+    column, u = scalars(args[1])[0], scalars(args[2])[0]
+    which = int(scalars(table.field("columns"))[int(column.value) - 1].value)
+    values = [scalars(row)[which - 1] for row in rows]
     if name.startswith("getTable1D"):
         return _interpolated(b, first, values, u, table, None)
-    before = _less(b, u, numbers(table.field("start"))[0], events)
-    found = _interpolated(b, first, values, b.sub(u, numbers(table.field("shift"))[0]), table, events)
+    before = _less(b, u, scalars(table.field("start"))[0], events)
+    found = _interpolated(b, first, values, b.sub(u, scalars(table.field("shift"))[0]), table, events)
     return b.select(before, b.zero, found)
 
 
-def searched_anew(function: str, args: tuple[Expression, ...]) -> tuple[Expression, ...]:
+def with_search_from_first_row(function: str, args: tuple[Expression, ...]) -> tuple[Expression, ...]:
     """The arguments, where the search for a row of ``TimeTable`` starts at the first one and not at the last found.
 
     It finds the same, and its number of turns is known.
@@ -89,15 +89,15 @@ def _surface(
     b: Builder, name: str, table: Record, rows: Sequence[Value], x: Sequence[Node], args: Sequence[Value]
 ) -> Value | None:
     """A table over two inputs: straight lines along the first one, then along the second."""
-    across = numbers(rows[0])[1:]
+    across = scalars(rows[0])[1:]
     if name == "getTable2DAbscissaUmin":
         return [x[0], across[0]]
     if name == "getTable2DAbscissaUmax":
         return [x[-1], across[-1]]
     if not name.startswith("getTable2DValue"):
         return None
-    u, v = (numbers(a)[0] for a in args[1:3])
-    lines = [_interpolated(b, x, [numbers(row)[k + 1] for row in rows[1:]], u, table, None) for k in range(len(across))]
+    u, v = (scalars(a)[0] for a in args[1:3])
+    lines = [_interpolated(b, x, [scalars(row)[k + 1] for row in rows[1:]], u, table, None) for k in range(len(across))]
     return _interpolated(b, across, lines, v, table, None)
 
 
@@ -108,7 +108,7 @@ def _less(b: Builder, one: Node, other: Node, events: Events | None) -> Node:
 def _interpolated(
     b: Builder, x: Sequence[Node], y: Sequence[Node], u: Node, table: Record, events: Events | None
 ) -> Node:
-    smoothness, beyond = (numbers(table.field(n))[0].value for n in ("smoothness", "extrapolation"))
+    smoothness, beyond = (scalars(table.field(n))[0].value for n in ("smoothness", "extrapolation"))
     if smoothness not in (_LINEAR, _STEPS):
         raise ShapeError("a table that is smooth (only straight lines and steps are translated)")
     if len(x) == 1:

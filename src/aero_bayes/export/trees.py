@@ -9,7 +9,7 @@ from typing import Any
 
 from aero_bayes.errors import InputError
 from aero_bayes.language import syntax
-from aero_bayes.language.tokens import Place
+from aero_bayes.language.tokens import SourceLocation
 
 Json = dict[str, Any]
 
@@ -34,11 +34,11 @@ class TreeReader:
         self.lines: dict[str, list[int]] = {}
         self.enumerations: Mapping[str, int] = flat["enum_literal_ordinals"]
         self.binders: dict[str, int] = {}
-        self.here: Place | None = None
+        self.here: SourceLocation | None = None
 
     # places and failures
 
-    def place(self, span: Json | None) -> Place | None:
+    def place(self, span: Json | None) -> SourceLocation | None:
         key = str(span["source"]) if span else ""
         if span is None or key not in self.files:
             return None
@@ -46,7 +46,7 @@ class TreeReader:
         if key not in self.lines:
             self.lines[key] = [m.start() for m in re.finditer(b"\n", text.encode())]
         start, end = int(span["start"]), int(span["end"])
-        return Place(path, start, end, bisect_right(self.lines[key], start - 1) + 1)
+        return SourceLocation(path, start, end, bisect_right(self.lines[key], start - 1) + 1)
 
     def fail(self, what: str) -> InputError:
         return InputError(f"{self.here or self.name}: the embedded exporter cannot translate {what}")
@@ -70,7 +70,7 @@ class TreeReader:
         if isinstance(s, str):
             if s == "Empty":
                 return ()
-            return (syntax.Refused(f"the statement {s.lower()!r}"),)
+            return (syntax.UnsupportedStatement(f"the statement {s.lower()!r}"),)
         kind, d = next(iter(s.items()))
         match kind:
             case "Empty":
@@ -101,7 +101,7 @@ class TreeReader:
                 )
             case "Assert":
                 return (syntax.AssertStatement(self.expression(d["condition"]), message_of(d["message"])),)
-        return (syntax.Refused(f"the statement {kind.lower()!r}"),)
+        return (syntax.UnsupportedStatement(f"the statement {kind.lower()!r}"),)
 
     def optional(self, o: Any) -> syntax.Name | None:
         if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
@@ -135,7 +135,7 @@ class TreeReader:
             case "Expr":
                 return self.expression(d["expr"])
             case "Colon":
-                return syntax.All()
+                return syntax.WholeDimension()
         raise self.fail(f"a subscript of the kind {kind!r}")
 
     def expression(self, e: Json) -> syntax.Expression:
@@ -173,7 +173,7 @@ class TreeReader:
                 return syntax.Array(tuple(map(self.expression, d["elements"])))
             case "Range":
                 step = self.expression(d["step"]) if d.get("step") is not None else None
-                return syntax.Range(self.expression(d["start"]), step, self.expression(d["end"]))
+                return syntax.RangeExpression(self.expression(d["start"]), step, self.expression(d["end"]))
             case "ArrayComprehension":
                 return self.comprehension(d)
             case "Index":

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from aero_bayes.config import Config, Section, checked, read_toml, resolve_paths
+from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
 from aero_bayes.errors import InputError
 
 Work = Literal["fit", "posterior", "loop", "all"]
@@ -101,7 +101,7 @@ class FleetPlan:
             If the rig's own settings name a key or value that does not exist.
         """
         document = _overlaid(self.shared, rig.settings)
-        return resolve_paths(checked(Config, document, f"rig {rig.name}"), self.folder.resolve())
+        return resolve_paths(validated(Config, document, f"rig {rig.name}"), self.folder.resolve())
 
 
 def read_fleet(path: Path) -> FleetPlan:
@@ -113,8 +113,8 @@ def read_fleet(path: Path) -> FleetPlan:
         The file or its table of rigs cannot be read, or there is no rig.
     """
     document = read_toml(path)
-    own = checked(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
-    checked(Config, document, path)
+    own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
+    validated(Config, document, path)
     table = own.fleet.rigs
     if not own.rig and table is None:
         raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")

@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.judge.holdout import held_out_gain
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
-from aero_bayes.show import listed
 
 #: Smallest number of readings for each free parameter.
 MIN_READINGS_PER_PARAMETER = 5
@@ -76,7 +76,7 @@ class PaysItsPrice:
         fits, own = case.explored.fits, case.explored.price.score(case.fitted)
         rests = {t: fits.get(case.fitted.structure.minus(t)) for t in case.fitted.terms}
         free = [t for t, rest in rests.items() if rest is not None and case.explored.price.score(rest) > own]
-        reason = f"the gain is below the price: {listed(free)}" if free else ""
+        reason = f"the gain is below the price: {join_names(free)}" if free else ""
         return Verdict("PaysItsPrice", not free, reason)
 
 
@@ -92,7 +92,7 @@ class LeaveBlockOut:
                 found = held_out_gain(case.fitted.with_noise(noise), rival.with_noise(noise))
                 if found.in_errors < MIN_STANDARD_ERRORS:
                     weak.append(f"{id_} by {found.in_errors:.1f} standard errors over {found.blocks} {found.by}")
-        reason = f"readings that were left out are not surely predicted better: {listed(weak)}" if weak else ""
+        reason = f"readings that were left out are not surely predicted better: {join_names(weak)}" if weak else ""
         return Verdict("LeaveBlockOut", not weak, reason)
 
 
@@ -119,7 +119,7 @@ class LeftOver:
         far = [pair for pair in left if pair[1].ratio > MAX_FLOOR_RATIO or pair[1].noise_floor is None]
         if not left or not (self._is_much(pairs) or any(self._is_much([pair]) for pair in far)):
             return Verdict("LeftOver", True)
-        outputs = listed(sorted({r.output for _, r in left}))
+        outputs = join_names(sorted({r.output for _, r in left}))
         reason = f"more than {self.share:.0%} of the error above the noise is left in {outputs}"
         return Verdict("LeftOver", False, reason)
 
@@ -197,7 +197,7 @@ def choose(
 
 def disturbed(reports: Sequence[ResidualReport], share: float = 0.8) -> tuple[str, float, float] | None:
     """Recording, start and end in s of a disturbance: a tenth of the recording holds most of what is left."""
-    structured = [r for r in those_structured(reports) if r.worst_share > share and math.isfinite(r.ratio)]
+    structured = [r for r in structured_residuals(reports) if r.worst_share > share and math.isfinite(r.ratio)]
     if not structured:
         return None
     worst = max(structured, key=lambda r: r.worst_share)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import autocorrelation
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.show import with_unit
+from aero_bayes.sensors.whiteness import autocorrelation
 
 FloatArray = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class Shift:
         return abs(self.after - self.before) / self.after_sd if self.after_sd > 0.0 else 0.0
 
 
-def rms_error(residual: FloatArray, interval: float) -> Error:
+def rms_error(residual: FloatArray) -> Error:
     """RMS of a residual (n,) with its uncertainty; correlated readings count for less."""
     n = residual.size
     if n == 0:
@@ -87,13 +87,13 @@ def rms_error(residual: FloatArray, interval: float) -> Error:
     rms = float(np.sqrt(np.mean(residual**2)))
     if n < 10:
         return Error(rms, rms / math.sqrt(2.0 * n), n)
-    return Error(rms, 0.5 * _sd_of_mean(residual**2, interval) / max(rms, 1e-300), n)
+    return Error(rms, 0.5 * _sd_of_mean(residual**2) / max(rms, 1e-300), n)
 
 
-def _sd_of_mean(series: FloatArray, interval: float) -> float:
+def _sd_of_mean(series: FloatArray) -> float:
     """Standard deviation of the mean of a series (n,), with its correlation counted."""
     n = series.size
-    _, acf = autocorrelation(series, interval, min(n // 3, 2000))
+    acf = autocorrelation(series, min(n // 3, 2000))
     negative = np.flatnonzero(acf <= 0.0)
     last = int(negative[0]) if negative.size else acf.size
     time = max(1.0, 2.0 * float(acf[:last].sum()) - 1.0)
@@ -115,7 +115,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
             change = change[np.isfinite(change) & (r.time >= start)]
             if change.size < 10:
                 continue
-            sd = _sd_of_mean(change, r.interval)
+            sd = _sd_of_mean(change)
             more[output] = more.get(output, 0.0) + float(change.sum())
             variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
     return [output for output, extra in more.items() if extra > SIGNIFICANT_DEVIATIONS * math.sqrt(variance[output])]

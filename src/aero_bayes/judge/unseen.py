@@ -20,7 +20,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: Family
+    family: ModelFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property
@@ -77,7 +77,6 @@ class Unseen:
         errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._everything):
-            interval = recording.interval
             unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:
@@ -88,11 +87,11 @@ class Unseen:
                 residual = recording.outputs[output] - predicted
                 seen = np.isfinite(residual)
                 if e >= self._fitted:
-                    errors[1][key] = rms_error(residual[seen], interval)
+                    errors[1][key] = rms_error(residual[seen])
                     continue
-                errors[0][key] = rms_error(residual[seen & ~unseen], interval)
+                errors[0][key] = rms_error(residual[seen & ~unseen])
                 if unseen.any():
-                    errors[1][key] = rms_error(residual[seen & unseen], interval)
+                    errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
     def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
@@ -148,7 +147,7 @@ class Unseen:
     ) -> tuple[Calibration, FloatArray, list[int]]:
         """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._everything))
-        plain = self.family.plain()
+        plain = self.family.base_model()
         known = {v.name for v in plain.parameters}
         shared = [p for p in calibration.parameters if p.recording is None]
         new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
@@ -164,7 +163,7 @@ class Unseen:
         if not close:
             starts = with_free_starts(starts, known_as.experiments, plain)
         known_as = replace(known_as, parameters=starts.extended(new))
-        whole = replace(self.family.on(known_as, calibration.model), fixed=calibration.fixed)
+        whole = replace(self.family.transfer(known_as, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
         # A law at an output hides where its state started.
         hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]

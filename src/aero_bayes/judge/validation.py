@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import ResidualReport, those_structured
+from aero_bayes.check.residual_tests import ResidualReport, structured_residuals
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_worse
@@ -32,7 +32,7 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     if worse:
         return f"unseen data are predicted worse ({', '.join(worse)})."
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
-    if those_structured(left) and not better:
+    if structured_residuals(left) and not better:
         return "unseen data are predicted hardly better."
     return ""
 

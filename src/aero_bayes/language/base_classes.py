@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText, Component, Statement
-from aero_bayes.language.edits import TextEdit, add_equations, apply, replace_names
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement
+from aero_bayes.language.edits import TextEdit, add_equations, apply_edits, replace_names
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group, split_outside
 
 
-def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:
+def inline_base_classes(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:
     """A file that holds only ``cls``, the declarations and equations of its base classes in place of ``extends``.
 
     Names that mean something in the packages around a class are given in full.
@@ -23,13 +23,13 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
     InputError
         For a base class that is not in the sources, or a modifier that cannot be written out, such as ``redeclare``.
     """
-    text = alone(known, file, cls)
+    text = standalone_text(known, file, cls)
     (own,) = read_classes(text)
     for clause in [s for s in own.declarations if s.first == "extends"]:
         (own,) = read_classes(text)
         name, arguments = _clause(clause)
         base_file, base = known.find(known.resolve(cls, name))
-        inner_file, inner = with_bases(known, base_file, base)
+        inner_file, inner = inline_base_classes(known, base_file, base)
         if inner.classes:
             raise InputError(f"{base.full_name}: a base class with classes of its own cannot be written out")
         current = next(s for s in own.declarations if s.first == "extends")
@@ -43,13 +43,13 @@ def with_bases(known: Sources, file: SourceFile, cls: ClassText) -> tuple[Source
             edits.append(
                 TextEdit(at, at, "\n".join(["initial equation", *(f"  {k}" for k in lines["initial equation"]), ""]))
             )
-        text = apply(text, edits)
+        text = apply_edits(text, edits)
     (own,) = read_classes(text)
     own.within = ""
     return SourceFile(file.file, text, (own,)), own
 
 
-def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
+def standalone_text(known: Sources, file: SourceFile, cls: ClassText) -> str:
     """The text of a class outside its package, moved to the margin, with names that still mean the same."""
     own = {c.name for c in cls.components()} | set(cls.class_names)
     meanings = {k: v for k, v in known.meanings(cls).items() if k not in own}
@@ -62,18 +62,18 @@ def alone(known: Sources, file: SourceFile, cls: ClassText) -> str:
         for s in inner.statements:
             names = {c.name_token.start for c in inner.declared_in(s)}
             changed += [e for e in replace_names(s.tokens, outer.get) if e.start not in names]
-    body = apply(file.text[begin : cls.end], [e.moved(-begin) for e in changed])
+    body = apply_edits(file.text[begin : cls.end], [e.moved(-begin) for e in changed])
     return re.sub(rf"^{margin}", "", body, flags=re.MULTILINE) + "\n" if margin else body + "\n"
 
 
-def _clause(clause: Statement) -> tuple[str, Sequence[Token]]:
+def _clause(clause: SourceStatement) -> tuple[str, Sequence[Token]]:
     """Name and modifiers of an extends clause."""
     at = find_outside(clause.core, frozenset({"("}), 1)
     name = "".join(t.word for t in clause.core[1:at])
     return name, clause.core[at + 1 : skip_group(clause.core, at) - 1] if at < len(clause.core) else ()
 
 
-def _whole(cls: ClassText) -> dict[str, list[Statement]]:
+def _whole(cls: ClassText) -> dict[str, list[SourceStatement]]:
     """Equations by their section."""
     if any(s.inside or s.section.endswith("algorithm") for s in cls.statements):
         raise InputError(f"{cls.name}: a base class with branches or algorithms cannot be written out")
@@ -96,13 +96,13 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
             lines.append(s.section)
             section = s.section
         edits = [e for c in cls.declared_in(s) for e in _modified(c, modifiers.pop(c.name, ()))]
-        lines.append(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits]))
+        lines.append(apply_edits(text[s.start : s.end], [e.moved(-s.start) for e in edits]))
     if modifiers:
         raise InputError(f"{cls.name}: the modifier of {next(iter(modifiers))!r} cannot be written out")
     return lines if section == "public" else [*lines, "public"]
 
 
-def _modified(c: Component, modifier: Sequence[Token]) -> list[TextEdit]:
+def _modified(c: ComponentDeclaration, modifier: Sequence[Token]) -> list[TextEdit]:
     """Edits of a declaration by what follows its name in a modifier: ``(start = 1) = 2``."""
     edits: list[TextEdit] = []
     at = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import CLASS_WORDS, ClassText, Statement
+from aero_bayes.language.classes import CLASS_WORDS, ClassText, SourceStatement
 from aero_bayes.language.tokens import Token, find_outside, line_of, skip_group, tokenize
 
 _CLASS_PREFIXES = frozenset(
@@ -16,11 +16,11 @@ _COMPOUND = frozenset({"if", "for", "when", "while"})
 
 def read_classes(text: str) -> tuple[ClassText, ...]:
     """The classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
-    reader = _Reader(tokenize(text), text)
+    reader = _ClassReader(tokenize(text), text)
     return tuple(reader.file())
 
 
-class _Reader:
+class _ClassReader:
     def __init__(self, tokens: tuple[Token, ...], text: str) -> None:
         self.tokens = tokens
         self.text = text
@@ -126,7 +126,7 @@ class _Reader:
                     cls.classes.append(inner)
                 else:
                     tokens = self.tokens[begin : self.at - 1]
-                    cls.statements.append(Statement("class", tokens, here, self.tokens[self.at - 1].end))
+                    cls.statements.append(SourceStatement("class", tokens, here, self.tokens[self.at - 1].end))
             elif section in ("public", "protected") or word == "external":
                 self.simple(cls, section)
             else:
@@ -136,7 +136,7 @@ class _Reader:
         end = self.semicolon()
         tokens = self.tokens[self.at : end]
         if tokens:
-            cls.statements.append(Statement(section, tokens, tokens[0].start, self.tokens[end].end, inside, head))
+            cls.statements.append(SourceStatement(section, tokens, tokens[0].start, self.tokens[end].end, inside, head))
         self.at = end + 1
 
     def equation(

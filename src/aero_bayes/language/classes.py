@@ -26,7 +26,7 @@ Modifiers = tuple[tuple[str, tuple[Token, ...]], ...]
 
 
 @dataclass(frozen=True)
-class Statement:
+class SourceStatement:
     """An element that ends in a semicolon: a declaration, an extends clause, an equation.
 
     ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them, or class for
@@ -57,7 +57,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Component:
+class ComponentDeclaration:
     """One declared variable or component, and where the parts of its declaration stand."""
 
     name: str
@@ -66,7 +66,7 @@ class Component:
     modifiers: Modifiers
     binding: tuple[Token, ...]
     description: str
-    statement: Statement
+    statement: SourceStatement
     type_tokens: tuple[Token, ...]
     name_token: Token
     arguments: tuple[Token, ...]
@@ -90,7 +90,7 @@ class ClassText:
     end_name: Token | None = None
     close: int = 0
     end: int = 0
-    statements: list[Statement] = field(default_factory=list)
+    statements: list[SourceStatement] = field(default_factory=list)
     sections: list[tuple[str, int, int]] = field(default_factory=list)
     classes: list[ClassText] = field(default_factory=list)
     class_names: list[str] = field(default_factory=list)
@@ -103,18 +103,18 @@ class ClassText:
         return f"{self.within}.{self.name}" if self.within else self.name
 
     @property
-    def equations(self) -> list[Statement]:
+    def equations(self) -> list[SourceStatement]:
         return [s for s in self.statements if s.section == "equation"]
 
     @property
-    def declarations(self) -> list[Statement]:
+    def declarations(self) -> list[SourceStatement]:
         return [s for s in self.statements if s.section in ("public", "protected")]
 
-    def components(self) -> list[Component]:
+    def components(self) -> list[ComponentDeclaration]:
         """Everything that the class declares itself, in order."""
         return [c for s in self.declarations for c in _components(s)]
 
-    def declared_in(self, statement: Statement) -> list[Component]:
+    def declared_in(self, statement: SourceStatement) -> list[ComponentDeclaration]:
         """What one of its statements declares."""
         return _components(statement) if statement.section in ("public", "protected") else []
 
@@ -181,7 +181,7 @@ def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
     return tokens[: at if value else rest]
 
 
-def _components(statement: Statement) -> list[Component]:
+def _components(statement: SourceStatement) -> list[ComponentDeclaration]:
     tokens = statement.tokens
     at = 0
     prefixes = set()
@@ -212,7 +212,7 @@ def _components(statement: Statement) -> list[Component]:
         stop = find_outside(rest, frozenset({"if", "annotation"})) if rest[:1] and rest[0].word == "if" else len(rest)
         binding = rest[1:stop] if rest and rest[0].word in ("=", ":=") else ()
         found.append(
-            Component(
+            ComponentDeclaration(
                 part[0].word, type_, frozenset(prefixes), _modifiers(arguments[1:-1]), tuple(binding),
                 _description(part[len(core) :]), statement, type_tokens, part[0], tuple(arguments),
                 tuple(part[find_outside(part, _ANNOTATION) :]),
@@ -237,7 +237,7 @@ def _modifiers(tokens: Sequence[Token]) -> Modifiers:
     return tuple(found)
 
 
-def annotated(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
+def annotation_arguments(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
     """The named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``; none without it."""
     inside = tokens[find_outside(tokens, _ANNOTATION) + 2 : -1]
     for part in split_outside(inside):

@@ -9,7 +9,14 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText, Component, Modifiers, Statement, annotated, dotted_name
+from aero_bayes.language.classes import (
+    ClassText,
+    ComponentDeclaration,
+    Modifiers,
+    SourceStatement,
+    annotation_arguments,
+    dotted_name,
+)
 from aero_bayes.language.parse import sides_of
 from aero_bayes.language.syntax import Array, Expression, Name
 from aero_bayes.language.tokens import words_of
@@ -21,7 +28,7 @@ ClassLibrary = Mapping[str, ClassText]
 
 
 @dataclass(frozen=True)
-class Link:
+class Connection:
     """``connect(first, second)``, or an equation that only hands a value on; ``line`` is how it is drawn."""
 
     first: str
@@ -30,18 +37,18 @@ class Link:
 
 
 @dataclass
-class Tree:
+class ComponentTree:
     """A class with what it inherits. ``inside`` holds the trees of those components whose class is known."""
 
     name: str
     description: str = ""
-    parts: dict[str, Component] = field(default_factory=dict)
-    inside: dict[str, Tree] = field(default_factory=dict)
-    links: list[Link] = field(default_factory=list)
+    parts: dict[str, ComponentDeclaration] = field(default_factory=dict)
+    inside: dict[str, ComponentTree] = field(default_factory=dict)
+    links: list[Connection] = field(default_factory=list)
     icon: list[Expression] = field(default_factory=list)
     aliases: dict[str, str] = field(default_factory=dict)
 
-    def same_as(self, other: Tree | None) -> bool:
+    def same_as(self, other: ComponentTree | None) -> bool:
         """Whether both are made of the same components of the same classes."""
         return (
             other is not None
@@ -61,7 +68,9 @@ def read_library(files: Iterable[Path]) -> ClassLibrary:
     return library
 
 
-def grow(library: ClassLibrary, name: str, given: Mapping[str, str] | None = None, depth: int = 0) -> Tree:
+def build_tree(
+    library: ClassLibrary, name: str, given: Mapping[str, str] | None = None, depth: int = 0
+) -> ComponentTree:
     """The tree of a class; ``given`` are the full names of redeclared classes.
 
     Raises
@@ -70,11 +79,11 @@ def grow(library: ClassLibrary, name: str, given: Mapping[str, str] | None = Non
         The library has no such class.
     """
     found, given = library[name], given or {}
-    tree = Tree(name, found.description)
+    tree = ComponentTree(name, found.description)
     for base, modifiers in found.extended():
         full = look_up(library, base, name)
         if full is not None and depth < _DEEPEST:
-            inherited = grow(
+            inherited = build_tree(
                 library, full, _redeclared(library, modifiers, tree.aliases, name) | dict(given), depth + 1
             )
             tree.parts |= inherited.parts
@@ -95,9 +104,9 @@ def grow(library: ClassLibrary, name: str, given: Mapping[str, str] | None = Non
             and depth < _DEEPEST
         ):
             inner = _redeclared(library, part.modifiers, tree.aliases, name)
-            tree.inside[part.name] = grow(library, full, inner, depth + 1)
+            tree.inside[part.name] = build_tree(library, full, inner, depth + 1)
     tree.links += [link for s in found.equations if (link := _link(s)) is not None]
-    drawn = annotated(found.annotation, "Icon").get("graphics")
+    drawn = annotation_arguments(found.annotation, "Icon").get("graphics")
     tree.icon += drawn.items if isinstance(drawn, Array) else ()
     return tree
 
@@ -116,11 +125,11 @@ def _redeclared(library: ClassLibrary, modifiers: Modifiers, aliases: Mapping[st
     return {key: name for key, name in full.items() if name is not None}
 
 
-def _link(s: Statement) -> Link | None:
+def _link(s: SourceStatement) -> Connection | None:
     if s.ends:
         one, other = ("".join(words_of(end)) for end in s.ends)
-        return Link(one, other, annotated(s.tokens, "Line"))
+        return Connection(one, other, annotation_arguments(s.tokens, "Line"))
     match sides_of(s.core):
         case Name(given, ()), Name(value, ()):
-            return Link(value, given, {})
+            return Connection(value, given, {})
     return None

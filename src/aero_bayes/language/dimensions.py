@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from aero_bayes.language.syntax import DIVIDES, Call, Expression, Name, Number, factors, show, summands
+from aero_bayes.language.syntax import DIVIDES, Call, Expression, Name, Number, factors, short_text, summands
 from aero_bayes.language.units import base_units, symbols_of
 from aero_bayes.language.values import OPERATORS
 
@@ -25,7 +25,7 @@ def dimension(tree: Expression, of: Callable[[str], Dimension | None]) -> Dimens
     """Exponents of the base units, or None where they are not known. A number alone says nothing."""
     match tree:
         case Name():
-            return of(show(tree))
+            return of(short_text(tree))
         case Call("+" | "-" | ".+" | ".-" | "neg"):
             terms = [t for _, t in summands(tree)]
             known = next((d for t in terms if (d := dimension(t, of)) is not None), None)
@@ -92,7 +92,7 @@ def unit_factors(unit: str) -> Dimension | None:
     return _product([("*", {symbol: float(power)}) for symbol, power in symbols_of(unit) if symbol not in ("1", "%")])
 
 
-def coherent(factors: Dimension | None) -> Dimension | None:
+def in_base_units_if_scaled(factors: Dimension | None) -> Dimension | None:
     """Symbols whose scales cancel, in base units: ``kg.l/(s.m3.g)`` is ``1/s``. Others stay."""
     known = {symbol: base_units(symbol) for symbol in factors or {}}
     scales = {symbol: found[0] for symbol, found in known.items() if found is not None}

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.language.classes import ClassText, Statement
+from aero_bayes.language.classes import ClassText, SourceStatement
 from aero_bayes.language.tokens import Token, tokenize, words_of
 
 
@@ -22,7 +22,7 @@ class TextEdit:
         return TextEdit(self.start + by, self.end + by, self.text)
 
 
-def apply(text: str, edits: Iterable[TextEdit]) -> str:
+def apply_edits(text: str, edits: Iterable[TextEdit]) -> str:
     """The text with all edits made. Edits at one place keep their order. Raises ValueError where two overlap."""
     pieces: list[str] = []
     at = 0
@@ -91,7 +91,7 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextE
 
 
 def insert_before_connector(
-    text: str, connects: Sequence[Statement], connector: str, chain: Sequence[tuple[str, str]]
+    text: str, connects: Sequence[SourceStatement], connector: str, chain: Sequence[tuple[str, str]]
 ) -> list[TextEdit]:
     """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.classes import ClassText, ComponentDeclaration
 from aero_bayes.language.tokens import Token
 
 
@@ -30,7 +30,7 @@ class OwnClasses:
             return True
         *path, name = [re.sub(r"\[.*?\]", "", part) for part in parameter.split(".")]
         cls: ClassText | None = self.top
-        around: list[Component] = []
+        around: list[ComponentDeclaration] = []
         for part in path:
             held = self._component(cls, part)
             if held is None:
@@ -47,7 +47,7 @@ class OwnClasses:
         bases = (self.by_name.get(b.rpartition(".")[2]) for b in cls.bases())
         return [cls, *(inner for b in bases if b is not cls for inner in self._lines(b))]
 
-    def _component(self, cls: ClassText | None, name: str) -> Component | None:
+    def _component(self, cls: ClassText | None, name: str) -> ComponentDeclaration | None:
         return next((c for k in self._lines(cls) for c in k.components() if c.name == name), None)
 
     def _set_by_extends(self, cls: ClassText | None, name: str) -> bool:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.syntax import (
-    All,
     Array,
     Call,
     Comprehension,
@@ -15,14 +14,15 @@ from aero_bayes.language.syntax import (
     If,
     Index,
     Name,
-    Named,
+    NamedArgument,
     Number,
-    Range,
+    RangeExpression,
     Text,
-    show,
+    WholeDimension,
+    short_text,
 )
 from aero_bayes.language.tokens import Token, find_outside, tokenize
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 
 #: Operators between two operands, those that bind least first; ``not`` binds less than a relation.
 _LEVELS = (
@@ -40,7 +40,7 @@ def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None 
     InputError
         For what is no expression.
     """
-    reader = _Reader(tokens, numbers or {})
+    reader = _ExpressionParser(tokens, numbers or {})
     tree = reader.expression()
     if reader.word:
         raise reader.fail()
@@ -61,7 +61,7 @@ def sides_of(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) 
         return None
 
 
-class _Reader:
+class _ExpressionParser:
     def __init__(self, tokens: Sequence[Token], numbers: Mapping[str, int]) -> None:
         self.tokens = tokens
         self.numbers = numbers
@@ -111,7 +111,7 @@ class _Reader:
             parts.append(self.binary(0))
         if len(parts) == 1:
             return parts[0]
-        return Range(parts[0], parts[1] if len(parts) == 3 else None, parts[-1], span=self.span(begin))
+        return RangeExpression(parts[0], parts[1] if len(parts) == 3 else None, parts[-1], span=self.span(begin))
 
     def binary(self, level: int) -> Expression:
         """Operands of one level and those above it, taken together from the left."""
@@ -178,7 +178,7 @@ class _Reader:
             subscripts = tuple(map(_folded, self.items("]"))) if self.take("[") else ()
             if not self.take("."):
                 break
-            path += show(Name(part.word, subscripts)) + "."
+            path += short_text(Name(part.word, subscripts)) + "."
         whole = path + part.word
         if not subscripts and self.take("("):
             return Call(whole, self.items(")"), span=self.span(begin))
@@ -197,12 +197,12 @@ class _Reader:
             begin = self.at
             if self.word == ":":
                 self.at += 1
-                found.append(All(span=self.span(begin)))
+                found.append(WholeDimension(span=self.span(begin)))
                 continue
             if [t.word for t in self.tokens[begin + 1 : begin + 2]] == ["="]:
                 name = self.next().word
                 self.need("=")
-                found.append(Named(name, self.expression(), span=self.span(begin)))
+                found.append(NamedArgument(name, self.expression(), span=self.span(begin)))
                 continue
             item = self.expression()
             if self.take(("for",)):
@@ -223,6 +223,6 @@ class _Reader:
 def _folded(subscript: Expression) -> Expression:
     """A subscript such as ``2 + 1`` as the number that it is."""
     try:
-        return Number(evaluate(subscript, {}), span=subscript.span)
+        return Number(evaluate_expression(subscript, {}), span=subscript.span)
     except InputError:
         return subscript

@@ -10,7 +10,7 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText, innermost
-from aero_bayes.language.tokens import Place, tokenize
+from aero_bayes.language.tokens import SourceLocation, tokenize
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Sources:
         every = [(file, cls) for file in self.files.values() for top in file.classes for cls in top.walk()]
         return {cls.full_name: (file, cls) for file, cls in reversed(every)}
 
-    def at(self, place: Place) -> tuple[SourceFile, ClassText, int]:
+    def at(self, place: SourceLocation) -> tuple[SourceFile, ClassText, int]:
         """File, class and position in characters of a place."""
         file = self.files.get(place.file)
         if file is None:
@@ -147,7 +147,7 @@ def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
         yield from (f for p in inside for f in modelica_files([p]))
 
 
-def modelica_text(path: Path) -> str:
+def read_modelica_text(path: Path) -> str:
     """Text of a Modelica file without a byte-order mark. Raises InputError, with the line, for what is not UTF-8."""
     raw = path.read_bytes()
     try:
@@ -160,7 +160,7 @@ def modelica_text(path: Path) -> str:
 
 
 def read_file(path: Path, name: str) -> SourceFile:
-    text = modelica_text(path)
+    text = read_modelica_text(path)
     try:
         return SourceFile(name, text, read_classes(text))
     except InputError as error:

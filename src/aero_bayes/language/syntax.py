@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Part:
+class SyntaxNode:
     """An expression; ``span`` is where it begins and ends in the text that it was read from."""
 
     span: tuple[int, int] = field(default=(0, 0), compare=False, repr=False, kw_only=True)
 
 
 @dataclass(frozen=True)
-class Number(Part):
+class Number(SyntaxNode):
     """A literal; Booleans are 0 and 1, enumeration literals their ordinals."""
 
     value: float
 
 
 @dataclass(frozen=True)
-class Name(Part):
+class Name(SyntaxNode):
     """A component reference; ``subscripts`` of its last part, if any."""
 
     name: str
@@ -29,12 +29,12 @@ class Name(Part):
 
 
 @dataclass(frozen=True)
-class Text(Part):
+class Text(SyntaxNode):
     value: str
 
 
 @dataclass(frozen=True)
-class Call(Part):
+class Call(SyntaxNode):
     """A function call, or an operator by its symbol."""
 
     function: str
@@ -42,35 +42,35 @@ class Call(Part):
 
 
 @dataclass(frozen=True)
-class If(Part):
+class If(SyntaxNode):
     condition: Expression
     then: Expression
     otherwise: Expression
 
 
 @dataclass(frozen=True)
-class Array(Part):
+class Array(SyntaxNode):
     """Elements of an array, fields of a record, or results of a function with several."""
 
     items: tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
-class Comprehension(Part):
+class Comprehension(SyntaxNode):
     item: Expression
     variable: str
     values: Expression
 
 
 @dataclass(frozen=True)
-class Range(Part):
+class RangeExpression(SyntaxNode):
     first: Expression
     step: Expression | None
     last: Expression
 
 
 @dataclass(frozen=True)
-class Index(Part):
+class Index(SyntaxNode):
     """An element of something that is not a plain name, such as ``der(x)[2]``."""
 
     of: Expression
@@ -78,7 +78,7 @@ class Index(Part):
 
 
 @dataclass(frozen=True)
-class Field(Part):
+class Field(SyntaxNode):
     """A field of a record that is not a plain name, such as ``f(x).re``."""
 
     of: Expression
@@ -86,7 +86,7 @@ class Field(Part):
 
 
 @dataclass(frozen=True)
-class Named(Part):
+class NamedArgument(SyntaxNode):
     """An argument that is given by its name: ``f(x = 1)``."""
 
     name: str
@@ -94,11 +94,24 @@ class Named(Part):
 
 
 @dataclass(frozen=True)
-class All(Part):
+class WholeDimension(SyntaxNode):
     """The subscript ``:``."""
 
 
-Expression = Number | Name | Text | Call | If | Array | Comprehension | Range | Index | Field | Named | All
+Expression = (
+    Number
+    | Name
+    | Text
+    | Call
+    | If
+    | Array
+    | Comprehension
+    | RangeExpression
+    | Index
+    | Field
+    | NamedArgument
+    | WholeDimension
+)
 
 
 @dataclass(frozen=True)
@@ -146,27 +159,34 @@ class AssertStatement:
 
 
 @dataclass(frozen=True)
-class Refused:
+class UnsupportedStatement:
     """A statement that cannot be translated: an error once it is needed, not where a function merely has it."""
 
     what: str
 
 
 Statement = (
-    Assign | IfStatement | ForStatement | WhileStatement | WhenStatement | ReinitStatement | AssertStatement | Refused
+    Assign
+    | IfStatement
+    | ForStatement
+    | WhileStatement
+    | WhenStatement
+    | ReinitStatement
+    | AssertStatement
+    | UnsupportedStatement
 )
 
 
-def show(tree: Expression) -> str:
+def short_text(tree: Expression) -> str:
     """A short text for messages."""
     match tree:
         case Name(name, subscripts):
-            return name + (f"[{','.join(map(show, subscripts))}]" if subscripts else "")
+            return name + (f"[{','.join(map(short_text, subscripts))}]" if subscripts else "")
         case Number(value):
             return f"{value:g}"
         case Call(function, args):
-            return f"{function}({', '.join(map(show, args))})"
-        case All():
+            return f"{function}({', '.join(map(short_text, args))})"
+        case WholeDimension():
             return ":"
     return type(tree).__name__.lower()
 
@@ -180,11 +200,11 @@ def children(tree: Expression) -> tuple[Expression, ...]:
             return (condition, then, otherwise)
         case Comprehension(item, _, values):
             return (item, values)
-        case Range(first, step, last):
+        case RangeExpression(first, step, last):
             return (first, last) if step is None else (first, step, last)
         case Index(of, subscripts):
             return (of, *subscripts)
-        case Field(inner, _) | Named(_, inner):
+        case Field(inner, _) | NamedArgument(_, inner):
             return (inner,)
     return ()
 
@@ -193,7 +213,7 @@ def arguments_of(tree: Expression) -> dict[str, Expression]:
     """The arguments of a call that are given by name, calls among them by the names of their functions."""
     found: dict[str, Expression] = {}
     for a in children(tree):
-        if isinstance(a, Named):
+        if isinstance(a, NamedArgument):
             found[a.name] = a.value
         elif isinstance(a, Call):
             found.setdefault(a.function, a)
@@ -236,7 +256,7 @@ def factors(tree: Expression) -> list[tuple[str, Expression]]:
     return [("*", tree)]
 
 
-def reference(name: str) -> Name:
+def parse_reference(name: str) -> Name:
     """A variable by its name; ``x[1]`` is an element of ``x``."""
     base, bracket, inside = name.partition("[")
     if not bracket or not name.endswith("]") or "." in inside:
@@ -256,7 +276,7 @@ def names_in(tree: Expression) -> set[str]:
     return found
 
 
-def with_parts(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
+def map_children(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
     """A copy in which each expression directly below is what ``change`` makes of it."""
     match tree:
         case Name(name, inner):
@@ -269,47 +289,49 @@ def with_parts(tree: Expression, change: Callable[[Expression], Expression]) -> 
             return If(change(condition), change(then), change(otherwise))
         case Comprehension(item, variable, values):
             return Comprehension(change(item), variable, change(values))
-        case Range(first, step, last):
-            return Range(change(first), None if step is None else change(step), change(last))
+        case RangeExpression(first, step, last):
+            return RangeExpression(change(first), None if step is None else change(step), change(last))
         case Index(of, subscripts):
             return Index(change(of), tuple(map(change, subscripts)))
         case Field(of, name):
             return Field(change(of), name)
-        case Named(name, value):
-            return Named(name, change(value))
+        case NamedArgument(name, value):
+            return NamedArgument(name, change(value))
     return tree
 
 
-def rebuilt(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
+def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
     """A copy in which each name (its subscripts already rebuilt) is what ``change`` makes of it."""
     if isinstance(tree, Comprehension):
         # the loop variable hides a variable of that name
-        inner = rebuilt(tree.item, lambda n: n if n.name == tree.variable else change(n))
-        return Comprehension(inner, tree.variable, rebuilt(tree.values, change))
-    whole = with_parts(tree, lambda t: rebuilt(t, change))
+        inner = map_names(tree.item, lambda n: n if n.name == tree.variable else change(n))
+        return Comprehension(inner, tree.variable, map_names(tree.values, change))
+    whole = map_children(tree, lambda t: map_names(t, change))
     return change(whole) if isinstance(whole, Name) else whole
 
 
-def rebuilt_statement(s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]) -> Statement:
+def map_names_in_statement(
+    s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]
+) -> Statement:
     """A copy of a statement: expressions by ``change``, what is assigned by ``target``."""
 
     def body(inner: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(rebuilt_statement(i, change, target) for i in inner)
+        return tuple(map_names_in_statement(i, change, target) for i in inner)
 
     match s:
         case Assign(targets, value):
-            return Assign(tuple(None if t is None else target(t) for t in targets), rebuilt(value, change))
+            return Assign(tuple(None if t is None else target(t) for t in targets), map_names(value, change))
         case IfStatement(branches, otherwise):
-            return IfStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches), body(otherwise))
+            return IfStatement(tuple((map_names(c, change), body(b)) for c, b in branches), body(otherwise))
         case ForStatement(variable, values, inner):
-            return ForStatement(variable, rebuilt(values, change), body(inner))
+            return ForStatement(variable, map_names(values, change), body(inner))
         case WhileStatement(condition, inner):
-            return WhileStatement(rebuilt(condition, change), body(inner))
+            return WhileStatement(map_names(condition, change), body(inner))
         case WhenStatement(branches):
-            return WhenStatement(tuple((rebuilt(c, change), body(b)) for c, b in branches))
+            return WhenStatement(tuple((map_names(c, change), body(b)) for c, b in branches))
         case ReinitStatement(state, value):
-            return ReinitStatement(target(state), rebuilt(value, change))
+            return ReinitStatement(target(state), map_names(value, change))
         case AssertStatement(condition, message):
-            return AssertStatement(rebuilt(condition, change), message)
-        case Refused():
+            return AssertStatement(map_names(condition, change), message)
+        case UnsupportedStatement():
             return s

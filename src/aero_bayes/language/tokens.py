@@ -32,7 +32,7 @@ class Token:
 
 
 @dataclass(frozen=True)
-class Place:
+class SourceLocation:
     """A stretch of a source file: bytes ``start`` to ``end``, and the line (from one) that it begins on."""
 
     file: str

@@ -96,7 +96,7 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
     return None
 
 
-def spelled(unit: str) -> str:
+def to_modelica_unit(unit: str) -> str:
     """A unit as the Modelica grammar spells it: ``kg*m^2`` is ``kg.m2``, ``m3/s/V`` is ``m3/(s.V)``.
 
     Empty where that cannot be done. A symbol that is not known stays.
@@ -126,7 +126,7 @@ def spelled(unit: str) -> str:
 
 def conversion(unit: str, to: str) -> tuple[float, float] | None:
     """Factor and offset that turn a number in one unit into a number in another; None where none does."""
-    one, other = spelled(unit), spelled(to)
+    one, other = to_modelica_unit(unit), to_modelica_unit(to)
     if one in TEMPERATURES and other in TEMPERATURES:
         (zero, degree), (new_zero, new_degree) = TEMPERATURES[one], TEMPERATURES[other]
         return degree / new_degree, (zero - new_zero) / new_degree

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.syntax import Call, Expression, If, Name, Number, show
+from aero_bayes.language.syntax import Call, Expression, If, Name, Number, short_text
 
 UNARY: dict[str, Callable[[float], float]] = {
     "sqrt": math.sqrt,
@@ -59,20 +59,20 @@ OPERATORS = {
 }  # fmt: skip
 
 
-def evaluate(tree: Expression, values: Mapping[str, float]) -> float:
+def evaluate_expression(tree: Expression, values: Mapping[str, float]) -> float:
     """The number of an expression. Raises InputError for a name without a value, or what has no number."""
     match tree:
         case Number(value):
             return value
         case Name():
-            name = show(tree)
+            name = short_text(tree)
             if name not in values:
                 raise InputError(f"{name!r} has no value here")
             return values[name]
         case If(condition, then, otherwise):
-            return evaluate(then if evaluate(condition, values) else otherwise, values)
+            return evaluate_expression(then if evaluate_expression(condition, values) else otherwise, values)
         case Call(function, (one,)) if function in UNARY:
-            return float(UNARY[function](evaluate(one, values)))
+            return float(UNARY[function](evaluate_expression(one, values)))
         case Call(function, (one, two)) if (operation := OPERATORS.get(function, "")) in BINARY:
-            return float(BINARY[operation](evaluate(one, values), evaluate(two, values)))
-    raise InputError(f"{show(tree)} is not a plain formula in sizes")
+            return float(BINARY[operation](evaluate_expression(one, values), evaluate_expression(two, values)))
+    raise InputError(f"{short_text(tree)} is not a plain formula in sizes")

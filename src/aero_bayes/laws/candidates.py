@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from aero_bayes.declared import Declaration
+from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.laws.law import STANDING, Law
-from aero_bayes.ports.find import find_ports
-from aero_bayes.ports.port import DIFFERENCE_SIGN, KELVIN, Port
+from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
+from aero_bayes.ports import DIFFERENCE, KELVIN, Port, find_ports
+from aero_bayes.unknown_names import closest_name
 
 
-def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
+def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     """All ports of a model: inputs, outputs, then balances in the order of their states.
 
     Parameters
@@ -25,42 +24,44 @@ def ports_of(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     laws : sequence of Law
         Those that are looked at for :attr:`Port.laws`.
     """
-    return with_laws(find_ports(flat), laws)
+    return with_applicable_laws(find_ports(flat), laws)
 
 
-def with_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
+def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
     """The ports with the ids of the laws that fit."""
-    return tuple(replace(p, laws=tuple(law.id for law in laws if fits(law, p))) for p in ports)
+    return tuple(replace(p, laws=tuple(law.id for law in laws if is_applicable(law, p))) for p in ports)
 
 
-def reacts(law: Law, port: Port) -> bool:
+def has_reaction(law: Law, port: Port) -> bool:
     """Whether a law at a port acts on a neighbour, too."""
     return law.kind in ("overflow", "exchange") or port.kind == "motion"
 
 
-def fits(law: Law, port: Port) -> bool:
+def is_applicable(law: Law, port: Port) -> bool:
     """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
     if port.replaceable is not None:
         return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
-    if any(_is_unit(unit, other) for other in law.not_for.split() for unit in port.units.values()):
+    if any(_matches_unit(unit, other) for other in law.excluded_units.split() for unit in port.units.values()):
         return False
     # what does not ask for the surroundings is the same whatever they are
-    if not port.signals.keys() & STANDING.keys() <= law.uses or (_against(port) and not law.uses):
+    if not port.signals.keys() & SIGNAL_DEFAULTS.keys() <= law.used_inputs or (
+        _is_against_input(port) and not law.used_inputs
+    ):
         return False
     if law.kind in ("overflow", "exchange"):
         return port.kind == "storage" and (law.kind == "overflow" or bool(port.neighbours))
-    same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.takes_rate)
-    if not same or not law.uses - STANDING.keys() <= port.signals.keys():
+    same = law.kind == port.kind or (port.kind == "reading" and law.kind == "output" and not law.needs_derivative)
+    if not same or not law.used_inputs - SIGNAL_DEFAULTS.keys() <= port.signals.keys():
         return False
-    return all(_is_unit(port.units.get(signal, ""), unit) for signal, unit in law.needs_unit.items())
+    return all(_matches_unit(port.units.get(signal, ""), unit) for signal, unit in law.required_units.items())
 
 
-def _against(port: Port) -> bool:
+def _is_against_input(port: Port) -> bool:
     """Whether a motion is taken against what is fed in, on which nothing reacts."""
-    return not port.neighbours and any(DIFFERENCE_SIGN in given for given in port.signals.values())
+    return not port.neighbours and any(DIFFERENCE in given for given in port.signals.values())
 
 
-def _is_unit(unit: str, asked: str) -> bool:
+def _matches_unit(unit: str, asked: str) -> bool:
     """Whether a unit is the one asked for; ``K`` asks for any temperature."""
     return unit == asked or (asked == "K" and unit in KELVIN)
 
@@ -83,7 +84,7 @@ class Candidate:
         return self.alias or f"{self.law.id}@{self.port.id}"
 
 
-def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
+def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
     """Every law at every port that it fits, port by port.
 
     An exchange between two storages counts once; it and what overflows go to the first neighbour.
@@ -93,8 +94,8 @@ def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, .
     joined: set[frozenset[str]] = set()
     for port in ports:
         first = by_id.get(port.neighbours[0]) if port.neighbours else None
-        for law in (law for law in laws if fits(law, port)):
-            neighbour = first if reacts(law, port) else None
+        for law in (law for law in laws if is_applicable(law, port)):
+            neighbour = first if has_reaction(law, port) else None
             if law.kind == "exchange":
                 pair = frozenset((port.id, *port.neighbours[:1]))
                 if pair in joined:
@@ -104,7 +105,7 @@ def candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, .
     return tuple(found)
 
 
-def listed(found: Sequence[Candidate], declared: Declaration) -> tuple[Candidate, ...]:
+def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
     """The effects that a package names, under their names, and learned curves in its replaceable models.
 
     Raises
@@ -115,8 +116,8 @@ def listed(found: Sequence[Candidate], declared: Declaration) -> tuple[Candidate
     known = {c.id: c for c in found}
     for name, effect in declared.effects.items():
         if effect.law not in known:
-            near = difflib.get_close_matches(effect.law, known, n=1, cutoff=0.0)
-            nearest = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{nearest}")
+            close = closest_name(effect.law, known, cutoff=0.0)
+            hint = f"; did you mean {close!r}?" if close is not None else ""
+            raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{hint}")
     named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
-    return (*named, *(c for c in found if c.port.replaceable is not None and c.law.learned))
+    return (*named, *(c for c in found if c.port.replaceable is not None and c.law.curve_input))

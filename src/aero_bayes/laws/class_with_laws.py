@@ -6,23 +6,23 @@ import re
 from collections.abc import Mapping, Sequence
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.base_classes import alone, with_bases
+from aero_bayes.language.base_classes import inline_base_classes, standalone_text
 from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.classes import ClassText, ComponentDeclaration
 from aero_bayes.language.edits import (
     TextEdit,
     add_declarations,
     add_equations,
-    apply,
+    apply_edits,
     rename_class,
     replace_names,
     text_of,
 )
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import Token
-from aero_bayes.laws.component_copies import ComponentCopy, retyped
+from aero_bayes.laws.component_copies import ComponentCopy, declare_as_copies
 from aero_bayes.laws.law_text import class_text
-from aero_bayes.laws.use import Use, plain_name
+from aero_bayes.laws.placed_law import PlacedLaw, identifier
 
 
 class ClassWithLaws:
@@ -37,30 +37,36 @@ class ClassWithLaws:
     """
 
     def __init__(
-        self, known: Sources, user: tuple[SourceFile, ClassText], uses: Sequence[Use], title: str, *, inherits: bool
+        self,
+        known: Sources,
+        user: tuple[SourceFile, ClassText],
+        placed_laws: Sequence[PlacedLaw],
+        title: str,
+        *,
+        inherits: bool,
     ) -> None:
-        self.known, self.user, self.uses, self.title = known, user, uses, title
+        self.known, self.user, self.placed_laws, self.title = known, user, placed_laws, title
         #: names that classes have around the user's
-        self.around = known.meanings(user[1]).keys()
+        self.enclosing_names = known.meanings(user[1]).keys()
         self.file, self.cls = self._own_text(inherits)
         cls = self.cls
-        self.components: dict[str, Component] = {c.name: c for c in cls.components()}
-        self.extends = all(u.port.via == "node" for u in uses)
-        self.parameters = [line for use in uses for line in use.declarations()]
+        self.components: dict[str, ComponentDeclaration] = {c.name: c for c in cls.components()}
+        self.extends = all(u.port.attachment == "node" for u in placed_laws)
+        self.parameters = [line for placed in placed_laws for line in placed.declarations()]
         self.classes: list[list[str]] = []
         self.instances: dict[str, tuple[str, dict[str, str]]] = {}
         self.variables: list[str] = []
         self.equations: list[str] = []
         self.edits: list[TextEdit] = []
         #: what the rest of the class reads in place of a signal, and signals that the class itself computes
-        self.read: dict[str, str] = {}
+        self.replacements: dict[str, str] = {}
         self.computed: set[str] = set()
         #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
         #: stood that an output was given
-        self.given: dict[str, str] = {}
-        self.moved: dict[str, Sequence[Token]] = {}
+        self.sources: dict[str, str] = {}
+        self.moved_equations: dict[str, Sequence[Token]] = {}
         #: bindings that become equations of other variables
-        self.freed: dict[str, Sequence[Token]] = {}
+        self.freed_bindings: dict[str, Sequence[Token]] = {}
         self.connectors: dict[str, str] = {}
         self.copies: dict[str, ComponentCopy] = {}
 
@@ -70,13 +76,13 @@ class ClassWithLaws:
 
     def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
         whole = file.classes == (cls,) and not cls.within
-        return file.text if whole else "within ;\n" + alone(self.known, file, cls)
+        return file.text if whole else "within ;\n" + standalone_text(self.known, file, cls)
 
     def _own_text(self, inherits: bool) -> tuple[SourceFile, ClassText]:
         """The user's class as a file of its own, with its base classes written out where they are to be edited."""
         file, cls = self.user
         if inherits:
-            file, _ = with_bases(self.known, file, cls)
+            file, _ = inline_base_classes(self.known, file, cls)
             text = "within ;\n" + file.text
         else:
             text = self._plain_text(file, cls)
@@ -87,27 +93,27 @@ class ClassWithLaws:
 
     def declare(
         self,
-        use: Use,
+        placed: PlacedLaw,
         given: Mapping[str, str],
         inside: Mapping[str, str],
         declarations: Sequence[str] = (),
         equations: Sequence[str] = (),
     ) -> None:
         """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
-        name = "".join(w[:1].upper() + w[1:] for w in use.instance.split("_"))
-        while name in self.around or name in self.cls.class_names:
+        name = "".join(w[:1].upper() + w[1:] for w in placed.instance.split("_"))
+        while name in self.enclosing_names or name in self.cls.class_names:
             name += "Law"
         lines = class_text(
-            use.law, name, sizes=use.all_sizes, signals=inside,
-            without=frozenset() if use.neighbour else frozenset({"share", "q_2"}),
+            placed.law, name, nominals=placed.all_nominals, signals=inside,
+            without=frozenset() if placed.neighbour else frozenset({"share", "q_2"}),
             declarations=declarations, equations=equations,
         )  # fmt: skip
         self.classes.append(lines)
         words = {word for line in lines for word in re.findall(r"\w+", line)}
-        bound = {p.name: use.names[p.name] for p in use.parameters()}
-        standing = {signal: f"{value:.12g}" for signal, value in use.standing.items() if signal not in inside}
+        bound = {p.name: placed.names[p.name] for p in placed.parameters()}
+        standing = {signal: f"{value:.12g}" for signal, value in placed.signal_defaults.items() if signal not in inside}
         bound |= {signal: value for signal, value in {**standing, **given}.items() if signal in words}
-        self.instances[use.instance] = name, bound
+        self.instances[placed.instance] = name, bound
 
     def copy_of(self, path: str) -> ComponentCopy:
         """The copy of a component's class, and of the classes of what holds it."""
@@ -124,9 +130,9 @@ class ClassWithLaws:
             raise InputError(f"{cls.name}: the component {name!r} is not declared there")
         scope = holder.origin if holder else self.user[1]
         file, origin = self.known.find(self.known.resolve(scope, component.type))
-        text = alone(self.known, file, origin)
+        text = standalone_text(self.known, file, origin)
         (own,) = read_classes(text)
-        copy = ComponentCopy(f"{own.name}_{plain_name(path)}", file, origin, text, own)
+        copy = ComponentCopy(f"{own.name}_{identifier(path)}", file, origin, text, own)
         self.copies[path] = copy
         return copy
 
@@ -149,60 +155,67 @@ class ClassWithLaws:
         for path, copy in self.copies.items():
             if path.rpartition(".")[0] == parent:
                 inner = self._copied_classes(path)
-                edits = [*copy.edits, *rename_class(copy.cls, copy.name), *self._retyped_in(path, copy.cls, copy.text)]
+                edits = [
+                    *copy.edits,
+                    *rename_class(copy.cls, copy.name),
+                    *self._component_types(path, copy.cls, copy.text),
+                ]
                 edits += add_declarations(copy.text, copy.cls, [*copy.declarations, *inner])
-                lines += apply(copy.text, edits).rstrip("\n").split("\n")
+                lines += apply_edits(copy.text, edits).rstrip("\n").split("\n")
         return lines
 
-    def _retyped_in(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
+    def _component_types(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
         """Declare the components of a class by the copies of their classes."""
-        held = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
-        return retyped(cls, held, text)
+        own = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
+        return declare_as_copies(cls, own, text)
 
-    def _about(self) -> str:
+    def _description_text(self) -> str:
         added = " and ".join(
-            f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.uses
+            f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.placed_laws
         )
         return f"{self.user[1].description or self.user[1].name}, with {added}".replace('"', "'")
 
     def _extension(self) -> str:
-        lines = ["within ;", f'model {self.title} "{self._about()}"', f"  extends {self.user[1].full_name};"]
+        lines = ["within ;", f'model {self.title} "{self._description_text()}"', f"  extends {self.user[1].full_name};"]
         lines += [f"  {line}" for line in self._declarations()]
         return "\n".join([*lines, "equation", *(f"  {line}" for line in self.equations), f"end {self.title};", ""])
 
     def _copy(self) -> str:
         text, cls = self.file.text, self.cls
         edits = [*self.edits, *rename_class(cls, self.title), self._description()]
-        for name, tokens in self.moved.items():
-            instance = self.read[name].removesuffix(".u")
+        for name, tokens in self.moved_equations.items():
+            instance = self.replacements[name].removesuffix(".u")
             self.instances[instance][1]["u"] = self._renamed(tokens)
-            edits.append(TextEdit(tokens[0].start, tokens[-1].end, self.given[name]))
-        self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed.items()]
-        self.equations += [f"{name} = {y};" for name, y in self.given.items() if name not in self.moved]
-        gone = [(tokens[0].start, tokens[-1].end) for tokens in (*self.moved.values(), *self.freed.values())]
-        for tokens in self.freed.values():
+            edits.append(TextEdit(tokens[0].start, tokens[-1].end, self.sources[name]))
+        self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed_bindings.items()]
+        self.equations += [f"{name} = {y};" for name, y in self.sources.items() if name not in self.moved_equations]
+        gone = [
+            (tokens[0].start, tokens[-1].end)
+            for tokens in (*self.moved_equations.values(), *self.freed_bindings.values())
+        ]
+        for tokens in self.freed_bindings.values():
             equals = text.rindex("=", 0, tokens[0].start)
             edits.append(TextEdit(equals, tokens[-1].end, ""))
         for s in cls.statements:
             names = {c.name_token.start for c in self.components.values() if c.statement is s}
             if s.section == "equation" and [t.word for t in s.core[1:2]] == ["="] and s.core[0].word in self.computed:
                 names.add(s.core[0].start)
-            if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved:
+            if s.section == "equation" and s.core[:1] and s.core[0].word in self.moved_equations:
                 names.add(s.core[0].start)
             edits += [
                 e
-                for e in replace_names(s.tokens, self.read.get, functions=False)
+                for e in replace_names(s.tokens, self.replacements.get, functions=False)
                 if e.start not in names and not any(start <= e.start < end for start, end in gone)
             ]
-        edits += self._retyped_in("", cls, text)
+        edits += self._component_types("", cls, text)
         edits += add_declarations(text, cls, self._declarations())
-        return apply(text, [*edits, *add_equations(text, cls, self.equations)])
+        return apply_edits(text, [*edits, *add_equations(text, cls, self.equations)])
 
     def _renamed(self, tokens: Sequence[Token]) -> str:
         begin = tokens[0].start
-        edits = [e.moved(-begin) for e in replace_names(tokens, self.read.get, functions=False)]
-        return apply(text_of(self.file.text, tokens), edits)
+        edits = [e.moved(-begin) for e in replace_names(tokens, self.replacements.get, functions=False)]
+        return apply_edits(text_of(self.file.text, tokens), edits)
 
     def _description(self) -> TextEdit:
         head = self.cls.name_token.end
-        return TextEdit(head, self.cls.body if self.cls.description else head, f' "{self._about()}"')
+        return TextEdit(head, self.cls.body if self.cls.description else head, f' "{self._description_text()}"')

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component
+from aero_bayes.language.base_classes import inline_base_classes
+from aero_bayes.language.classes import ClassText, ComponentDeclaration
 from aero_bayes.language.edits import TextEdit, indentation, text_of
 from aero_bayes.language.sources import SourceFile, Sources
 from aero_bayes.language.tokens import skip_group
@@ -28,16 +28,16 @@ class ComponentCopy:
     def write_out_bases(self, known: Sources) -> None:
         """Have the base classes in the text, before anything is edited."""
         if self.cls.bases() and not self.edits:
-            whole, self.cls = with_bases(known, self.file, self.origin)
+            whole, self.cls = inline_base_classes(known, self.file, self.origin)
             self.text = whole.text
 
-    def take(self, name: str, value: str, about: str) -> None:
+    def add_input(self, name: str, value: str, about: str) -> None:
         """Declare an input, and bind it where the component is declared."""
         self.inputs[name] = value
         self.declarations.append(f"input Real {name} {about};")
 
 
-def without_numbers(path: str) -> tuple[str, dict[str, int]]:
+def without_indices(path: str) -> tuple[str, dict[str, int]]:
     """The path of a component without the numbers of those that are in arrays, and these by their own paths."""
     plain, numbers = "", dict[str, int]()
     for part in path.split("."):
@@ -48,21 +48,21 @@ def without_numbers(path: str) -> tuple[str, dict[str, int]]:
     return plain, numbers
 
 
-def retyped(cls: ClassText, held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
+def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """Declare components by the copies of their classes, and give those what they take."""
     edits: list[TextEdit] = []
     for statement in cls.declarations:
         together = cls.declared_in(statement)
-        if any(c.name in held for c in together):
-            edits += _types(together, held, text)
-            edits += [e for c in together if c.name in held for e in _arguments(c, held[c.name])]
+        if any(c.name in copies for c in together):
+            edits += _types(together, copies, text)
+            edits += [e for c in together if c.name in copies for e in _arguments(c, copies[c.name])]
     return edits
 
 
-def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
+def _types(together: Sequence[ComponentDeclaration], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
     """The type of each component of a statement; where there are several, each gets a statement of its own."""
     first, *others = together
-    own = {c.name: held[c.name].name if c.name in held else text_of(text, c.type_tokens) for c in together}
+    own = {c.name: copies[c.name].name if c.name in copies else text_of(text, c.type_tokens) for c in together}
     tokens = first.statement.tokens
     prefix = text[tokens[0].start : first.type_tokens[0].start]
     edits = [TextEdit(first.type_tokens[0].start, first.type_tokens[-1].end, own[first.name])]
@@ -73,7 +73,7 @@ def _types(together: Sequence[Component], held: Mapping[str, ComponentCopy], tex
     return edits
 
 
-def _arguments(c: Component, copy: ComponentCopy) -> list[TextEdit]:
+def _arguments(c: ComponentDeclaration, copy: ComponentCopy) -> list[TextEdit]:
     given = ", ".join(f"{k} = {v}" for k, v in copy.inputs.items())
     if not c.arguments:
         tokens = c.statement.tokens

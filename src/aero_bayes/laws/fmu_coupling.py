@@ -15,21 +15,20 @@ import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.embedded import export_flat
-from aero_bayes.laws.fmu_ports import Seam
+from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.scratch import ScratchFolder
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import BINARY_FOLDERS, Variable
+from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
 
 INNER, LAWS = 0, 1
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
 _SOURCES = (
     Path(__file__).parent / "native" / "coupler.c",
-    *(_ENGINE / name for name in ("bind.c", "fmi3.c", "engine.h", "fmi2.h")),
+    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu.h", "fmi2.h")),
 )
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 
 
-def couple(inner: Model, seam: Seam, out: Path, laws_out: Path) -> None:
+def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> None:
     """Write an FMU 2.0 for Model Exchange that is ``inner`` with the laws of a seam around it.
 
     Parameters
@@ -49,11 +48,11 @@ def couple(inner: Model, seam: Seam, out: Path, laws_out: Path) -> None:
         raise InputError(
             f"{inner.path}: laws are put around an FMU with Model Exchange; this one has co-simulation only"
         )
-    laws = Model.load(export_flat(seam.flat, laws_out, quick=True))
-    table = _Table(inner, laws, seam)
+    laws = Model.load(export_flat(coupling.flat, laws_out, quick=True))
+    table = _Table(inner, laws, coupling)
     identifier = "coupled"
-    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi3.c", "-lm",
-                                      "-ldl"], "coupled.so")  # fmt: skip
+    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi2.c", "fmi3.c",
+                                      "-lm", "-ldl"], "coupled.so")  # fmt: skip
     folders = (BINARY_FOLDERS[inner.fmi_version], "resources")
     members = {
         f"binaries/linux64/{identifier}.so": library,
@@ -97,7 +96,7 @@ class _Table:
 
     inner: Model
     laws: Model
-    seam: Seam
+    coupling: LawCoupling
     variables: list[tuple[int, int]] = field(default_factory=list)
 
     def reference(self, part: int, own: int) -> int:
@@ -117,17 +116,17 @@ class _Table:
         lines.append(_row([(int(not s.settable_start),) for s in inner.states]))
         given, acting = laws.input, laws.output
         lines += [
-            _row([(v.value_reference, given(name).value_reference) for v, name in self.seam.states]),
-            _row([(acting(acts).value_reference, v.value_reference) for v, _, acts in self.seam.inputs]),
-            _row([(v.value_reference, given(name).value_reference) for v, name, _ in self.seam.outputs]),
+            _row([(v.value_reference, given(name).value_reference) for v, name in self.coupling.states]),
+            _row([(acting(acts).value_reference, v.value_reference) for v, _, acts in self.coupling.inputs]),
+            _row([(v.value_reference, given(name).value_reference) for v, name, _ in self.coupling.outputs]),
             _row(self.variables),
         ]
         return "\n".join(lines) + "\n"
 
     def shown(self) -> Iterator[_Shown]:
         """The variables in the order of the description."""
-        inner, laws, seam = self.inner, self.laws, self.seam
-        read = {v.name: outside for v, _, outside in seam.outputs}
+        inner, laws, coupling = self.inner, self.laws, self.coupling
+        read = {v.name: outside for v, _, outside in coupling.outputs}
         plain = [v for v in inner.outputs if v.name not in read]
         outputs = {v.name for v in plain}
         for s, rate in zip(inner.states, inner.derivatives, strict=True):
@@ -141,7 +140,7 @@ class _Table:
             yield _Shown(s, s.name, self.reference(LAWS, s.value_reference), "local", initial="calculated")
             yield _Shown(_plain(s), f"der({s.name})", self.reference(LAWS, rate), "local", initial="calculated",
                          derivative_of=s.name)  # fmt: skip
-        for v, outside, _ in seam.inputs:
+        for v, outside, _ in coupling.inputs:
             reference = self.reference(LAWS, laws.input(outside).value_reference)
             yield _Shown(v, v.name, reference, "input", start=v.start or 0.0)
         for part, model in ((INNER, inner), (LAWS, laws)):
@@ -149,14 +148,14 @@ class _Table:
                 start = v.start if v.start is not None else 0.0
                 yield _Shown(v, v.name, self.reference(part, v.value_reference), "parameter", "fixed", "exact", start)
         own = {s.name for s in inner.states}
-        copies = dict(inner.said_copies)
+        copies = dict(inner.candidate_copies)
         for v in plain:
             if v.name not in own:
                 on = (state_name(inner.states[copies[v.name]].name, read),) if v.name in copies else None
                 kind = "continuous" if v.kind == "real" else "discrete"
                 yield _Shown(v, v.name, self.reference(INNER, v.value_reference), "output", kind, "calculated",
                              depends=on)  # fmt: skip
-        for v, _, outside in seam.outputs:
+        for v, _, outside in coupling.outputs:
             reference = self.reference(LAWS, laws.output(outside).value_reference)
             yield _Shown(v, v.name, reference, "output", initial="calculated")
 
@@ -164,7 +163,7 @@ class _Table:
         """modelDescription.xml."""
         inner = self.inner
         root = ET.Element(
-            "fmiModelDescription", fmiVersion="2.0", modelName=self.seam.flat.name, guid=guid,
+            "fmiModelDescription", fmiVersion="2.0", modelName=self.coupling.flat.name, guid=guid,
             generationTool="aero-bayes", variableNamingConvention="flat",
             numberOfEventIndicators=str(inner.event_indicators + self.laws.event_indicators),
         )  # fmt: skip
@@ -200,9 +199,9 @@ class _Table:
     def _rate_depends(self, s: _Shown) -> tuple[str, ...] | None:
         """As the FMU says, where no law feeds back on it."""
         inner = self.inner
-        if inner.jacobian_pattern is None or self.laws.states or self.seam.states:
+        if inner.jacobian_pattern is None or self.laws.states or self.coupling.states:
             return None
-        read = {v.name for v, _, _ in self.seam.outputs}
+        read = {v.name for v, _, _ in self.coupling.outputs}
         names = [state_name(x.name, read) for x in inner.states]
         row = names.index(s.derivative_of)
         return tuple(n for j, n in enumerate(names) if row in inner.jacobian_pattern[j]) + tuple(

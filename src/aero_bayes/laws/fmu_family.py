@@ -8,28 +8,34 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from aero_bayes.declared import Declaration
+from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
-from aero_bayes.laws.candidates import Candidate, candidates
-from aero_bayes.laws.family import OpenSimulator, moved
+from aero_bayes.laws.candidates import Candidate, find_candidates
 from aero_bayes.laws.fmu_coupling import couple, state_name
-from aero_bayes.laws.fmu_export import modelica_text, write_ssp
-from aero_bayes.laws.fmu_ports import FmuBoundary, Seam
+from aero_bayes.laws.fmu_ports import FmuBoundary, LawCoupling
+from aero_bayes.laws.fmu_wrapper import wrapper_text, write_ssp
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.rig_family import RigFamily, Sizes
-from aero_bayes.laws.use import Use
-from aero_bayes.laws.write import Written
-from aero_bayes.ports.port import Port
-from aero_bayes.ports.sizes import pace, recorded, signal_size, typical_time, watched_signals
+from aero_bayes.laws.model_family import OpenSimulator, calibration_on
+from aero_bayes.laws.modelica_family import ModelicaFamily, PortNominals
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.laws.write_model import WrittenModel
+from aero_bayes.ports import (
+    Port,
+    fastest_time_scale,
+    recorded_inputs,
+    relative_change,
+    signal_nominal,
+    simulated_signals,
+)
 from aero_bayes.simulation import Model
 
 
 @dataclass(frozen=True)
-class FmuFamily(RigFamily):
+class FmuFamily(ModelicaFamily):
     """An FMU and its relatives.
 
     Parameters
@@ -44,20 +50,20 @@ class FmuFamily(RigFamily):
     """
 
     fmu: Path = Path()
-    _held: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+    _fixed_values: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
     def inner(self) -> Model:
         return Model.load(self.fmu)
 
     @cached_property
-    def surroundings(self) -> FmuBoundary:
+    def boundary(self) -> FmuBoundary:
         return FmuBoundary(self.inner, self.laws)
 
     @cached_property
-    def declared(self) -> Declaration:
+    def declared(self) -> PackageDeclaration:
         """Nothing: what is around an FMU is found."""
-        return Declaration()
+        return PackageDeclaration()
 
     @cached_property
     def replaceable_laws(self) -> tuple[Law, ...]:
@@ -66,9 +72,9 @@ class FmuFamily(RigFamily):
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:
-        return self.surroundings.ports
+        return self.boundary.ports
 
-    def plain(self) -> Model:
+    def base_model(self) -> Model:
         """The FMU itself."""
         return self.inner
 
@@ -80,83 +86,89 @@ class FmuFamily(RigFamily):
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Every law at every port that it fits."""
-        self._held.clear()
-        self._held.update(calibration.fixed)
+        self._fixed_values.clear()
+        self._fixed_values.update(calibration.fixed)
         return super().prepare(calibration, fit, open_simulator)
 
     def _taken(self) -> set[str]:
         inner = self.inner
         every = (*inner.parameters, *inner.inputs, *inner.outputs, *inner.states)
-        return {v.name for v in every} | set(self.surroundings.names.values())
+        return {v.name for v in every} | set(self.boundary.names.values())
 
     def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
         """Of an input that no recording has, only what acts without it."""
         driven = {s.name for e in calibration.experiments for s in e.inputs}
         return [
             c
-            for c in candidates(self.ports, self.laws)
+            for c in find_candidates(self.ports, self.laws)
             if c.port.kind != "input" or c.port.id in driven or c.law.id == "offset"
         ]
 
-    def _sizes(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> Sizes:
+    def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         """As the fit has them; a force is sized by its recording, or by its nominal value."""
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
-        found = watched_signals(calibration, sorted(names), fit, open_simulator)
-        seen = {name: signal_size(parts) or 1.0 for name, parts in found.items()}
+        found = simulated_signals(calibration, sorted(names), fit, open_simulator)
+        seen = {name: signal_nominal(parts) or 1.0 for name, parts in found.items()}
         given = {
-            v.name: signal_size([s.values for s in recorded(calibration, v.name)]) or v.nominal or 1.0
+            v.name: signal_nominal([s.values for s in recorded_inputs(calibration, v.name)]) or v.nominal or 1.0
             for v in inner.inputs
         }
-        time = typical_time(calibration, fit)
-        sizes: dict[str, Mapping[str, float]] = {}
+        time = fastest_time_scale(calibration, fit)
+        nominals: dict[str, Mapping[str, float]] = {}
         for port in self.ports:
             if port.kind == "motion":
-                assert port.entrance is not None
-                force = given[inner.inputs[port.entrance.equation].name]
+                assert port.balance is not None
+                force = given[inner.inputs[port.balance.equation].name]
                 speed, *position = (seen[s] for s in port.states)
                 place = (*position, speed * time)[0]
-                sizes[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time}
+                nominals[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time}
             elif port.kind == "input":
-                sizes[port.id] = {"u_n": given[port.id], "w_n": pace(recorded(calibration, port.id), time), "t_n": time}
+                nominals[port.id] = {
+                    "u_n": given[port.id],
+                    "w_n": relative_change(recorded_inputs(calibration, port.id), time),
+                    "t_n": time,
+                }
             else:
-                sizes[port.id] = {"u_n": seen[port.id.removeprefix("output_")], "t_n": time}
-        return sizes
+                nominals[port.id] = {"u_n": seen[port.id.removeprefix("output_")], "t_n": time}
+        return nominals
 
-    def _with(self, uses: Sequence[Use]) -> Model:
-        seam = self._seam(uses)
-        key = hashlib.sha256(f"{seam!r}{self.inner.sha256}".encode()).hexdigest()[:16]
+    def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        coupling = self._coupling(placed_laws)
+        key = hashlib.sha256(f"{coupling!r}{self.inner.sha256}".encode()).hexdigest()[:16]
         out = self.folder / f"{self.title}-offer-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            couple(self.inner, seam, out, self.folder / f"{self.title}-laws-{key}.fmu")
+            couple(self.inner, coupling, out, self.folder / f"{self.title}-laws-{key}.fmu")
         return Model.load(out)
 
-    def _seam(self, uses: Sequence[Use]) -> Seam:
-        return self.surroundings.seam(uses, self.law_models)
+    def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
+        return self.boundary.coupling(placed_laws, self.law_models)
 
-    def _write(self, uses: Sequence[Use], values: Mapping[str, float], folder: Path) -> tuple[Written, Model]:
+    def _write(
+        self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
+    ) -> tuple[WrittenModel, Model]:
         """``NAME.mo`` and ``NAME.ssp`` for other tools, ``NAME.fmu`` for this one."""
-        name = "_".join([self.title, *(u.instance for u in uses)])
-        seam, none = self._seam(uses), self._seam(())
-        values = {**self._held, **values}
-        text = modelica_text(self.inner, seam, uses, values, name)
+        name = "_".join([self.title, *(u.instance for u in placed_laws)])
+        coupling, none = self._coupling(placed_laws), self._coupling(())
+        values = {**self._fixed_values, **values}
+        text = wrapper_text(self.inner, coupling, placed_laws, values, name)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
         with whole_file(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
         laws = self.folder / f"{name}-laws.fmu"
         self.folder.mkdir(parents=True, exist_ok=True)
-        couple(self.inner, seam, folder / f"{name}.fmu", laws)
-        write_ssp(self.inner, laws, seam, values, folder / f"{name}.ssp")
-        before = modelica_text(self.inner, none, (), values, name)
-        return Written(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
+        couple(self.inner, coupling, folder / f"{name}.fmu", laws)
+        write_ssp(self.inner, laws, coupling, values, folder / f"{name}.ssp")
+        before = wrapper_text(self.inner, none, (), values, name)
+        return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
             folder / f"{name}.fmu"
         )
 
-    def on(self, calibration: Calibration, model: Model) -> Calibration:
+    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """The calibration on a relative, where a state that is an unread output has another name."""
         there = {s.name for s in model.states}
         names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
-        return moved(calibration, model, names)
+        return calibration_on(calibration, model, names)

@@ -9,14 +9,12 @@ from functools import cached_property
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.language.syntax import Name, Number
-from aero_bayes.laws.candidates import with_laws
-from aero_bayes.laws.compose import Models, compose_laws
+from aero_bayes.laws.candidates import with_applicable_laws
+from aero_bayes.laws.compose import LawModels, compose_laws
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.use import Use, plain_name
-from aero_bayes.ports.port import Port
-from aero_bayes.ports.residual import Entrance
-from aero_bayes.simulation import Model
-from aero_bayes.simulation.model import Variable
+from aero_bayes.laws.placed_law import PlacedLaw, identifier
+from aero_bayes.ports import Balance, Port
+from aero_bayes.simulation import Model, Variable
 
 #: Units of what drives a motion, and of the speed and the position that go with it.
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
@@ -25,7 +23,7 @@ _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True)
-class Seam:
+class LawCoupling:
     """Where the flat model of laws meets an FMU.
 
     Attributes
@@ -57,16 +55,16 @@ class FmuBoundary:
         For :attr:`Port.laws`.
     """
 
-    inner: Model
+    fmu_model: Model
     laws: Sequence[Law] = ()
 
     @cached_property
     def names(self) -> Mapping[str, str]:
         """A plain name for every input, output and state."""
         found: dict[str, str] = {}
-        for v in (*self.inner.inputs, *self.inner.outputs, *self.inner.states):
+        for v in (*self.fmu_model.inputs, *self.fmu_model.outputs, *self.fmu_model.states):
             if v.name not in found:
-                plain = name = plain_name(v.name) or "signal"
+                plain = name = identifier(v.name) or "signal"
                 count = 1
                 while name in found.values() or name[0].isdigit():
                     count += 1
@@ -80,12 +78,12 @@ class FmuBoundary:
         motions = list(self._motions())
         taken = {p.id for p in motions}
         plain = [
-            *(self._signal(v, "input", v.name) for v in self.inner.inputs),
+            *(self._signal(v, "input", v.name) for v in self.fmu_model.inputs),
             *(self._signal(v, "reading", f"output_{v.name}" if v.name in taken else v.name)
-              for v in self.inner.outputs if v.kind == "real"),
+              for v in self.fmu_model.outputs if v.kind == "real"),
         ]  # fmt: skip
         every = [*plain, *motions]
-        return with_laws(every, self.laws)
+        return with_applicable_laws(every, self.laws)
 
     def _signal(self, v: Variable, kind: str, id_: str) -> Port:
         units = {"u": v.unit, "y": v.unit}
@@ -96,11 +94,11 @@ class FmuBoundary:
 
     def _motions(self) -> Iterator[Port]:
         """Forces at states that are speeds: no output there passes an input on."""
-        driving = [(k, v) for k, v in enumerate(self.inner.inputs) if v.unit in _MOTIONS]
+        driving = [(k, v) for k, v in enumerate(self.fmu_model.inputs) if v.unit in _MOTIONS]
         for k, force in driving:
             speed_unit, position_units = _MOTIONS[force.unit]
-            speeds = [s for s in self.inner.states if s.unit == speed_unit]
-            positions = [s for s in self.inner.states if s.unit in position_units]
+            speeds = [s for s in self.fmu_model.states if s.unit == speed_unit]
+            positions = [s for s in self.fmu_model.states if s.unit in position_units]
             alone = sum(v.unit == force.unit for _, v in driving) == 1
             for speed in speeds:
                 signals, units = {"v": self._state(speed)}, {"f": force.unit, "v": speed_unit}
@@ -110,7 +108,7 @@ class FmuBoundary:
                 yield Port(
                     own if alone else f"{force.name}.{own}", "motion", "equation", force.unit, units, None,
                     tuple(s.name for s in (speed, *positions[: "x" in signals])), signals,
-                    Entrance(k, Number(1.0), force.unit),
+                    Balance(k, Number(1.0), force.unit),
                 )  # fmt: skip
 
     def _state(self, state: Variable) -> str:
@@ -118,30 +116,32 @@ class FmuBoundary:
 
     def _outside(self, state: Variable) -> str:
         """The name of the output that is a state, else its own."""
-        index = self.inner.states.index(state)
-        return next((v.name for v in self.inner.outputs if self.inner.copied_state(v.name) == index), state.name)
+        index = self.fmu_model.states.index(state)
+        return next(
+            (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name
+        )
 
-    def seam(self, uses: Sequence[Use], models: Models) -> Seam:
+    def coupling(self, placed_laws: Sequence[PlacedLaw], models: LawModels) -> LawCoupling:
         """Laws at ports of these surroundings as a flat model, with no more of the FMU's signals than they need."""
-        read = {name for use in uses for name in use.port.signals.values()}
-        flat = FlatModel(f"{self.inner.name} laws")
+        read = {name for placed in placed_laws for name in placed.port.signals.values()}
+        flat = FlatModel(f"{self.fmu_model.name} laws")
         inputs, outputs, states = [], [], []
-        for v in self.inner.inputs:
+        for v in self.fmu_model.inputs:
             name = self.names[v.name]
             inputs.append((v, name, f"{name}_acts"))
             flat = _input(flat, name, v, v.start or 0.0)
             flat = add_output(flat, f"{name}_acts", Name(name), v.unit)
-        for v in self.inner.outputs:
+        for v in self.fmu_model.outputs:
             name = self.names[v.name]
             if v.kind == "real" and name in read:
                 outputs.append((v, f"{name}_unread", name))
                 flat = _input(flat, f"{name}_unread", v, v.start or 0.0)
                 flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
-        for v in self.inner.states:
+        for v in self.fmu_model.states:
             if self._state(v) in read:
                 states.append((v, self._state(v)))
                 flat = _input(flat, self._state(v), v, v.start or 0.0)
-        return Seam(compose_laws(flat, uses, models), tuple(inputs), tuple(outputs), tuple(states))
+        return LawCoupling(compose_laws(flat, placed_laws, models), tuple(inputs), tuple(outputs), tuple(states))
 
 
 def _input(flat: FlatModel, name: str, v: Variable, start: float) -> FlatModel:

@@ -1,4 +1,4 @@
-"""Laws read from Modelica: every model that extends a partial one of ``Laws.Interfaces``, whoever wrote it."""
+"""Laws read from Modelica. A law is a model that extends a partial model of ``Laws.Interfaces``, in any package."""
 
 from __future__ import annotations
 
@@ -10,54 +10,62 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import modelica_root
-from aero_bayes.language.base_classes import with_bases
-from aero_bayes.language.classes import ClassText, Component, annotated, snake_case
-from aero_bayes.language.dimensions import coherent, dimension, unit_factors, unit_text
+from aero_bayes.language.base_classes import inline_base_classes
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, annotation_arguments, snake_case
+from aero_bayes.language.dimensions import dimension, in_base_units_if_scaled, unit_factors, unit_text
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import modelica_files, sources_in
 from aero_bayes.language.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.language.tokens import Token
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.values import evaluate_expression
 
-Kind = Literal[
+LawKind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
 ]  # fmt: skip
-Attribute = Literal["default", "minimum", "maximum", "nominal"]
+ParameterAttribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What the partial model of a kind of law is given and gives.
+class LawInterface:
+    """The inputs and the output of a partial model that laws of one kind extend.
 
-    ``acts`` is the output that enters the model, ``given`` the inputs, ``sizes`` the size of each signal.
+    Parameters
+    ----------
+    kind : str
+    output : str
+        The variable that enters the model: a force, a flow, a voltage or a signal.
+    inputs : tuple of str
+        Variables of the model that a law may read.
+    nominals : mapping of str to str
+        Parameters of the partial model that hold the nominal values of a port, and the signal of each.
     """
 
-    kind: Kind
-    acts: str
-    given: tuple[str, ...]
-    sizes: Mapping[str, str]
+    kind: LawKind
+    output: str
+    inputs: tuple[str, ...]
+    nominals: Mapping[str, str]
 
 
-SHAPES: Mapping[str, Shape] = {
-    "InputLaw": Shape("input", "y", ("u",), {"u_n": "u"}),
-    "OutputLaw": Shape("output", "y", ("u",), {"u_n": "u"}),
-    "ReadingLaw": Shape("reading", "y", ("u",), {"u_n": "u"}),
-    "MotionLaw": Shape("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x", "x_w": "x", "x_0": "x"}),
-    "StorageLaw": Shape("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
-    "OverflowLaw": Shape("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
-    "ExchangeLaw": Shape("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1", "d_n": "h_1"}),
-    "SeriesLaw": Shape("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
+LAW_INTERFACES: Mapping[str, LawInterface] = {
+    "InputLaw": LawInterface("input", "y", ("u",), {"u_n": "u"}),
+    "OutputLaw": LawInterface("output", "y", ("u",), {"u_n": "u"}),
+    "ReadingLaw": LawInterface("reading", "y", ("u",), {"u_n": "u"}),
+    "MotionLaw": LawInterface("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x", "x_w": "x", "x_0": "x"}),
+    "StorageLaw": LawInterface("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
+    "OverflowLaw": LawInterface("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
+    "ExchangeLaw": LawInterface("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1", "d_n": "h_1"}),
+    "SeriesLaw": LawInterface("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
 }
 
-#: Given signals that a port need not have, and the size that stands for them there.
-STANDING: Mapping[str, str] = {"h_s": "h_0"}
+#: Inputs that a port need not have, and the nominal value that replaces each one there.
+SIGNAL_DEFAULTS: Mapping[str, str] = {"h_s": "h_0"}
 
 
 @dataclass(frozen=True)
 class LawParameter:
-    """A parameter that is fitted. Its attributes are expressions in the sizes of the port.
+    """A parameter that is fitted. Its attributes are expressions in the nominal values of the port.
 
-    ``nominal`` is the magnitude at which a search starts. ``own_unit`` is the unit that its declaration gives, if any.
+    ``nominal`` is the magnitude at which a search starts. ``declared_unit`` is the unit in the declaration, or empty.
     """
 
     name: str
@@ -66,84 +74,112 @@ class LawParameter:
     minimum: Expression | None
     maximum: Expression | None
     nominal: Expression
-    own_unit: str = ""
+    declared_unit: str = ""
 
-    def value(self, of: Attribute, sizes: Mapping[str, float]) -> float:
-        """One of its attributes in numbers; a bound that is not given is infinite."""
+    def value(self, of: ParameterAttribute, nominals: Mapping[str, float]) -> float:
+        """The number of one attribute. A bound that is not declared is infinite."""
         term = getattr(self, of)
         if term is None:
             return float("-inf") if of == "minimum" else float("inf")
-        return evaluate(term, sizes)
+        return evaluate_expression(term, nominals)
 
-    def unit(self, of_size: Mapping[str, str]) -> str:
-        """Unit by the units of the port's sizes, where it gives none of its own; empty where they do not tell."""
-        if self.own_unit:
-            return self.own_unit
+    def unit(self, nominal_units: Mapping[str, str]) -> str:
+        """The declared unit; else the one that follows from the units of the nominal values. Empty if unknown."""
+        if self.declared_unit:
+            return self.declared_unit
         if not names_in(self.nominal):
             return "1"
-        factors = {name: unit_factors(unit) for name, unit in of_size.items()}
-        return unit_text(coherent(dimension(self.nominal, factors.get)))
+        factors = {name: unit_factors(unit) for name, unit in nominal_units.items()}
+        return unit_text(in_base_units_if_scaled(dimension(self.nominal, factors.get)))
 
 
 @dataclass(frozen=True)
 class Law:
-    """A law: ``id`` in snake case, the kind of port it fits, its class and its parameters, the switch first.
+    """A physical law that may be missing in a model, such as Coulomb friction, read from a Modelica class.
 
-    ``sizes`` are the parameters that the program sets, with their defaults. ``uses`` names those of the given
-    signals that the equations contain; ``needs_unit`` the unit of a signal where the law asks for one; ``not_for``
-    units of a signal, with spaces, where it makes no sense. ``learned`` is the signal over which it learns a curve,
-    where it is no law of its own: linear in its parameters, and tried last; ``threshold`` the parameter whose value
-    decides from where on it acts at all, where that is not plain from its being the only one.
-    ``widths`` are parameters that are not fitted, such as the width of a rounding, where they can be set from outside.
-    ``constraint`` is the class that it extends, of a law for replaceable models.
+    Parameters
+    ----------
+    id : str
+        Name of the class in snake case.
+    kind : str
+        The kind of port at which it acts.
+    model : str
+        Full name of the class.
+    description : str
+    parameters : tuple of LawParameter
+        Those that are fitted. The first is its magnitude: at its default the law has no effect.
+    nominals : mapping of str to float
+        Defaults of the parameters that receive the nominal values of a port.
+    used_inputs : frozenset of str
+        The inputs that occur in its equations.
+    required_units : mapping of str to str
+        Units that it needs of its inputs.
+    excluded_units : str
+        Units of a port, separated by spaces, at which it makes no sense.
+    refines : str
+        Id of the coarser law of which this one is a refinement. Empty if there is none.
+    curve_input : str
+        Of a learned curve, the input over which the curve is learned. Empty for any other law. A learned curve is
+        linear in its parameters and is tried last.
+    threshold : str
+        The parameter that decides from where on the law acts. Empty if there is none, or if it is the only parameter.
+    interface : LawInterface
+    text : str
+        Its source, its own declarations and those of the partial model together.
+    cls : ClassText
+        The class in ``text``.
+    widths : mapping of str to float
+        Parameters that are not fitted but may be set, such as the width over which a step is smoothed.
+    constraint : str
+        Of a law for replaceable models, the constraining class that it extends.
     """
 
     id: str
-    kind: Kind
+    kind: LawKind
     model: str
     description: str
     parameters: tuple[LawParameter, ...]
-    sizes: Mapping[str, float]
-    uses: frozenset[str]
-    needs_unit: Mapping[str, str]
-    not_for: str
+    nominals: Mapping[str, float]
+    used_inputs: frozenset[str]
+    required_units: Mapping[str, str]
+    excluded_units: str
     refines: str
-    learned: str
+    curve_input: str
     threshold: str
-    shape: Shape
+    interface: LawInterface
     text: str
     cls: ClassText = field(repr=False, compare=False)
     widths: Mapping[str, float] = field(default_factory=dict)
     constraint: str = ""
 
     @cached_property
-    def derived(self) -> frozenset[str]:
-        """Names whose derivative its equations take."""
+    def differentiated(self) -> frozenset[str]:
+        """Names whose time derivative occurs in its equations."""
         return frozenset(self.cls.derived())
 
     @property
-    def moves(self) -> bool:
+    def has_states(self) -> bool:
         """Whether it has states of its own."""
-        return bool(self.derived - set(self.shape.given))
+        return bool(self.differentiated - set(self.interface.inputs))
 
     @property
-    def takes_rate(self) -> bool:
-        """Whether it needs the derivative of a signal that it is given."""
-        return bool(self.derived & set(self.shape.given))
+    def needs_derivative(self) -> bool:
+        """Whether it needs the time derivative of an input."""
+        return bool(self.differentiated & set(self.interface.inputs))
 
     @property
-    def switch(self) -> LawParameter:
+    def magnitude(self) -> LawParameter:
         """The parameter whose default switches the law off."""
         return self.parameters[0]
 
 
 @cache
-def general_laws() -> tuple[Law, ...]:
+def shipped_laws() -> tuple[Law, ...]:
     """The laws of the shipped package ``Laws``."""
-    return laws_of([modelica_root() / "Laws"])
+    return read_laws([modelica_root() / "Laws"])
 
 
-def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
+def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
     """Read the laws of Modelica packages, in the order of their files and classes.
 
     Parameters
@@ -154,7 +190,8 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     Raises
     ------
     InputError
-        For a law that has no fitted parameter, or an attribute that is no formula in sizes; names file and class.
+        For a law without a fitted parameter, or an attribute that is no expression in nominal values. The message
+        names file and class.
     """
     own = list(modelica_files(sources))
     known = sources_in([*modelica_files([modelica_root() / "Laws" / "Interfaces"]), *own])
@@ -163,26 +200,26 @@ def laws_of(sources: Sequence[Path]) -> tuple[Law, ...]:
     for path in own:
         file = known.files[str(path)]
         for cls in (c for top in file.classes for c in top.walk()):
-            partial = _partial(cls, by_name)
-            if partial is None or cls.name in SHAPES or cls.partial:
+            partial = _partial_model(cls, by_name)
+            if partial is None or cls.name in LAW_INTERFACES or cls.partial:
                 continue
             try:
                 if [b for b in cls.bases() if b.rpartition(".")[2] != partial]:
                     raise InputError(f"a law extends Laws.Interfaces.{partial} itself and nothing else")
-                whole, merged = with_bases(known, file, cls)
+                whole, merged = inline_base_classes(known, file, cls)
                 base = known.find(f"Laws.Interfaces.{partial}")[1]
-                found.append(_law(cls, SHAPES[partial], base, whole.text, merged))
+                found.append(_law(cls, LAW_INTERFACES[partial], base, whole.text, merged))
             except InputError as error:
                 raise InputError(f"{path}: {cls.full_name}: {error}") from None
     return tuple(found)
 
 
-def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
+def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     """Name of the partial model that a class extends, directly or through others."""
     waiting, seen = list(cls.bases()), set[str]()
     while waiting:
         name = waiting.pop().rpartition(".")[2]
-        if name in SHAPES:
+        if name in LAW_INTERFACES:
             return name
         if name in known and name not in seen:
             seen.add(name)
@@ -190,42 +227,53 @@ def _partial(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     return None
 
 
-def _law(cls: ClassText, shape: Shape, base: ClassText, text: str, merged: ClassText) -> Law:
+def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, merged: ClassText) -> Law:
     own, inherited = cls.components(), base.components()
-    parameters = tuple(parameter_of(c) for c in (*own, *inherited) if is_fitted(c))
+    parameters = tuple(law_parameter(c) for c in (*own, *inherited) if is_fitted_parameter(c))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
-    sizes = {c.name: evaluate(parse_expression(c.binding), {}) for c in inherited if _is_size(c)}
+    nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
     for p in parameters:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
-                evaluate(term, dict.fromkeys(sizes, 1.0) | {"h_z": 0.0})
+                evaluate_expression(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")
     modified = arguments_of(parse_expression(extends.core[1:]))
     units = {signal: unit for signal, given in modified.items() if (unit := _text(arguments_of(given).get("unit")))}
     return Law(
-        snake_case(cls.name), shape.kind, cls.full_name, cls.description, parameters, sizes,
-        frozenset(words & set(shape.given)), units, noted(cls.annotation, "not_for"), noted(cls.annotation, "refines"),
-        noted(cls.annotation, "learned"), noted(cls.annotation, "threshold"),
-        shape, text, merged,
-    )  # fmt: skip
+        id=snake_case(cls.name),
+        kind=interface.kind,
+        model=cls.full_name,
+        description=cls.description,
+        parameters=parameters,
+        nominals=nominals,
+        used_inputs=frozenset(words & set(interface.inputs)),
+        required_units=units,
+        excluded_units=annotation_text(cls.annotation, "not_for"),
+        refines=annotation_text(cls.annotation, "refines"),
+        curve_input=annotation_text(cls.annotation, "learned"),
+        threshold=annotation_text(cls.annotation, "threshold"),
+        interface=interface,
+        text=text,
+        cls=merged,
+    )
 
 
-def is_fitted(c: Component) -> bool:
-    """Whether a declaration is a parameter that is fitted: one with a nominal value."""
+def is_fitted_parameter(c: ComponentDeclaration) -> bool:
+    """Whether a declaration is a fitted parameter: one with the attribute ``nominal``."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
 
 
-def _is_size(c: Component) -> bool:
-    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted(c)
+def _is_nominal(c: ComponentDeclaration) -> bool:
+    return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and not is_fitted_parameter(c)
 
 
-def parameter_of(c: Component) -> LawParameter:
-    """A declaration as a parameter that is fitted. Raises InputError for one without a default."""
+def law_parameter(c: ComponentDeclaration) -> LawParameter:
+    """The fitted parameter of a declaration. Raises InputError if it has no default."""
     terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
@@ -235,9 +283,9 @@ def parameter_of(c: Component) -> LawParameter:
     )  # fmt: skip
 
 
-def noted(annotation: Sequence[Token], word: str) -> str:
-    """What an annotation says of a law, such as ``refines = "coulomb_friction"``; empty where it does not."""
-    return _text(annotated(annotation, "__aero_bayes").get(word))
+def annotation_text(annotation: Sequence[Token], word: str) -> str:
+    """The text of an entry in ``__aero_bayes`` of an annotation, such as ``refines``. Empty if there is none."""
+    return _text(annotation_arguments(annotation, "__aero_bayes").get(word))
 
 
 def _text(tree: Expression | None) -> str:

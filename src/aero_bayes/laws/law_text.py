@@ -6,20 +6,20 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.language.classes import Component, Statement
-from aero_bayes.language.edits import TextEdit, apply, indentation, replace_names, text_of
+from aero_bayes.language.classes import ComponentDeclaration, SourceStatement
+from aero_bayes.language.edits import TextEdit, apply_edits, indentation, replace_names, text_of
 from aero_bayes.language.parse import parse_expression, parse_text
 from aero_bayes.language.syntax import summands
 from aero_bayes.language.tokens import one_line, words_of
-from aero_bayes.language.values import evaluate
-from aero_bayes.laws.law import STANDING, Law
+from aero_bayes.language.values import evaluate_expression
+from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
 
 
 def class_text(
     law: Law,
     name: str,
     *,
-    sizes: Mapping[str, float],
+    nominals: Mapping[str, float],
     signals: Mapping[str, str],
     without: frozenset[str] = frozenset(),
     declarations: Sequence[str] = (),
@@ -47,20 +47,20 @@ def class_text(
     used = Counter(word for s in kept for word in {t.word for t in s.tokens if t.kind == "name"})
     for s in kept:
         components = cls.declared_in(s)
-        if components and not any(used[c.name] > 1 or c.name == law.shape.acts for c in components):
+        if components and not any(used[c.name] > 1 or c.name == law.interface.output for c in components):
             continue
-        edits = _edits(s, components, sizes, signals)
+        edits = _edits(s, components, nominals, signals)
         # a unit that a law asks for is that of a port, in which it may be spelled otherwise
-        asked = [c.arguments for c in components if c.name in law.needs_unit and c.arguments]
+        asked = [c.arguments for c in components if c.name in law.required_units and c.arguments]
         edits += [TextEdit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
-        found[s.section].append(one_line(apply(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
+        found[s.section].append(one_line(apply_edits(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
     lines = [f'model {name} "{law.description}"', *(f"  {line}" for line in (*declarations, *found.pop("public")))]
     for section, inside in found.items():
         lines += [section, *(f"  {line}" for line in inside)] if inside else []
     return [*lines, *(f"  {line}" for line in _documentation(law)), f"end {name};"]
 
 
-def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -> str | None:
+def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]) -> str | None:
     """What the law gives as one expression, where its class says no more than that.
 
     Parameters
@@ -80,18 +80,22 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
         return None
     (equation,) = law.cls.equations
     core = equation.core
-    if [t.word for t in core[:2]] != [law.shape.acts, "="] or any(t.word == "der" for t in core):
+    if [t.word for t in core[:2]] != [law.interface.output, "="] or any(t.word == "der" for t in core):
         return None
-    values = {k: float(v) for k, v in sizes.items()}
+    values = {k: float(v) for k, v in nominals.items()}
     for c in law.cls.components():
         if "final" in c.prefixes:
-            values[c.name] = evaluate(parse_expression(c.binding), values)
-        elif c.name not in (*names, *sizes, *law.shape.given, law.shape.acts):
+            values[c.name] = evaluate_expression(parse_expression(c.binding), values)
+        elif c.name not in (*names, *nominals, *law.interface.inputs, law.interface.output):
             return None
     numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
-    known = {**numbers, **{signal: numbers[size] for signal, size in STANDING.items() if size in numbers}, **names}
+    known = {
+        **numbers,
+        **{signal: numbers[size] for signal, size in SIGNAL_DEFAULTS.items() if size in numbers},
+        **names,
+    }
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
-    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply(text_of(law.text, core[2:]), edits)))
+    text = re.sub(r"- \(-([\w.]+)\)", r"+ \1", one_line(apply_edits(text_of(law.text, core[2:]), edits)))
     text = re.sub(r"(?<!\w)\(([\w.]+) - 0\)", r"\1", text)
     text = re.sub(r"\(([\w.]+) - 0\)", r"(\1)", text)
     tree = parse_text(text)
@@ -99,17 +103,20 @@ def formula(law: Law, *, sizes: Mapping[str, float], names: Mapping[str, str]) -
 
 
 def _edits(
-    statement: Statement, components: Sequence[Component], sizes: Mapping[str, float], signals: Mapping[str, str]
+    statement: SourceStatement,
+    components: Sequence[ComponentDeclaration],
+    nominals: Mapping[str, float],
+    signals: Mapping[str, str],
 ) -> list[TextEdit]:
     """A declaration with the values of sizes and the expressions of signals."""
     edits: list[TextEdit] = []
     # what the program sets and what follows from that alone is no parameter to tune
-    if any(c.name in sizes or "final" in c.prefixes for c in components):
+    if any(c.name in nominals or "final" in c.prefixes for c in components):
         first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
         last = next(t for t in statement.tokens if t.word == "parameter")
         edits.append(TextEdit(first.start, last.end, "constant"))
     for c in components:
-        value = signals.get(c.name, repr(float(sizes[c.name])) if c.name in sizes else None)
+        value = signals.get(c.name, repr(float(nominals[c.name])) if c.name in nominals else None)
         if value is None:
             continue
         if c.name in signals:

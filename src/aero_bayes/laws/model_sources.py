@@ -9,7 +9,7 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import rig_packages
-from aero_bayes.language.sources import SourceFile, Sources, modelica_files, modelica_text, read_file
+from aero_bayes.language.sources import SourceFile, Sources, modelica_files, read_file, read_modelica_text
 from aero_bayes.language.tokens import tokenize, words_of
 
 
@@ -44,10 +44,10 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     return Sources(files)
 
 
-def names_taken(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
+def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
     """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
     loops = set[str]()
     for path in modelica_files(sources):
-        words = words_of(tokenize(modelica_text(path)))
+        words = words_of(tokenize(read_modelica_text(path)))
         loops |= {after for word, after in pairwise(words) if word == "for"}
     return {v.name for v in flat.variables} | loops

@@ -8,33 +8,33 @@ from pathlib import Path
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.use import Use
-from aero_bayes.ports.replaceable import Join, Replaceable
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.ports import CombinationRule, ReplaceableModel
 from aero_bayes.scratch import ScratchFolder
 
 
-def parted(uses: Iterable[Use]) -> tuple[list[Use], list[Use]]:
+def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
     """Laws in replaceable models, and the others."""
-    every = list(uses)
+    every = list(placed_laws)
     return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
 
 
-def go_together(use: Use) -> bool:
+def can_be_combined(placed: PlacedLaw) -> bool:
     """Whether a law stands in a replaceable model that takes several."""
-    return use.port.replaceable is not None and use.port.replaceable.join is not None
+    return placed.port.replaceable is not None and placed.port.replaceable.combination is not None
 
 
-def load_extended(
-    base: str, name: str, uses: Sequence[Use], sources: Sequence[Path], libraries: Sequence[Path]
+def load_with_redeclarations(
+    base: str, name: str, placed_laws: Sequence[PlacedLaw], sources: Sequence[Path], libraries: Sequence[Path]
 ) -> FlatModel:
     """The flat model of ``base`` with laws in its replaceable models."""
     with ScratchFolder() as folder:
         path = Path(folder) / f"{name}.mo"
-        path.write_text("\n".join(["within ;", *extending_class(base, name, uses), ""]), encoding="utf-8")
+        path.write_text("\n".join(["within ;", *redeclaring_class(base, name, placed_laws), ""]), encoding="utf-8")
         return load_flat(name, (*sources, path), libraries)
 
 
-def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
+def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
     """The lines of a model ``name`` that extends ``base`` with laws in the place of its replaceable models.
 
     Modifiers stand at the components (``bodyEffect(tau_c = tau_c)``) and not in the redeclaration, where rumoca drops
@@ -45,9 +45,9 @@ def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
     CannotFinishError
         For several laws in one place of which the source does not tell how they go together.
     """
-    here: dict[str, list[Use]] = {}
-    for use in uses:
-        here.setdefault(_place(use).name, []).append(use)
+    here: dict[str, list[PlacedLaw]] = {}
+    for placed in placed_laws:
+        here.setdefault(_place(placed).name, []).append(placed)
     redeclared: list[str] = []
     modified: dict[str, list[str]] = {}
     classes: list[str] = []
@@ -63,38 +63,38 @@ def extending_class(base: str, name: str, uses: Sequence[Use]) -> list[str]:
             modified.setdefault(owner, []).append(f"{component}({', '.join(inner)})")
     arguments = redeclared + modified.pop("", [])
     arguments += [_nested(owner.split("."), items) for owner, items in modified.items()]
-    what = " and ".join(dict.fromkeys(_in_words(use) for use in uses))
+    what = " and ".join(dict.fromkeys(_in_words(placed) for placed in placed_laws))
     about = f"{base.rpartition('.')[2]} with {what if len(what) <= 100 else 'several effects'}"
     return [
         f'model {name} "{about}"',
         f"  extends {base}(", ",\n".join(f"    {a}" for a in arguments) + ");",
-        *(line for use in uses for line in _parameters(use)),
+        *(line for placed in placed_laws for line in _parameters(placed)),
         *(f"  {line}" for line in classes),
         f'  annotation (Documentation(info = "<html><p>{base.rpartition(".")[2]} with {what}.</p></html>"));',
         f"end {name};",
     ]  # fmt: skip
 
 
-def component_of(use: Use, uses: Sequence[Use]) -> str:
+def component_path(placed: PlacedLaw, placed_laws: Sequence[PlacedLaw]) -> str:
     """Path of a law's component in the class that extends with ``uses``; the first where there are several."""
-    place = _place(use)
-    alone = sum(_place(other).name == place.name for other in uses) == 1
-    return place.components[0] if alone else f"{place.components[0]}.{use.instance}"
+    place = _place(placed)
+    alone = sum(_place(other).name == place.name for other in placed_laws) == 1
+    return place.components[0] if alone else f"{place.components[0]}.{placed.instance}"
 
 
-def _place(use: Use) -> Replaceable:
-    assert use.port.replaceable is not None
-    return use.port.replaceable
+def _place(placed: PlacedLaw) -> ReplaceableModel:
+    assert placed.port.replaceable is not None
+    return placed.port.replaceable
 
 
-def _in_words(use: Use) -> str:
-    about = use.law.description
+def _in_words(placed: PlacedLaw) -> str:
+    about = placed.law.description
     return about[:1].lower() + about[1:]
 
 
-def _modifiers(use: Use) -> list[str]:
-    given = [f"{p.name} = {use.names[p.name]}" for p in use.parameters()]
-    return given + [f"{size} = {_real(value)}" for size, value in use.all_sizes.items()]
+def _modifiers(placed: PlacedLaw) -> list[str]:
+    given = [f"{p.name} = {placed.names[p.name]}" for p in placed.parameters()]
+    return given + [f"{size} = {_real(value)}" for size, value in placed.all_nominals.items()]
 
 
 def _nested(path: Sequence[str], items: Iterable[str]) -> str:
@@ -104,25 +104,27 @@ def _nested(path: Sequence[str], items: Iterable[str]) -> str:
     return inner
 
 
-def _parameters(use: Use) -> list[str]:
+def _parameters(placed: PlacedLaw) -> list[str]:
     lines = []
-    for p in use.parameters():
-        limits = {k: _real(v) for k, v in use.limits(p).items()}
-        unit = {"unit": f'"{use.unit(p)}"'} if use.unit(p) else {}
+    for p in placed.parameters():
+        limits = {k: _real(v) for k, v in placed.limits(p).items()}
+        unit = {"unit": f'"{placed.unit(p)}"'} if placed.unit(p) else {}
         attributes = ", ".join(f"{k} = {v}" for k, v in (unit | limits).items())
-        lines.append(f'  parameter Real {use.names[p.name]}({attributes}) = {_real(use.value(p))} "{p.description}";')
+        lines.append(
+            f'  parameter Real {placed.names[p.name]}({attributes}) = {_real(placed.value(p))} "{p.description}";'
+        )
     return lines
 
 
-def _together(place: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
+def _together(place: ReplaceableModel, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
     """A local model with several laws: in series where something passes through, else parallel."""
-    join = place.join
+    join = place.combination
     if join is None:
         raise CannotFinishError(
             f"{place.place}: {place.default} does not tell how several laws go in the place of {place.name}"
         )
     components, previous = [], join.signal[0] if join.signal else ""
-    for u in uses:
+    for u in placed_laws:
         passed = [f"{join.signal[0]} = {previous}"] if join.signal else []
         handed = [f"{n} = {n}" for n in join.handed]
         components.append(f"  {u.law.model} {u.instance}({', '.join([*passed, *handed])});")
@@ -132,12 +134,12 @@ def _together(place: Replaceable, name: str, uses: Sequence[Use]) -> list[str]:
         f"  extends {place.constraint};",
         *components,
         "equation",
-        *(f"  {line}" for line in _joined(join, [u.instance for u in uses], previous)),
+        *(f"  {line}" for line in _joined(join, [u.instance for u in placed_laws], previous)),
         f"end {name};",
     ]
 
 
-def _joined(join: Join, names: Sequence[str], last: str) -> list[str]:
+def _joined(join: CombinationRule, names: Sequence[str], last: str) -> list[str]:
     lines = [f"{join.signal[1]} = {last};"] if join.signal else []
     if join.series:
         first, end = join.series

@@ -6,18 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, snake_case
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, snake_case
 from aero_bayes.language.parse import parse_expression
 from aero_bayes.language.sources import Sources
-from aero_bayes.language.values import evaluate
-from aero_bayes.laws.law import Law, LawParameter, Shape, is_fitted, noted, parameter_of
+from aero_bayes.language.values import evaluate_expression
+from aero_bayes.laws.law import Law, LawInterface, LawParameter, annotation_text, is_fitted_parameter, law_parameter
 
 #: A law at a replaceable model connects to it by itself; one that learns a curve has it as ``y`` over ``x``, whose
 #: largest value in a fit is its parameter ``x_n``.
-REPLACEABLE_SHAPE = Shape("replaceable", "y", ("x",), {"x_n": "x"})
+REPLACEABLE_INTERFACE = LawInterface("replaceable", "y", ("x",), {"x_n": "x"})
 
 
-def laws_within(known: Sources, constraint: str) -> tuple[Law, ...]:
+def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
     """The laws for replaceable models that a class constrains, in the order of files and classes.
 
     They are the classes that extend it and whose first own parameter with a nominal value is zero by default.
@@ -43,36 +43,38 @@ def laws_within(known: Sources, constraint: str) -> tuple[Law, ...]:
     return tuple(found)
 
 
-def _law(cls: ClassText, constraint: str, own: Sequence[Component]) -> Law | None:
-    switches = [c for c in own if is_fitted(c)]
+def _law(cls: ClassText, constraint: str, own: Sequence[ComponentDeclaration]) -> Law | None:
+    switches = [c for c in own if is_fitted_parameter(c)]
     if not switches or _number(switches[0]) != 0.0:
         return None
-    fitted = tuple(parameter_of(c) for c in switches)
+    fitted = tuple(law_parameter(c) for c in switches)
     set_from_outside = [c for c in own if "parameter" in c.prefixes and not c.prefixes & {"final", "protected"}]
-    others = {c.name: value for c in set_from_outside if not is_fitted(c) and (value := _number(c)) is not None}
-    sizes = {name: value for name, value in others.items() if name in REPLACEABLE_SHAPE.sizes}
-    widths = {name: value for name, value in others.items() if name not in sizes}
-    _check(fitted, sizes)
-    notes = [noted(cls.annotation, word) for word in ("refines", "learned", "threshold")]
+    others = {
+        c.name: value for c in set_from_outside if not is_fitted_parameter(c) and (value := _number(c)) is not None
+    }
+    nominals = {name: value for name, value in others.items() if name in REPLACEABLE_INTERFACE.nominals}
+    widths = {name: value for name, value in others.items() if name not in nominals}
+    _check(fitted, nominals)
+    notes = [annotation_text(cls.annotation, word) for word in ("refines", "learned", "threshold")]
     if notes[1] not in ("", "x"):
         raise InputError(f'learned = {notes[1]!r}; expected "x", the variable over which y is learned')
     refines, learned, threshold = notes
     return Law(
-        snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, sizes, frozenset(), {}, "",
-        refines, learned, threshold, REPLACEABLE_SHAPE, "", cls, widths, constraint,
+        snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, nominals, frozenset(), {}, "",
+        refines, learned, threshold, REPLACEABLE_INTERFACE, "", cls, widths, constraint,
     )  # fmt: skip
 
 
-def _number(c: Component) -> float | None:
+def _number(c: ComponentDeclaration) -> float | None:
     try:
-        return evaluate(parse_expression(c.binding), {}) if c.binding else None
+        return evaluate_expression(parse_expression(c.binding), {}) if c.binding else None
     except InputError:
         return None
 
 
-def _check(fitted: Sequence[LawParameter], sizes: Mapping[str, float]) -> None:
+def _check(fitted: Sequence[LawParameter], nominals: Mapping[str, float]) -> None:
     """Raise InputError for an attribute that is no number."""
     for p in fitted:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
-                evaluate(term, sizes)
+                evaluate_expression(term, nominals)

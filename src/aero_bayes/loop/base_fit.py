@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, inspect
-from aero_bayes.data import floors_of
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
+from aero_bayes.data import noise_floors
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import without_ripple
@@ -72,21 +72,21 @@ class BaseFit:
         self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters."""
-        moved = bench.family.on(self.plain, model)
+        moved = bench.family.transfer(self.plain, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
 
 
 def fit_as_it_stands(bench: Workbench) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them."""
     bench.progress("building models", 0.0)
-    model = bench.family.plain()
+    model = bench.family.base_model()
     bench.tally.lap("models")
     bench.progress("fitting the model as it stands", 0.05)
     close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
-    floors = floors_of([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
+    floors = noise_floors([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
     bench.tally.lap("base fit")
     return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
 
@@ -124,7 +124,7 @@ def for_search(bench: Workbench, plain: Calibration) -> Calibration:
 
 def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
     with bench.open(plain.problem()) as simulator:
-        return inspect(plain, bench.objective(plain, simulator).series, fit, floors)
+        return check_residuals(plain, bench.objective(plain, simulator).series, fit, floors)
 
 
 def _shared(bench: Workbench, model: Model) -> ParameterSet:

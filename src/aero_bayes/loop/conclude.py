@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.check.structure import MAX_FLOOR_RATIO, ResidualReport, those_structured
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.judge.checks import Check, Choice, EnoughReadings, LeaveBlockOut, LeftOver, PaysItsPrice, disturbed
 from aero_bayes.judge.prediction import Prediction, gain_text
 from aero_bayes.judge.validation import far_off, refusal
-from aero_bayes.laws.family import Extension
+from aero_bayes.laws.model_family import ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.found_effect import FoundEffect
@@ -23,7 +24,6 @@ from aero_bayes.loop.steps import Step, equivalents, steps_of
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.explored import Explored
 from aero_bayes.search.models import FittedModel
-from aero_bayes.show import listed
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
@@ -63,7 +63,7 @@ class Conclusion:
     sentence: str
     before: Prediction
     after: Prediction
-    written: Extension | None
+    written: ExtendedModel | None
     effects: tuple[FoundEffect, ...]
     calibration: Calibration
     refit: Optimum
@@ -114,7 +114,7 @@ def _nothing_named(
     within = bench.settings.structures.equivalence
     best = choice.refused[0][0] if choice.refused else choice.fitted
     steps = steps_of(explored, best, within)
-    structured = those_structured(base.reports)
+    structured = structured_residuals(base.reports)
     last = steps[-1].why if steps else "nothing was tried"
     far = far_off(bench.unseen, base.plain, base.fit, base.reports, base.floors, before, bench.settings.times_fitted)
     if not structured and not choice.refused:
@@ -180,7 +180,7 @@ def _unexplained(
 
 def _explain(fitted: FittedModel) -> str:
     verb = "explain" if len(fitted.terms) > 1 else "explains"
-    return f"The residual is structured; {listed(list(fitted.terms))} {verb} part of it where it was fitted"
+    return f"The residual is structured; {join_names(list(fitted.terms))} {verb} part of it where it was fitted"
 
 
 def _them(fitted: FittedModel) -> str:
@@ -192,10 +192,10 @@ def _added(bench: Workbench, explored: Explored, chosen: FittedModel, extended: 
     told = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     same = {t: equivalents(explored, chosen, t, bench.settings.structures.equivalence) for t in chosen.terms}
     given, lacking = ([_named(e, same[e.id]) for e in told if (e.id in required) is asked] for asked in (True, False))
-    said = [f"was given {listed(given)}, as required"] if given else []
-    said += [f"lacks {listed(lacking)}"] if lacking else []
+    said = [f"was given {join_names(given)}, as required"] if given else []
+    said += [f"lacks {join_names(lacking)}"] if lacking else []
     sentence = f"The model {', and '.join(said)}: {gain_text(before, extended.after, bench.units)}"
-    structured = those_structured(extended.reports)
+    structured = structured_residuals(extended.reports)
     return sentence + (f" Some structure is left in {', '.join(_left(structured))}." if structured else "")
 
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
-from aero_bayes.laws.family import Basis, Extension
+from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
@@ -28,7 +28,7 @@ from aero_bayes.search.models import FittedModel
 class ExtendedFit:
     """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts."""
 
-    written: Extension
+    written: ExtendedModel
     effects: tuple[FoundEffect, ...]
     calibration: Calibration
     fit: Optimum
@@ -57,7 +57,7 @@ def extend(bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedMo
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
         fit = GlobalSearch(study, bench.settings.ascent).refit(start, free, base.fit.noise)
-        reports = inspect(calibration, study.series, fit, base.floors)
+        reports = check_residuals(calibration, study.series, fit, base.floors)
         bench.tally.count(study)
     after = bench.unseen.predict(calibration, fit)
     effects = []
@@ -73,11 +73,11 @@ def _effect(
     explored: Explored,
     chosen: FittedModel,
     id_: str,
-    made: tuple[Extension, ParameterSet, Optimum],
+    made: tuple[ExtendedModel, ParameterSet, Optimum],
 ) -> FoundEffect:
     written, parameters, fit = made
     named = fitted_parameters(parameters, fit)
-    over = bench.family.learned().get(id_, "")
+    over = bench.family.curves().get(id_, "")
     columns = [parameters.index(new) for _, new in written.names[id_]]
     within = bench.settings.structures.equivalence
     same = equivalents(explored, chosen, id_, within)
@@ -86,7 +86,7 @@ def _effect(
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
-        explored.price.of_term(id_), bench.family.summary(id_), dict(written.widths[id_]), over=over,
+        explored.price.of_term(id_), bench.family.describe(id_), dict(written.widths[id_]), over=over,
         odds=min(sum(r.odds for r in step.rivals if r.id in same), 1.0) if step is not None else None,
         curve=_learned(bench.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip
@@ -110,7 +110,7 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
     return found
 
 
-def _learned(basis: Basis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
+def _learned(basis: CurveBasis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
     """A curve at the fit, and how sure it is."""
     values = parameters.from_search(fit.coordinates)
     heights, scale = values[columns], parameters.jacobian(values)[columns]

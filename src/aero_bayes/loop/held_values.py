@@ -49,7 +49,7 @@ def doubts(cache: ModelCache, explored: Explored, chosen: FittedModel, settings:
     The slope by each says which are likely; these are fitted.
     """
     plain = cache.source.plain
-    held = held_in(cache.source.family.plain(), plain.parameters)
+    held = held_in(cache.source.family.base_model(), plain.parameters)
     if not held or not chosen.terms:
         return ()
     wider, found = cache.beside(held), list[Doubt]()

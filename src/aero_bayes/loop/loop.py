@@ -9,18 +9,18 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one, paths_of, several
+from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.fmu_family import FmuFamily
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.model_family import ModelFamily
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
 from aero_bayes.loop.conclude import checks_of, conclude
 from aero_bayes.loop.forecast import tell_time
@@ -86,10 +86,10 @@ def close_loop(
     >>> aero_bayes.close_loop(recording, test, model=model, settings=settings, workers=0)
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
-    train, test = several(train, Recording, "train"), several(test, Recording, "test")
+    train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
-    name, settings = _sources(model, one(settings or LoopSettings(), LoopSettings, "settings"))
+    name, settings = _sources(model, require_type(settings or LoopSettings(), LoopSettings, "settings"))
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     progress = progress or (lambda what, share: None)
@@ -97,7 +97,7 @@ def close_loop(
     with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
         folder = Path(out_dir) if out_dir is not None else scratch
         family = _family(name, settings.cache or folder / "fmu", settings)
-        known = [v.name for v in family.plain().outputs]
+        known = [v.name for v in family.base_model().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         result_cache = Checkpoint.at(checkpoint) or ResultCache()
         bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
@@ -122,8 +122,8 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     source = ModelSource(
         family, plain, base.fit.free, bench.open_objective, bench.open, settings.calibration.interpolation == "auto"
     )
-    cache, curves = ModelCache(source), tuple(family.learned())
-    library = Library(family.groups(), family.finer(), curves)
+    cache, curves = ModelCache(source), tuple(family.curves())
+    library = Library(family.candidate_groups(), family.refinements(), curves)
     fit = replace(settings.climb, floors=plain.floors)
     work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
     bench.progress("trying every term", 0.15)
@@ -168,14 +168,14 @@ def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, Lo
     return source.name, replace(settings, sources=tuple(files.values()), libraries=tuple(libraries.values()))
 
 
-def _family(model: str, folder: Path, settings: LoopSettings) -> Family:
+def _family(model: str, folder: Path, settings: LoopSettings) -> ModelFamily:
     """The model and its relatives."""
     require = settings.structures.require
-    narrowed = Narrowed(settings.effects, settings.exclude, settings.ports, settings.laws, require)
+    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, require)
     given = settings.sources, folder, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
-        family: RigFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
+        family: ModelicaFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
     else:
-        family = RigFamily(model, *given)
+        family = ModelicaFamily(model, *given)
     family.check()
     return family

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, reports_table
+from aero_bayes.check.residual_tests import ResidualReport, reports_by_recording
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.identifiability import Identifiability
@@ -21,9 +22,9 @@ from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import nearest, table_html
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
+from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
@@ -135,7 +136,7 @@ class LoopResult:
 
     def __getitem__(self, name: str) -> NewParameter:
         if name not in self.parameters:
-            raise InputError(f"no parameter {name!r}{nearest(str(name), self.parameters)}")
+            raise InputError(f"no parameter {name!r}{known_names_hint(str(name), self.parameters)}")
         return self.parameters[name]
 
     def export_fmu(self, path: Path | str) -> Path:
@@ -267,8 +268,8 @@ class LoopResult:
                 for s in self.shifts
             },
             "whiteness": {
-                "before": reports_table(self.residual_before),
-                "after": reports_table(self.residual_after),
+                "before": reports_by_recording(self.residual_before),
+                "after": reports_by_recording(self.residual_after),
             },
             "separate": list(self.separate),
             "story": list(self.story),

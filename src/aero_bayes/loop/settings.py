@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aero_bayes.arguments import names_of, paths_of
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.global_search import GlobalSearchSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
@@ -14,12 +15,11 @@ from aero_bayes.estimate.parameters import Override
 from aero_bayes.judge.checks import Check
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.settings import StructureSettings
-from aero_bayes.show import Settings
 from aero_bayes.simulation.interface import SolverSettings
 
 
 @dataclass(frozen=True, repr=False)
-class LoopSettings(Settings):
+class LoopSettings(SettingsDisplay):
     """How the loop works.
 
     Parameters

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
@@ -28,7 +29,6 @@ from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.show import listed, with_unit
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
 
@@ -73,12 +73,12 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         simulations=bench.tally.simulations,
         failures=bench.tally.failures,
         seconds=dict(bench.tally.seconds),
-        words={id_: bench.family.summary(id_) for id_ in sorted(rivals)},
+        words={id_: bench.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
         interpolation=conclusion.calibration.interpolation,
         recordings=bench.recordings,
-        plain=bench.family.plain(),
-        calibrated=_calibrated(bench.family.plain().source, conclusion, fitted),
+        plain=bench.family.base_model(),
+        calibrated=_calibrated(bench.family.base_model().source, conclusion, fitted),
     )
 
 
@@ -161,11 +161,11 @@ def _story(bench: Workbench, conclusion: Conclusion, sentence: str) -> tuple[str
 def _readings(bench: Workbench) -> str:
     """Which readings did what."""
     recordings = bench.recordings
-    fitted = listed([r.name for r in recordings.train])
+    fitted = join_names([r.name for r in recordings.train])
     if recordings.held_from:
         ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.held_from.items())
         return f"Fitted and chosen on the beginning of {fitted}; the end ({ends}) was looked at once, after the choice."
-    unseen = listed([r.name for r in recordings.test])
+    unseen = join_names([r.name for r in recordings.test])
     return f"Fitted and chosen on {fitted}; {unseen} was looked at once, after the choice."
 
 
@@ -207,7 +207,7 @@ def _separating_experiments(
     bench: Workbench, conclusion: Conclusion, classes: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
-    if not classes or bench.family.plain().declared.limits.input is None:
+    if not classes or bench.family.base_model().declared.limits.input is None:
         return ()
     chosen, (first, *others) = conclusion.chosen, classes[0]
     lines = []

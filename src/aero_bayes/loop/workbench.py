@@ -15,7 +15,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
-from aero_bayes.laws.family import Family
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
@@ -68,7 +68,7 @@ class Workbench:
     ``result_cache`` keeps the results of searches.
     """
 
-    family: Family
+    family: ModelFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool
@@ -80,7 +80,7 @@ class Workbench:
     @property
     def units(self) -> dict[str, str]:
         """Units of the model's outputs."""
-        return {v.name: v.unit for v in self.family.plain().outputs}
+        return {v.name: v.unit for v in self.family.base_model().outputs}
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
         """The fitted recordings held against a model; ``fixed`` goes before what the settings hold fixed."""

@@ -6,44 +6,44 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from aero_bayes.language.syntax import Expression, Name, children, names_in
-from aero_bayes.ports.equal_variables import EqualVariables, derived_names
-from aero_bayes.ports.port import DIFFERENCE_SIGN, KELVIN, Port
+from aero_bayes.ports.aliases import AliasStructure, derived_names
+from aero_bayes.ports.port import DIFFERENCE, KELVIN, Port
 from aero_bayes.ports.quantities import unit_in
-from aero_bayes.ports.relative_motion import differences, taken_apart
+from aero_bayes.ports.relative_motion import all_differences, differences_in
 
 
-def ambient_differences(s: EqualVariables, balances: Sequence[Port]) -> Iterator[Port]:
+def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two whose difference stands in the model, and for a temperature and every one that is fed in.
 
     What one storage stands against is there for all of its unit. A difference that only has a name, such as that of a
     set point, is no place of a motion.
     """
     fed = _fed(s)
-    apart = taken_apart(s)
+    apart = all_differences(s)
     levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
     around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
     acting = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _inside(s, side)}
     for port in balances:
-        if port.kind == "storage" and port.via in ("equation", "node"):
+        if port.kind == "storage" and port.attachment in ("equation", "node"):
             unit = port.units["h"]
             for cls, name in fed.items():
                 if (unit in KELVIN and unit_in(s, cls) == unit) or (cls, unit) in around:
                     yield replace(
                         port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": name}, neighbours=(),
                     )  # fmt: skip
-        elif port.kind == "motion" and port.via == "equation":
+        elif port.kind == "motion" and port.attachment == "equation":
             other = {
                 signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
                 for signal, own in port.signals.items()
             }
-            signals = {n: f"{port.signals[n]}{DIFFERENCE_SIGN}{name}" for n, name in other.items() if name}
+            signals = {n: f"{port.signals[n]}{DIFFERENCE}{name}" for n, name in other.items() if name}
             if signals:
                 units = {n: unit for n, unit in port.units.items() if n in (*signals, "f")}
                 name = other.get("v") or other["x"]
                 yield replace(port, id=f"{port.id}-{name}", signals=signals, units=units, neighbours=())
 
 
-def _fed(s: EqualVariables) -> dict[str, str]:
+def _fed(s: AliasStructure) -> dict[str, str]:
     """Classes of equal variables that inputs alone give, and the name of each with the fewest dots."""
     seen = {n for n, v in s.variables.items() if n in s.same and "[" not in n and not (v.protected and "." in n)}
     found = {s.of(n): n for n, v in s.variables.items() if v.causality == "input" and "." not in n and n in seen}
@@ -63,7 +63,7 @@ def _fed(s: EqualVariables) -> dict[str, str]:
     return found
 
 
-def _inside(s: EqualVariables, tree: Expression) -> Iterator[frozenset[str]]:
+def _inside(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference is a part of an expression and not all of it."""
     for inner in children(tree):
-        yield from differences(s, inner)
+        yield from differences_in(s, inner)

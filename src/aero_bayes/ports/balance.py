@@ -1,190 +1,136 @@
-"""Where a term that opposes a change enters a balance equation, as it is written."""
+"""Where an opposing term enters an equation of a flat model, by the same rule as in its source, and its unit there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.dimensions import Dimension, dimension, has_number
-from aero_bayes.language.edits import TextEdit
+from aero_bayes.export.compose import attribute_value
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.language.dimensions import Dimension, dimension_of_unit, unit_text, without_angle
 from aero_bayes.language.syntax import (
-    DIVIDES,
     Array,
     Call,
     Expression,
-    If,
     Name,
-    factors,
-    names_in,
-    show,
-    summands,
+    Number,
+    map_names,
+    parse_reference,
+    short_text,
     walk,
 )
-from aero_bayes.language.values import BOOLEAN, OPERATORS, evaluate
+from aero_bayes.ports.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
+from aero_bayes.ports.scalar_equations import substituted
 
-Driver = Callable[[Expression], bool]
-Factors = tuple[tuple[str, Expression], ...]
-#: Of a vector equation: the number of a row, from one, and of how many.
-RowIndex = tuple[int, int]
-#: Largest number of rows of a vector that is written out.
-MAX_WRITTEN_ROWS = 6
+#: Where an opposing term stands in what the residual of a vector equation grows by.
+TERM = Name("")
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A sum of terms on one side of an equation, and the sign (1 or -1) with which an opposing term is appended to it.
+class Balance:
+    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit.
 
-    ``factors`` are what multiplies the sum on its side, with their operators; ``side`` is 1 on the left, -1 on the
-    right. ``like`` are the terms that the new one stands beside. ``row`` is given where the sum is one of vectors,
-    ``loop`` where it stands in a loop: the variable, and its value where the term is to be.
+    Of a vector equation it is the ``row`` that grows, and ``scale`` is all that is added, with the term as ``TERM``;
+    ``beside`` are the terms, numbers, that it stands beside. ``state`` is the one that a balance drives.
     """
 
-    group: Expression
-    sign: int
-    side: int
-    like: tuple[Expression, ...]
-    factors: Factors = ()
+    equation: int
+    scale: Expression
+    unit: str = ""
     row: RowIndex | None = None
-    loop: tuple[str, int] | None = None
+    beside: tuple[Expression, ...] = ()
+    state: str = ""
 
-    def insert(self, text: str, sign: int = 1) -> list[TextEdit]:
-        """Append ``text`` so that it opposes, or with ``sign`` -1 so that it drives."""
-        (start, end), wrap = self.group.span, _binds_less(self.group)
-        operator = "+" if self.sign * sign > 0 else "-"
-        opening = [TextEdit(start, start, "(")] if wrap else []
-        text = in_vector(text, self.row) if self.row else text
-        text = f"(if {self.loop[0]} == {self.loop[1]} then {text} else 0)" if self.loop else text
-        return [*opening, TextEdit(end, end, f"{')' if wrap else ''} {operator} {text}")]
-
-    def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Expression] = ()) -> Dimension | None:
-        """Unit of its terms, from the first one whose names all have one; a plain name before a product.
-
-        A number may have a unit that nobody wrote, such as 9.81: terms without one come first, then those of the
-        equation's sides, where nothing multiplies the sum.
-        """
-        others = [] if self.factors else [t for s in sides for _, t in summands(s)]
-        terms = [*self.like, *(t for t in others if not has_number(t))]
-        ordered = sorted(terms, key=lambda t: (has_number(t), not isinstance(t, Name)))
-        return next((d for t in ordered if (d := dimension(t, of)) is not None), None)
+    def added(self, term: Expression) -> Expression:
+        """What the residual grows by."""
+        if self.row is None:
+            return Call("*", (self.scale, term))
+        return map_names(self.scale, lambda n: term if n == TERM else n)
 
 
-def in_vector(text: str, row: RowIndex) -> str:
-    """A vector that is zero but for one row."""
-    k, of = row
-    if of > MAX_WRITTEN_ROWS:
-        return f"{{if row_k == {k} then {text} else 0 for row_k in 1:{of}}}"
-    return f"{{{', '.join(text if i == k else '0' for i in range(1, of + 1))}}}"
-
-
-def entry_of(
-    sides: tuple[Expression, Expression],
+def find_balance(
+    flat: FlatModel,
+    equation: int,
     driver: Driver,
-    *,
-    constants: frozenset[str],
     values: Mapping[str, float],
+    units: Mapping[str, str],
     row: RowIndex | None = None,
-) -> Entry | None:
-    """Find where an opposing term enters an equation.
+) -> Balance | None:
+    """Where an opposing term enters; None where the driver is not there, or not linearly.
 
-    Parameters
-    ----------
-    sides : tuple of Expression
-        Left and right.
-    driver : callable
-        Whether a part is what the balance drives, such as ``der(v)``.
-    constants : frozenset of str
-        Names that do not change: ``der(v) = (u - d * v) / m`` takes the term into the parentheses.
-    values : mapping
-        Numbers of parameters, for the sign of a factor; positive where missing.
-    row : tuple of int, optional
-        Of a vector equation. Where a side is written element by element, the term enters that element.
-
-    Returns
-    -------
-    Entry or None
-        None where the equation does not contain the driver, or not linearly.
+    ``row`` is the one of a vector equation.
     """
-    rows = [None if row is not None and isinstance(s, Array) else row for s in sides]
+    e = flat.equations[equation]
+    sides = e.left, e.right
+    constants = frozenset(v.name for v in flat.variables if v.constant)
+    entry = find_insertion_point(sides, driver, constants=constants, values=values, row=row)
+    if entry is None:
+        return None
     if row is not None:
-        sides = row_of(sides[0], row), row_of(sides[1], row)
-    signs = [_sign_of(side, driver, values) for side in sides]
-    if (signs[0] is None) == (signs[1] is None):
-        return None
-    side = 1 if signs[0] is not None else -1
-    own, other = sides if side > 0 else sides[::-1]
-    own_row, other_row = rows if side > 0 else rows[::-1]
-    sign = signs[0] if signs[0] is not None else signs[1]
-    assert sign is not None
-    if len(summands(own)) > 1:
-        return Entry(own, sign, side, _terms(own), (), own_row)
-    inner = None
-    if driver(summands(own)[0][1]):
-        inner = _solved(other) if other_row else None
-        inner = inner or _numerator(other, constants)
-    if inner is not None:
-        group, around = inner
-        scale = _product_sign([t for _, t in around], values)
-        return Entry(group, -sign * scale, -side, _terms(group), around, other_row)
-    return Entry(other, -sign, -side, (*_terms(other), own), (), other_row)
+        items = element_of_row(sides[0], row), element_of_row(sides[1], row)
+        # the terms of a side that is written element by element are numbers
+        numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in walk(item)}
+        one = _unit_vector(row, Number(1.0))
+        beside = tuple(t if id(t) in numbers else Call("*", (one, t)) for t in entry.like)
+        return _in_row(flat, equation, entry, row, _unit(entry, items, units), beside)
+    scale: Expression = Number(float(entry.sign * entry.side))
+    for operator, factor in entry.factors:
+        scale = Call(operator, (scale, factor))
+    return Balance(
+        equation,
+        map_names(scale, lambda n: parse_reference(n.name) if not n.subscripts else n),
+        _unit(entry, sides, units),
+    )
 
 
-def _binds_less(tree: Expression) -> bool:
-    """Whether an expression needs parentheses in a sum."""
-    return isinstance(tree, If) or (isinstance(tree, Call) and OPERATORS.get(tree.function, tree.function) in BOOLEAN)
+def _in_row(
+    flat: FlatModel, equation: int, entry: InsertionPoint, row: RowIndex, unit: str, beside: tuple[Expression, ...]
+) -> Balance:
+    e = flat.equations[equation]
+    whole = e.left if entry.side > 0 else e.right
+    if entry.row is None:
+        # the side is written element by element
+        item = whole.items[row[0] - 1] if isinstance(whole, Array) else whole
+        scale = _unit_vector(row, substituted(item, entry.group, TERM))
+    else:
+        scale = substituted(whole, entry.group, _unit_vector(row, TERM))
+    signed = scale if entry.sign * entry.side > 0 else Call("neg", (scale,))
+    return Balance(equation, signed, unit, row, beside)
 
 
-def row_of(side: Expression, row: RowIndex) -> Expression:
-    """The row of a side that is written element by element; any other side as it is."""
-    return side.items[row[0] - 1] if isinstance(side, Array) and len(side.items) == row[1] else side
+def _unit_vector(row: RowIndex, item: Expression) -> Expression:
+    return Array(tuple(item if k + 1 == row[0] else Number(0.0) for k in range(row[1])))
 
 
-def _solved(tree: Expression) -> tuple[Expression, Factors] | None:
-    """What ``solve(M, b)`` makes equal to ``M * x``, and its matrix as a factor."""
-    match tree:
-        case Call(function, (matrix, right)) if function.rpartition(".")[2] == "solve":
-            return right, (("*", matrix),)
-    return None
+def parameter_values(flat: FlatModel) -> dict[str, float]:
+    """Numbers of the parameters that have one."""
+    found = {}
+    for v in flat.variables:
+        if v.constant and not v.sizes and v.type == "Real":
+            try:
+                found[v.name] = attribute_value(flat, v.name, "value")
+            except InputError:
+                continue
+    return found
 
 
-def _terms(tree: Expression) -> tuple[Expression, ...]:
-    return tuple(t for _, t in summands(tree))
+def _unit(entry: InsertionPoint, sides: tuple[Expression, Expression], units: Mapping[str, str]) -> str:
+    """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
 
+    def unit_of(name: str) -> str:
+        # elements of an array have its unit
+        return units.get(name) or units.get(name.partition("[")[0], "")
 
-def _sign_of(tree: Expression, driver: Driver, values: Mapping[str, float]) -> int | None:
-    """Sign of the coefficient of the driver; None where it does not occur, or not as a plain factor of a term."""
-    if driver(tree):
-        return 1
-    terms = [(1, item) for item in tree.items] if isinstance(tree, Array) else summands(tree)
-    if terms != [(1, tree)]:
-        signs = ((sign, _sign_of(t, driver, values)) for sign, t in terms)
-        return next((sign * found for sign, found in signs if found is not None), None)
-    parts = factors(tree)
-    for k, (operator, part) in enumerate(parts if len(parts) > 1 else ()):
-        found = _sign_of(part, driver, values)
-        if found is not None and operator not in DIVIDES:
-            return found * _product_sign([p for i, (_, p) in enumerate(parts) if i != k], values)
-    return None
+    for term in entry.like:
+        if isinstance(term, Name) and unit_of(short_text(term)):
+            return unit_of(short_text(term))
 
+    def of(name: str) -> Dimension | None:
+        return dimension_of_unit(unit_of(name))
 
-def _product_sign(trees: Sequence[Expression], values: Mapping[str, float]) -> int:
-    sign = 1
-    for t in trees:
-        known = {name: values.get(name, 1.0) for n in walk(t) if isinstance(n, Name) for name in [show(n)]}
-        try:
-            sign *= -1 if evaluate(t, known) < 0.0 else 1
-        except (InputError, ArithmeticError, ValueError, TypeError):
-            continue
-    return sign
-
-
-def _numerator(tree: Expression, constants: frozenset[str]) -> tuple[Expression, Factors] | None:
-    """The one sum in parentheses of a product whose other factors are constant, and those with their operators."""
-    parts = factors(tree)
-    changing = [k for k, (_, f) in enumerate(parts) if isinstance(f, If) or not names_in(f) <= constants]
-    if len(parts) == 1 or len(changing) != 1:
-        return None
-    operator, group = parts[changing[0]]
-    if operator in DIVIDES or len(summands(group)) == 1:
-        return None
-    return group, tuple(part for k, part in enumerate(parts) if k != changing[0])
+    found = entry.dimension(of, sides)
+    if found is None:
+        return ""
+    mechanical = "kg" in found and "rad" in found
+    return unit_text(without_angle(found) if mechanical else found)

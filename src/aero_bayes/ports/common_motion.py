@@ -8,16 +8,16 @@ from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Name, names_in, summands
 
 #: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
-Together = Mapping[str, tuple[str, int]]
+SignedRepresentatives = Mapping[str, tuple[str, int]]
 
 
-class Signed:
+class SignedUnionFind:
     """Classes of names that equal each other but for their sign."""
 
     def __init__(self) -> None:
         self._above: dict[str, tuple[str, int]] = {}
 
-    def root(self, name: str) -> tuple[str, int]:
+    def find(self, name: str) -> tuple[str, int]:
         """Representative of a name, and its sign beside it."""
         sign = 1
         while name in self._above:
@@ -25,14 +25,14 @@ class Signed:
             sign *= flip
         return name, sign
 
-    def put(self, gone: str, kept: str, sign: int) -> None:
+    def union(self, gone: str, kept: str, sign: int) -> None:
         """From now on one representative is another one, or its negative."""
         self._above[gone] = kept, sign
 
 
 def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
     """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
-    known = Signed()
+    known = SignedUnionFind()
     sums = [s for e in equations if (s := _sum(e, free)) is not None]
     grown = True
     while grown:
@@ -40,20 +40,20 @@ def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) ->
         for terms in sums:
             left: dict[str, int] = {}
             for sign, name in terms:
-                base, flip = known.root(name)
+                base, flip = known.find(name)
                 left[base] = left.get(base, 0) + sign * flip
             moving = [(name, k) for name, k in left.items() if name and k]
             if len(moving) == 1:
-                known.put(moving[0][0], "", 1)
+                known.union(moving[0][0], "", 1)
                 grown = True
             elif len(moving) == 2 and {abs(k) for _, k in moving} == {1}:
                 (one, k), (two, m) = moving
-                known.put(two, one, -k * m)
+                known.union(two, one, -k * m)
                 grown = True
-    return {name: known.root(name) for name in free}
+    return {name: known.find(name) for name in free}
 
 
-def distances(equations: Sequence[FlatEquation], moving: Together) -> dict[str, frozenset[str]]:
+def distances(equations: Sequence[FlatEquation], moving: SignedRepresentatives) -> dict[str, frozenset[str]]:
     """Between which two each variable that stands alone in an equation is the distance, or the sum, of two others."""
     found: dict[str, frozenset[str]] = {}
     for e in equations:

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Expression, Name, Number, names_in, summands
-from aero_bayes.ports.equal_variables import EqualVariables, derived_in
+from aero_bayes.ports.aliases import AliasStructure, derived_in
+from aero_bayes.ports.balance import Balance
 from aero_bayes.ports.port import Port
 from aero_bayes.ports.quantities import is_current, kind_of, owner_of, signals_of, unit_in, units_of
-from aero_bayes.ports.residual import Entrance
 
 
-def _sets(s: EqualVariables) -> Iterator[tuple[int, list[str]]]:
+def _flow_sums(s: AliasStructure) -> Iterator[tuple[int, list[str]]]:
     """Sums of flows at connections of the model's own class, by the names of the flows."""
     flow = {v.name for v in s.flat.variables if v.flow}
     for i, e in enumerate(s.flat.equations):
@@ -27,17 +27,17 @@ def _sum_names(tree: Expression) -> list[str]:
     return [t.name for _, t in summands(tree) if isinstance(t, Name)]
 
 
-def _potential(s: EqualVariables, connector: str) -> str:
+def _potential(s: AliasStructure, connector: str) -> str:
     """The one variable of a connector that is no flow, without the connector's name; empty where there are more."""
     inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
     return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
 
 
-def node(s: EqualVariables, state: str, position: str) -> Port | None:
+def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
     """A node whose potential is the state or its position; the one at the component that has the state comes first."""
     owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
-    for i, flows in _sets(s):
+    for i, flows in _flow_sums(s):
         connectors = [f.rpartition(".")[0] for f in flows]
         potential = _potential(s, connectors[0])
         end = f"{connectors[0]}.{potential}"
@@ -59,32 +59,32 @@ def node(s: EqualVariables, state: str, position: str) -> Port | None:
     signals = signals_of(kind, state, position)
     return Port(
         connectors[0], kind, "node", v.unit, units_of(s, kind, signals, v.unit), s.variables[state].place,
-        (position, state) if position else (state,), signals, Entrance(s.origins[index][0], Number(1.0), v.unit),
+        (position, state) if position else (state,), signals, Balance(s.origins[index][0], Number(1.0), v.unit),
         tuple(connectors), name, potential,
     )  # fmt: skip
 
 
-def joined(s: EqualVariables, one: Port, other: Port) -> set[str]:
+def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]:
     """Components with a connector at each of two nodes and no balance of their own at either."""
     both: list[set[str]] = []
     for port in (one, other):
         motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]
-        ends = (flow.rpartition(".")[0] for _, flows in _sets(s) for flow in flows)
-        both.append({owner_of(s, f"{c}.{port.flow}") for c in ends if _moves(s, c, port.potential) == motion})
+        ends = (flow.rpartition(".")[0] for _, flows in _flow_sums(s) for flow in flows)
+        both.append({owner_of(s, f"{c}.{port.flow}") for c in ends if _motion_of(s, c, port.potential) == motion})
     return set.intersection(*both) - {owner_of(s, x) for p in (one, other) for x in p.states}
 
 
-def _moves(s: EqualVariables, connector: str, potential: str) -> str:
+def _motion_of(s: AliasStructure, connector: str, potential: str) -> str:
     """What a connector's potential moves with; empty where it has none of that name."""
     return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
 
 
-def series(s: EqualVariables, state: str) -> Port | None:
+def series_port(s: AliasStructure, state: str) -> Port | None:
     """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
     if not is_current(s, state):
         return None
     owner = owner_of(s, state) + "."
-    pairs = [flows for _, flows in _sets(s) if len(flows) == 2 and s.of(flows[0]) == state]
+    pairs = [flows for _, flows in _flow_sums(s) if len(flows) == 2 and s.of(flows[0]) == state]
     for flows in sorted(pairs, key=lambda f: not any(n.startswith(owner) for n in f)):
         connectors = [f.rpartition(".")[0] for f in flows]
         ends = {f"{c}.{_potential(s, connectors[0])}" for c in connectors}
@@ -93,23 +93,23 @@ def series(s: EqualVariables, state: str) -> Port | None:
                 left = e.left.name.rpartition(".")[0]
                 right = next(c for c in connectors if c != left)
                 own = next((c for c in connectors if c.startswith(owner)), left)
-                return _drop(s, state, own, (left, right), flows[0].rpartition(".")[2])
+                return _series_port_at(s, state, own, (left, right), flows[0].rpartition(".")[2])
     return None
 
 
-def beside_storage(s: EqualVariables, state: str) -> Port | None:
+def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
     """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
     owner = owner_of(s, state) + "."
     if unit_in(s, state) != "V":
         return None
-    pins = [(f, flows) for _, flows in _sets(s) for f in flows if f.startswith(owner) and len(flows) > 1]
-    return _drop_at(s, state, pins) if pins else None
+    pins = [(f, flows) for _, flows in _flow_sums(s) for f in flows if f.startswith(owner) and len(flows) > 1]
+    return _series_port_before_pin(s, state, pins) if pins else None
 
 
-def in_branches(s: EqualVariables, taken: Iterable[Port]) -> Iterator[Port]:
+def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
     """Pins of components that pass a current by their own voltage, a resistor's: one in each branch without a port."""
     seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
-    sets = [flows for _, flows in _sets(s) if len(flows) > 1]
+    sets = [flows for _, flows in _flow_sums(s) if len(flows) > 1]
     for i, e in enumerate(s.flat.equations):
         names = names_in(e.left) | names_in(e.right)
         currents = {s.of(n) for n in names if n in s.same and unit_in(s, s.of(n)) == "A"}
@@ -121,31 +121,31 @@ def in_branches(s: EqualVariables, taken: Iterable[Port]) -> Iterator[Port]:
         if pins and s.moving[current][0] not in seen:
             seen.add(s.moving[current][0])
             at = next(n for n in sorted(names) if n in s.same and s.of(n) == current)
-            yield replace(_drop_at(s, "", pins), place=s.variables[at].place)
+            yield replace(_series_port_before_pin(s, "", pins), place=s.variables[at].place)
 
 
-def _drop_at(s: EqualVariables, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
+def _series_port_before_pin(s: AliasStructure, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
     """A port before the pin that is declared first, of some with the sums of flows that they are in."""
     order = list(s.variables)
     flow, flows = min(pins, key=lambda one: order.index(one[0]))
     pin, name = flow.rpartition(".")[::2]
     other = next(f for f in flows if f != flow).rpartition(".")[0]
-    return _drop(s, state, pin, (other, pin), name)
+    return _series_port_at(s, state, pin, (other, pin), name)
 
 
-def _drop(s: EqualVariables, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
+def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
     """A port before the second of two connectors; what flows into that is what a law is given."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"
-    at = next(i for i, e in enumerate(s.flat.equations) if _joins(e, end))
+    at = next(i for i, e in enumerate(s.flat.equations) if _connects_to(e, end))
     unit, signals = s.variables[end].unit, {"i": f"{connectors[1]}.{flow}"}
     place = s.variables[state or signals["i"]].place
     return Port(
         own, "electrical", "series", unit, units_of(s, "electrical", signals, unit), place,
-        (state,) if state else (), signals, Entrance(s.origins[at][0], Number(-1.0), unit), connectors, flow,
+        (state,) if state else (), signals, Balance(s.origins[at][0], Number(-1.0), unit), connectors, flow,
         potential,
     )  # fmt: skip
 
 
-def _joins(e: FlatEquation, end: str) -> bool:
+def _connects_to(e: FlatEquation, end: str) -> bool:
     return e.origin == "connection" and end in names_in(e.left) | names_in(e.right)

@@ -8,31 +8,31 @@ from dataclasses import dataclass, replace
 from aero_bayes.errors import InputError
 from aero_bayes.export.causalise import causalise
 from aero_bayes.export.compose import add_output
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.export.translate import translate
 from aero_bayes.language.classes import snake_case
 from aero_bayes.language.dimensions import dimension_of_unit
-from aero_bayes.language.syntax import Call, Expression, Name, names_in, reference, show
+from aero_bayes.language.syntax import Call, Expression, Name, names_in, parse_reference, short_text
+from aero_bayes.ports.aliases import AliasStructure, alias_structure, derived_names
 from aero_bayes.ports.ambient import ambient_differences
-from aero_bayes.ports.balance import Driver
-from aero_bayes.ports.connections import beside_storage, in_branches, node, series
-from aero_bayes.ports.equal_variables import EqualVariables, derived_names, structure_of
+from aero_bayes.ports.balance import Balance, find_balance, parameter_values
+from aero_bayes.ports.connections import branch_ports, node_port, series_port, storage_pin_port
+from aero_bayes.ports.insertion_point import Driver
+from aero_bayes.ports.internal_signals import connected_inputs, internal_signals
 from aero_bayes.ports.port import Port, PortKind
 from aero_bayes.ports.quantities import (
     SPEEDS,
     is_current,
+    is_prescribed,
+    is_relative_motion,
     kind_of,
     owner_of,
-    prescribed,
-    relative,
     signals_of,
     unit_in,
     units_of,
 )
 from aero_bayes.ports.relative_motion import relative_motions
-from aero_bayes.ports.replaceable import Replaceable
-from aero_bayes.ports.residual import Entrance, entrance_of, parameter_values
-from aero_bayes.ports.signals import connected, inner_signals
+from aero_bayes.ports.replaceable import ReplaceableModel
 
 
 def find_ports(flat: FlatModel) -> list[Port]:
@@ -41,18 +41,18 @@ def find_ports(flat: FlatModel) -> list[Port]:
     A state is reached by a balance or a connection of the model's own class; only where there is none, by the balance
     inside a component.
     """
-    s = structure_of(flat)
+    s = alias_structure(flat)
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
     balances = list(_balances(s, flat))
-    balances += in_branches(s, balances)
-    nodes = {p.id for p in balances if p.via == "node"}
-    balances = [replace(p, id=f"series_{p.id}") if p.via == "series" and p.id in nodes else p for p in balances]
+    balances += branch_ports(s, balances)
+    nodes = {p.id for p in balances if p.attachment == "node"}
+    balances = [replace(p, id=f"series_{p.id}") if p.attachment == "series" and p.id in nodes else p for p in balances]
     taken = {p.id for p in balances}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
     ports = [*_inputs(s), *outputs, *balances]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
     return [
-        *ports, *inner_signals(s, flat), *connected(s, flat), *relative_motions(s, balances),
+        *ports, *internal_signals(s, flat), *connected_inputs(s, flat), *relative_motions(s, balances),
         *ambient_differences(s, balances),
     ]  # fmt: skip
 
@@ -61,13 +61,13 @@ def _top(v: FlatVariable, causality: str) -> bool:
     return v.causality == causality and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
 
 
-def _inputs(s: EqualVariables) -> Iterator[Port]:
+def _inputs(s: AliasStructure) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "input"):
             yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
 
 
-def _outputs(s: EqualVariables, rated: Collection[str]) -> Iterator[Port]:
+def _outputs(s: AliasStructure, rated: Collection[str]) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "output"):
             own = s.of(v.name)
@@ -81,7 +81,7 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     """Outputs whose rate the model gives; that of one which an input acts on at once is not known."""
     wider = flat
     for n, name in enumerate(outputs):
-        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (reference(name),)))
+        wider = add_output(wider, f"rate_of_output_{n}", Call("der", (parse_reference(name),)))
     try:
         causalise(translate(wider))
     except InputError:
@@ -89,23 +89,23 @@ def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
     return set(outputs)
 
 
-def _balances(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
+def _balances(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
     positions = {x: r for x, r in s.rates.items() if r in s.states}
     driven = [x for x in s.states if x not in positions or is_current(s, positions[x])]
-    driven = [x for x in driven if not prescribed(s, x) and not _again(s, x, positions)]
+    driven = [x for x in driven if not is_prescribed(s, x) and not _again(s, x, positions)]
     own, inner = (_assigned(s, flat, driven, inside=inside) for inside in (False, True))
     for state in driven:
         known, owner = [x for x, r in positions.items() if r == state], owner_of(s, state)
         position = next((x for x in known if owner_of(s, x) == owner), next(iter(known), ""))
         found = (
-            series(s, state)
+            series_port(s, state)
             or _equation(s, state, position, own.get(state))
-            or node(s, state, position)
+            or node_port(s, state, position)
             or _equation(s, state, position, inner.get(state))
         )
         if found is not None:
             yield found
-            drop = beside_storage(s, state) if found.kind == "storage" else None
+            drop = storage_pin_port(s, state) if found.kind == "storage" else None
             if drop is not None:
                 yield drop
 
@@ -114,14 +114,14 @@ def _balances(s: EqualVariables, flat: FlatModel) -> Iterator[Port]:
 
 
 @dataclass(frozen=True)
-class _Balance:
-    """An equation among those of the structure, and where a term enters it."""
+class _BalanceOption:
+    """An equation that may be the balance of a state, by its index among those of the structure."""
 
     index: int
-    entrance: Entrance
+    balance: Balance
 
 
-def _assigned(s: EqualVariables, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _Balance]:
+def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _BalanceOption]:
     """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
 
     Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant, the rows of
@@ -130,35 +130,35 @@ def _assigned(s: EqualVariables, flat: FlatModel, states: Sequence[str], *, insi
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
     flow = {v.name for v in s.flat.variables if v.flow}
-    options: dict[str, list[_Balance]] = {}
+    options: dict[str, list[_BalanceOption]] = {}
     places = _rows_of(s, states)
     for state in states:
-        found: list[tuple[bool, bool, _Balance]] = []
+        found: list[tuple[bool, bool, _BalanceOption]] = []
         for index, driver in _drivers(s, state):
             e = s.flat.equations[index]
             names = names_in(e.left) | names_in(e.right)
             stated = bool(e.component) is inside and e.origin in ("component", "binding")
             kinematic = _kinematic(s, state, names) or (inside and index in s.plain)
-            if inside and relative(s, state):
+            if inside and is_relative_motion(s, state):
                 kinematic = index in s.plain or not _other_than_speeds(s, names)
             if not stated or kinematic or (names & flow and not inside):
                 continue
             equation, row, of = s.origins[index]
             within = (flat, equation) if row else (s.flat, index)
-            entrance = entrance_of(*within, is_driver(driver, whole=row > 0), values, units, (row, of) if row else None)
-            if entrance is not None:
+            balance = find_balance(*within, is_driver(driver, whole=row > 0), values, units, (row, of) if row else None)
+            if balance is not None:
                 away = row > 0 and places.get((equation, state)) != row
-                balance = _Balance(index, replace(entrance, equation=equation, state=state))
-                found.append((away, not _constant_factor(s, e, driver), balance))
-        options[state] = [balance for *_, balance in sorted(found, key=lambda f: f[:2])]
+                option = _BalanceOption(index, replace(balance, equation=equation, state=state))
+                found.append((away, not _constant_factor(s, e, driver), option))
+        options[state] = [option for *_, option in sorted(found, key=lambda f: f[:2])]
     taken: dict[int, str] = {}
 
     def place(state: str, tried: set[int]) -> bool:
-        for balance in options[state]:
-            if balance.index not in tried:
-                tried.add(balance.index)
-                if balance.index not in taken or place(taken[balance.index], tried):
-                    taken[balance.index] = state
+        for option in options[state]:
+            if option.index not in tried:
+                tried.add(option.index)
+                if option.index not in taken or place(taken[option.index], tried):
+                    taken[option.index] = state
                     return True
         return False
 
@@ -167,7 +167,7 @@ def _assigned(s: EqualVariables, flat: FlatModel, states: Sequence[str], *, insi
     return {x: next(o for o in options[x] if o.index == index) for index, x in taken.items()}
 
 
-def _rows_of(s: EqualVariables, states: Sequence[str]) -> dict[tuple[int, str], int]:
+def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
     """The row of a vector equation that is a state's own: the first for the first of its states, and so on."""
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
@@ -183,22 +183,22 @@ def _driving(e: FlatEquation) -> set[str]:
     return {n for side in sides for n in (*names_in(side), *(f"der({x})" for x in derived_names(side)))}
 
 
-def _again(s: EqualVariables, state: str, positions: Collection[str]) -> bool:
+def _again(s: AliasStructure, state: str, positions: Collection[str]) -> bool:
     """Whether a relative motion is that of something with a balance of its own, or an earlier one once more."""
-    if not relative(s, state):
+    if not is_relative_motion(s, state):
         return False
     if s.moving[state][0] in {s.moving[x][0] for x in positions}:
         return True
-    earlier = [x for x in s.states[: s.states.index(state)] if relative(s, x)]
+    earlier = [x for x in s.states[: s.states.index(state)] if is_relative_motion(s, x)]
     return any(s.apart.get(x, x) == s.apart.get(state, state) for x in earlier)
 
 
-def _other_than_speeds(s: EqualVariables, names: set[str]) -> bool:
+def _other_than_speeds(s: AliasStructure, names: set[str]) -> bool:
     varying = [n for n in names if n in s.variables and not s.variables[n].constant]
     return any(dimension_of_unit(unit_in(s, s.of(n))) not in SPEEDS for n in varying)
 
 
-def _kinematic(s: EqualVariables, state: str, names: set[str]) -> bool:
+def _kinematic(s: AliasStructure, state: str, names: set[str]) -> bool:
     """Whether an equation only says how an angle or a displacement follows from a speed."""
     unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
@@ -206,7 +206,7 @@ def _kinematic(s: EqualVariables, state: str, names: set[str]) -> bool:
     return unit == "rad" or (unit == "m" and bool(varying) and speeds)
 
 
-def _constant_factor(s: EqualVariables, e: FlatEquation, driver: str) -> bool:
+def _constant_factor(s: AliasStructure, e: FlatEquation, driver: str) -> bool:
     """Whether a driver stands in an equation with nothing but constants as factors."""
 
     def factors(tree: Expression) -> set[str]:
@@ -218,23 +218,23 @@ def _constant_factor(s: EqualVariables, e: FlatEquation, driver: str) -> bool:
     return all(s.variables[n].constant for n in factors(side) if n in s.variables)
 
 
-def _equation(s: EqualVariables, state: str, position: str, balance: _Balance | None) -> Port | None:
-    if balance is None:
+def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOption | None) -> Port | None:
+    if option is None:
         return None
-    e, entrance = s.flat.equations[balance.index], balance.entrance
+    e, balance = s.flat.equations[option.index], option.balance
     own = _own_name(s, state)
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
-    if relative(s, state):
+    if is_relative_motion(s, state):
         kind, signals = "motion", {"x": own, "v": s.rates[state]}
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
-        own, kind, "equation", entrance.unit, units_of(s, kind, signals, entrance.unit), e.place,
-        tuple(_own_name(s, x) for x in states), signals, entrance,
+        own, kind, "equation", balance.unit, units_of(s, kind, signals, balance.unit), e.place,
+        tuple(_own_name(s, x) for x in states), signals, balance,
     )  # fmt: skip
 
 
-def driver_names(s: EqualVariables, state: str) -> list[str]:
+def driver_names(s: AliasStructure, state: str) -> list[str]:
     """What a balance drives: the derivative of a state, or a variable that equals it."""
     rate = s.rates.get(s.of(state))
     names = [f"der({n})" for n in s.members(s.of(state))]
@@ -250,15 +250,15 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
     def found(t: Expression) -> bool:
         match t:
             case Name():
-                return same(show(t), name)
+                return same(short_text(t), name)
             case Call("der", (Name() as inner,)):
-                return name.startswith("der(") and same(show(inner), name[4:-1])
+                return name.startswith("der(") and same(short_text(inner), name[4:-1])
         return False
 
     return found
 
 
-def _drivers(s: EqualVariables, state: str) -> Iterator[tuple[int, str]]:
+def _drivers(s: AliasStructure, state: str) -> Iterator[tuple[int, str]]:
     """Equations that may be the balance of a state, with what they drive: its derivative, or a name for that."""
     wanted = driver_names(s, state)
     late: list[tuple[int, str]] = []
@@ -268,7 +268,7 @@ def _drivers(s: EqualVariables, state: str) -> Iterator[tuple[int, str]]:
                 # an equation that says only der(x) = rate is the balance where no other one has the rate
                 if i in s.plain:
                     late.append((i, driver))
-                elif driver.startswith("der(") or relative(s, state) or _gives(e, driver):
+                elif driver.startswith("der(") or is_relative_motion(s, state) or _gives(e, driver):
                     yield i, driver
     yield from late
 
@@ -284,7 +284,7 @@ def _holds(tree: Expression, driver: str) -> bool:
     return driver[4:-1] in derived_names(tree) if driver.startswith("der(") else driver in names_in(tree)
 
 
-def _own_name(s: EqualVariables, state: str) -> str:
+def _own_name(s: AliasStructure, state: str) -> str:
     """The name of a state in the model's own class, where it has one there that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 
@@ -297,7 +297,7 @@ def _alike(one: str, other: str) -> bool:
 def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
     if port.kind != "storage":
         return ()
-    others = [p for p in ports if p.kind == "storage" and p.id != port.id and p.via == port.via]
+    others = [p for p in ports if p.kind == "storage" and p.id != port.id and p.attachment == port.attachment]
     others = [p for p in others if _alike(p.units["h"], port.units["h"]) and _alike(p.unit, port.unit)]
     others.sort(
         key=lambda p: (
@@ -308,7 +308,7 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
     return tuple(p.id for p in others)
 
 
-def replaceable_ports(found: Sequence[Replaceable], names: Mapping[str, str]) -> tuple[Port, ...]:
+def replaceable_ports(found: Sequence[ReplaceableModel], names: Mapping[str, str]) -> tuple[Port, ...]:
     """A port for each replaceable model: by the name that it is given, unless several share that, or in snake case."""
     own = [snake_case(one.name) for one in found]
     given = [names.get(name, name) for name in own]

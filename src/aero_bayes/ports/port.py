@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.language.syntax import Call, Expression, reference
-from aero_bayes.language.tokens import Place
-from aero_bayes.ports.replaceable import Replaceable
-from aero_bayes.ports.residual import Entrance
+from aero_bayes.language.syntax import Call, Expression, parse_reference
+from aero_bayes.language.tokens import SourceLocation
+from aero_bayes.ports.balance import Balance
+from aero_bayes.ports.replaceable import ReplaceableModel
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical", "replaceable"]
-Via = Literal["input", "output", "signal", "equation", "node", "series", "redeclare"]
+Attachment = Literal["input", "output", "signal", "equation", "node", "series", "redeclare"]
 
 #: Units of a temperature, with the absolute zero in each.
 KELVIN: Mapping[str, float] = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
@@ -38,7 +38,7 @@ class Port:
         Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
     units : mapping
         Unit of each signal of a law by its name there, such as ``v`` and ``x``.
-    place : Place, optional
+    place : SourceLocation, optional
         File and line of the declaration or the equation.
     states : tuple of str
         Names of the states that act there.
@@ -64,30 +64,30 @@ class Port:
 
     id: str
     kind: PortKind
-    via: Via
+    attachment: Attachment
     unit: str
     units: Mapping[str, str]
-    place: Place | None
+    place: SourceLocation | None
     states: tuple[str, ...] = ()
     signals: Mapping[str, str] = field(default_factory=dict)
-    entrance: Entrance | None = None
+    balance: Balance | None = None
     connectors: tuple[str, ...] = ()
     flow: str = ""
     potential: str = ""
     neighbours: tuple[str, ...] = ()
     laws: tuple[str, ...] = ()
-    given: int | None = None
-    replaceable: Replaceable | None = None
+    defining_equation: int | None = None
+    replaceable: ReplaceableModel | None = None
 
 
 #: What stands between the two variables of a difference.
-DIFFERENCE_SIGN = " - "
+DIFFERENCE = " - "
 
 
-def signal_of(given: str) -> Expression:
+def signal_expression(given: str) -> Expression:
     """What a law is given: a variable, or the difference of two."""
-    one, minus, other = given.partition(DIFFERENCE_SIGN)
-    return Call("-", (reference(one), reference(other))) if minus else reference(one)
+    one, minus, other = given.partition(DIFFERENCE)
+    return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:

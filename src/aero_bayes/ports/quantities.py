@@ -6,21 +6,21 @@ from collections.abc import Mapping
 
 from aero_bayes.language.dimensions import dimension_of_unit
 from aero_bayes.language.syntax import names_in
-from aero_bayes.ports.equal_variables import EqualVariables
+from aero_bayes.ports.aliases import AliasStructure
 from aero_bayes.ports.port import PortKind
 
 SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 
 
-def unit_in(s: EqualVariables, cls: str) -> str:
+def unit_in(s: AliasStructure, cls: str) -> str:
     return next((u for n in (cls, *s.members(cls)) if (u := s.variables[n].unit)), s.units.get(cls, ""))
 
 
-def is_current(s: EqualVariables, cls: str) -> bool:
+def is_current(s: AliasStructure, cls: str) -> bool:
     return unit_in(s, cls) == "A"
 
 
-def kind_of(s: EqualVariables, state: str, position: str) -> PortKind:
+def kind_of(s: AliasStructure, state: str, position: str) -> PortKind:
     if is_current(s, state):
         return "electrical"
     if position or dimension_of_unit(unit_in(s, state)) in SPEEDS:
@@ -39,25 +39,25 @@ def signals_of(kind: PortKind, state: str, position: str) -> dict[str, str]:
 _ACTS: Mapping[PortKind, str] = {"motion": "f", "storage": "q", "electrical": "v"}
 
 
-def units_of(s: EqualVariables, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
+def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
     return {**{k: unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
 
 
-def owner_of(s: EqualVariables, name: str) -> str:
+def owner_of(s: AliasStructure, name: str) -> str:
     """The component that has a variable, itself or in a connector of its own; empty for the model's own."""
     owner = name.rpartition(".")[0]
     of_connector = any(v.flow and n.rpartition(".")[0] == owner for n, v in s.variables.items())
     return owner.rpartition(".")[0] if owner and of_connector else owner
 
 
-def relative(s: EqualVariables, state: str) -> bool:
+def is_relative_motion(s: AliasStructure, state: str) -> bool:
     """Whether a state is the distance of two ends of a component, whose speed has a name but no balance."""
     rate = s.rates.get(state)
     inside = "." in state and unit_in(s, state) in ("m", "rad")
     return inside and rate is not None and rate not in s.states and dimension_of_unit(unit_in(s, rate)) in SPEEDS
 
 
-def prescribed(s: EqualVariables, state: str) -> bool:
+def is_prescribed(s: AliasStructure, state: str) -> bool:
     """Whether a component gives a potential at its connector whatever flows there: a source, no storage."""
     held = {n for x, r in s.rates.items() for n in s.members(x) if state in (x, r)} | set(s.members(state))
     owner = owner_of(s, state)

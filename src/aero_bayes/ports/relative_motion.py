@@ -8,37 +8,37 @@ from itertools import combinations
 
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Expression, Name, walk
-from aero_bayes.ports.connections import joined
-from aero_bayes.ports.equal_variables import EqualVariables, is_derivative
-from aero_bayes.ports.port import DIFFERENCE_SIGN, Port
-from aero_bayes.ports.quantities import owner_of, relative, unit_in
+from aero_bayes.ports.aliases import AliasStructure, is_derivative
+from aero_bayes.ports.connections import connecting_components
+from aero_bayes.ports.port import DIFFERENCE, Port
+from aero_bayes.ports.quantities import is_relative_motion, owner_of, unit_in
 
 
-def relative_motions(s: EqualVariables, balances: Sequence[Port]) -> Iterator[Port]:
+def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
     """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
 
     At connections it is every two that a component joins, but for one whose distance is a port already.
     """
-    moving = [p for p in balances if p.kind == "motion" and p.entrance is not None]
+    moving = [p for p in balances if p.kind == "motion" and p.balance is not None]
     apart, known = (
-        taken_apart(s),
-        {owner_of(s, p.id) for p in moving if p.via == "equation" and relative(s, s.of(p.id))},
+        all_differences(s),
+        {owner_of(s, p.id) for p in moving if p.attachment == "equation" and is_relative_motion(s, s.of(p.id))},
     )
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
         shared = one.signals.keys() & other.signals.keys()
         alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
-        if one.via == other.via == "node":
-            both = joined(s, one, other)
+        if one.attachment == other.attachment == "node":
+            both = connecting_components(s, one, other)
             coupled = bool(both) and not both & known
         else:
             coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
-            coupled = coupled and all(p.via == "equation" and not _inside(s, p) for p in (one, other))
+            coupled = coupled and all(p.attachment == "equation" and not _inside(s, p) for p in (one, other))
         if not alike or not coupled:
             continue
         signals = {
-            name: f"{one.signals[name]}{DIFFERENCE_SIGN}{other.signals[name]}" for name in one.signals if name in shared
+            name: f"{one.signals[name]}{DIFFERENCE}{other.signals[name]}" for name in one.signals if name in shared
         }
         units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
         if distance and "x" not in signals:
@@ -49,7 +49,7 @@ def relative_motions(s: EqualVariables, balances: Sequence[Port]) -> Iterator[Po
         )  # fmt: skip
 
 
-def _distance(s: EqualVariables, one: Port, other: Port) -> tuple[str, bool] | None:
+def _distance(s: AliasStructure, one: Port, other: Port) -> tuple[str, bool] | None:
     """A state whose rate is the difference of two speeds, if there is one, and whether it counts from the second."""
     speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
     for e in s.flat.equations:
@@ -61,21 +61,21 @@ def _distance(s: EqualVariables, one: Port, other: Port) -> tuple[str, bool] | N
     return None
 
 
-def _balance(s: EqualVariables, port: Port) -> FlatEquation:
-    assert port.entrance is not None
-    return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.entrance.equation)
+def _balance(s: AliasStructure, port: Port) -> FlatEquation:
+    assert port.balance is not None
+    return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.balance.equation)
 
 
-def _inside(s: EqualVariables, port: Port) -> bool:
+def _inside(s: AliasStructure, port: Port) -> bool:
     return bool(_balance(s, port).component)
 
 
-def taken_apart(s: EqualVariables) -> set[frozenset[str]]:
+def all_differences(s: AliasStructure) -> set[frozenset[str]]:
     """Two variables each whose difference stands anywhere in the model."""
-    return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences(s, side)}
+    return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences_in(s, side)}
 
 
-def differences(s: EqualVariables, tree: Expression) -> Iterator[frozenset[str]]:
+def differences_in(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
     """Two variables each whose difference stands in an expression."""
     for t in walk(tree):
         match t:

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ClassText, Component, Statement, dotted_name
+from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
 from aero_bayes.language.sources import SourceFile, Sources
-from aero_bayes.language.tokens import Place, find_outside, split_outside
+from aero_bayes.language.tokens import SourceLocation, find_outside, split_outside
 
 
 @dataclass(frozen=True)
-class Join:
+class CombinationRule:
     """How several laws are put in one place.
 
     Of what the partial model has, all are ``handed`` its inputs and parameters, and are connected at the connectors
@@ -26,7 +26,7 @@ class Join:
 
 
 @dataclass(frozen=True)
-class Replaceable:
+class ReplaceableModel:
     """A replaceable model of a system.
 
     Parameters
@@ -38,7 +38,7 @@ class Replaceable:
         Full name of the class that stands there.
     components : tuple of str
         Paths of the components of that class, such as ``thruster_1.rotorEffect``.
-    place : Place
+    place : SourceLocation
     join : Join, optional
         None where the source does not tell how several laws are put there.
     """
@@ -48,17 +48,17 @@ class Replaceable:
     constraint: str
     default: str
     components: tuple[str, ...]
-    place: Place
-    join: Join | None
+    place: SourceLocation
+    combination: CombinationRule | None
 
 
-def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
+def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableModel, ...]:
     """The replaceable models that a model, or a class that it extends, declares and has components of."""
     try:
         chain = known.lineage(*known.find(model))
     except InputError:
         return ()
-    found: dict[str, Replaceable] = {}
+    found: dict[str, ReplaceableModel] = {}
     for file, cls in chain:
         for statement in cls.statements:
             read = _declared(known, file, cls, statement)
@@ -67,7 +67,7 @@ def replaceables_of(known: Sources, model: str) -> tuple[Replaceable, ...]:
     return tuple(one for one in found.values() if one.components)
 
 
-def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) -> Replaceable | None:
+def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
     """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
@@ -83,8 +83,8 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: Statement) ->
     description = "".join(t.word[1:-1] for t in s.tokens[:end] if t.kind == "text")
     before = file.text[: s.start]
     start, stop = len(before.encode()), len(file.text[: s.end].encode())
-    place = Place(file.file, start, stop, before.count("\n") + 1)
-    return Replaceable(words[at], description, constraint, default, (), place, _join(known, constraint, default))
+    place = SourceLocation(file.file, start, stop, before.count("\n") + 1)
+    return ReplaceableModel(words[at], description, constraint, default, (), place, _join(known, constraint, default))
 
 
 def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], name: str) -> Iterator[str]:
@@ -101,7 +101,7 @@ def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], n
                 yield from (f"{c.name}.{path}" for path in _components(known, deeper, inner))
 
 
-def _passed(c: Component, name: str) -> list[str]:
+def _passed(c: ComponentDeclaration, name: str) -> list[str]:
     """Replaceable models of a component's class in whose place a name is put."""
     parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
     return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
@@ -110,7 +110,7 @@ def _passed(c: Component, name: str) -> list[str]:
 # how several laws go into one place
 
 
-def _join(known: Sources, constraint: str, default: str) -> Join | None:
+def _join(known: Sources, constraint: str, default: str) -> CombinationRule | None:
     """From the connectors and signals of the partial model, and what the class that stands there does with them."""
     try:
         chain, there = (known.lineage(*known.find(name)) for name in (constraint, default))
@@ -127,10 +127,10 @@ def _join(known: Sources, constraint: str, default: str) -> Join | None:
     if len(rest) not in (0, 2) or len(outputs) > (signal is not None):
         return None
     handed = [name for name in inputs if signal is None or name != signal[0]]
-    return Join(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
+    return CombinationRule(tuple(handed), tuple(shared), (rest[0], rest[1]) if rest else None, signal)
 
 
-def _flow(known: Sources, cls: ClassText, c: Component) -> str:
+def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
     """Name of the flow variable where a component is a connector; empty where it is none."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.arrays import Value, filled, mapped, numbers
+from aero_bayes.export.arrays import Value, filled, mapped, scalars
 from aero_bayes.export.compose import element_names
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.solved import unsolved
-from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, rebuilt, show, with_parts
+from aero_bayes.export.solved import without_solve
+from aero_bayes.language.syntax import Call, Expression, Name, Number, map_children, map_names, names_in, short_text
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
 #: Largest number of operations of a row; a larger one is kept as the names in it.
@@ -22,7 +22,7 @@ MAX_OPERATIONS = 1000
 Origin = tuple[int, int, int]
 
 
-def by_elements(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
+def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
     """The model with the elements of arrays as variables of their own, ``x[1]``, and vector equations row by row.
 
     Returns
@@ -79,22 +79,22 @@ class _Rows:
             if v.constant and v.binding is not None and names_in(v.binding):
                 self._need(names_in(v.binding))
                 try:
-                    fixed = numbers(self.scope.value(v.binding))
+                    fixed = scalars(self.scope.value(v.binding))
                 except InputError:
                     continue
-                if len(fixed) == len(numbers(own)):
-                    given = (f if f.op == "const" else o for f, o in zip(fixed, numbers(own), strict=True))
+                if len(fixed) == len(scalars(own)):
+                    given = (f if f.op == "const" else o for f, o in zip(fixed, scalars(own), strict=True))
                     self.scope.values[n] = _shaped(given, own)
 
     def of(self, index: int, e: FlatEquation) -> list[tuple[FlatEquation, Origin]]:
-        plain = replace(e, left=rebuilt(e.left, self._element), right=rebuilt(e.right, self._element))
+        plain = replace(e, left=map_names(e.left, self._element), right=map_names(e.right, self._element))
         names = names_in(plain.left) | names_in(plain.right)
         if not any(n in self.known and self.known[n].sizes for n in names):
             return [(plain, (index, 0, 1))]
         self._need(names_in(e.left) | names_in(e.right))
         try:
             pairs = self.scope.sides([e])
-            shaped = isinstance(self.scope.value(unsolved(e).left), list)
+            shaped = isinstance(self.scope.value(without_solve(e).left), list)
         except InputError:
             return [(plain, (index, 0, 1))]
         rows = [(self._tree(a), self._tree(b)) for a, b in pairs]
@@ -106,7 +106,7 @@ class _Rows:
         """An element of an array by a name of its own, where its subscripts are numbers."""
         v = self.known.get(n.name)
         if v is None or not n.subscripts or len(n.subscripts) != len(v.sizes):
-            return Name(show(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
+            return Name(short_text(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
         found: list[str] = []
         for k in n.subscripts:
             try:
@@ -141,6 +141,6 @@ def _shaped(items: Iterable[Node], like: Value) -> Value:
     return mapped(lambda _: next(rest), like)
 
 
-def swapped(tree: Expression, old: Expression, new: Expression) -> Expression:
+def substituted(tree: Expression, old: Expression, new: Expression) -> Expression:
     """The tree with one part of it, that very object, exchanged."""
-    return new if tree is old else with_parts(tree, lambda t: swapped(t, old, new))
+    return new if tree is old else map_children(tree, lambda t: substituted(t, old, new))

@@ -10,27 +10,9 @@ from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
 from aero_bayes.report.text import plain_name, scaled_unit, significant
+from aero_bayes.sensors.whiteness import autocorrelation
 
 _MIN_SAMPLES = 16
-
-
-def autocorrelation(values: FloatArray) -> FloatArray:
-    """Autocorrelation at lags 0, 1, ... n-1; gaps (NaN) do not count.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Normalised to 1 at lag 0; the estimate divides by the number of pairs at lag 0 (biased, never above 1).
-    """
-    centred = np.where(np.isfinite(values), values - np.nanmean(values), 0.0)
-    size = 1 << (2 * len(values) - 1).bit_length()
-    power = np.abs(np.fft.rfft(centred, size)) ** 2
-    products = np.fft.irfft(power, size)[: len(values)]
-    return np.asarray(products / products[0], dtype=np.float64) if products[0] > 0 else np.zeros_like(products)
 
 
 def statistics(run: RunDirectory, recording: str) -> list[Plate]:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.schema import SCHEMA, RunResult
-from aero_bayes.show import table_html
 
 if TYPE_CHECKING:
     import pandas

@@ -1,9 +1,29 @@
-"""From a fit to its posterior: independent ensembles of walkers, and what they say."""
+"""Sample the posterior of a fit, and predict recordings from its draws."""
 
+from aero_bayes.sample.diagnostics import Diagnosis, autocorrelation_time, diagnose, r_hat
+from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
+from aero_bayes.sample.importance import WeightedSample, adaptive_importance_sample, importance_sample, pareto_smooth
 from aero_bayes.sample.mcmc import SampleSettings
 from aero_bayes.sample.posterior import Posterior
 from aero_bayes.sample.prediction import RecordingPrediction
-from aero_bayes.sample.predictive import Predictive
+from aero_bayes.sample.predictive import Predictive, posterior_predictive
 from aero_bayes.sample.sample import sample
 
-__all__ = ["Posterior", "Predictive", "RecordingPrediction", "SampleSettings", "sample"]
+__all__ = [
+    "Diagnosis",
+    "Posterior",
+    "Predictive",
+    "RecordingPrediction",
+    "SampleSettings",
+    "WeightedSample",
+    "adaptive_importance_sample",
+    "autocorrelation_time",
+    "diagnose",
+    "importance_posterior",
+    "importance_sample",
+    "laplace_evidence",
+    "pareto_smooth",
+    "posterior_predictive",
+    "r_hat",
+    "sample",
+]

@@ -22,26 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PosteriorDraws:
-    """Draws of the parameters with their convergence, and what they say of each parameter.
-
-    Parameters
-    ----------
-    fit : Fit
-        What the sampling started from.
-    names : tuple of str, length d
-        Free parameters, then noise parameters (``noise.<output>.<part>``).
-    draws : ndarray, shape (ensembles, draws, d)
-        In SI units, thinned evenly from the chain; the ensembles are independent.
-    log_posterior : ndarray, shape (ensembles, draws)
-    predictive : tuple of Predictive
-        One a recording.
-    diagnoses : mapping of str to Diagnosis
-    converged : bool
-        False unless every criterion of the settings was met.
-    reason : str
-        Which was not.
-    seed : int
-    """
+    """Draws with their convergence, and the statistics that follow; :class:`Posterior` describes the fields."""
 
     fit: Fit
     names: tuple[str, ...]

@@ -48,7 +48,7 @@ def importance_posterior(
 
     Returns
     -------
-    Weighted
+    WeightedSample
         Points are search coordinates of the free parameters, then logarithms of the noise parameters. Trust it only
         where ``reliable``; otherwise sample.
     """

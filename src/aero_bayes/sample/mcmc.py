@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.sample.diagnostics import Diagnosis
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.stopping import StoppingDecision, decide
 from aero_bayes.sample.tuning import Density, Tuned
 from aero_bayes.sample.walk import Ensembles, MakeMoves, standard_moves
-from aero_bayes.show import Settings
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
-class SampleSettings(Settings):
+class SampleSettings(SettingsDisplay):
     """How long and with what to sample.
 
     Parameters

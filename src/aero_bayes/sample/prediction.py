@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sample.predictive import Predictive, edges, of_outputs, of_readings, recording_log_density
-from aero_bayes.show import table_html
 from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sensors.innovations import reading_log_density
+from aero_bayes.sensors.whitening import reading_log_density
 from aero_bayes.simulation.interface import Filter, Outcome
 
 FloatArray = NDArray[np.float64]
@@ -58,7 +58,7 @@ def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatAr
     return out
 
 
-def predict(
+def posterior_predictive(
     joint: JointTarget, points: FloatArray, rng: np.random.Generator, *, stored: int = 600, blocks: int = 2000
 ) -> tuple[Predictive, ...]:
     """Predictions of posterior draws for each recording.

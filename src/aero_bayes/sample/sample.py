@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import one
+from aero_bayes.arguments import require_type
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
@@ -21,7 +21,7 @@ from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sample.mcmc import Chain, SampleSettings, run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.predictive import predict
+from aero_bayes.sample.predictive import posterior_predictive
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
@@ -73,7 +73,7 @@ def sample(
     settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
     if settings.ensembles < 4:
         raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
-    engine: Literal["native", "fmpy"] = "fmpy" if one(fit, Fit, "fit").engine == "fmpy" else "native"
+    engine: Literal["native", "fmpy"] = "fmpy" if require_type(fit, Fit, "fit").engine == "fmpy" else "native"
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
@@ -99,7 +99,7 @@ def _sample(
     points, density = _thin(chain, settings.draws)
     each = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = predict(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    predictive = posterior_predictive(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
     return Posterior(
         fit=fit,
         names=joint.names,

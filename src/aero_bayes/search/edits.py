@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
 from aero_bayes.search.structure import Structure

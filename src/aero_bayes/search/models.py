@@ -16,7 +16,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
-from aero_bayes.laws.family import CandidateTerm, Family
+from aero_bayes.laws.model_family import CandidateTerm, ModelFamily
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise
@@ -174,7 +174,7 @@ class ModelSource:
         Whether the user leaves it to the data how inputs are read between their samples.
     """
 
-    family: Family
+    family: ModelFamily
     plain: Calibration
     own: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
@@ -208,8 +208,8 @@ class ModelCache:
 
     def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
         plain, own = with_setting(self.source.plain, self.source.own, setting)
-        offer = self.source.family.offer(wanted)
-        calibration = self.source.family.on(plain, offer.model)
+        offer = self.source.family.with_candidates(wanted)
+        calibration = self.source.family.transfer(plain, offer.model)
         calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
         first = len(plain.parameters)
         found = {}

@@ -13,7 +13,7 @@ from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.parameters import prior_curvature
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 
 FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and how it compares with the data.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.check.structure import ResidualReport, inspect
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FittedModel, Noise
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
@@ -99,7 +99,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
     # No longer correlated than a sensor's noise may be: what lasts is the model's fault.
     estimated = fit_noise(objective, optimum.evaluation.residual, LocalFitSettings(kinds=white, floors=floors_of))
-    reports = inspect(calibration, objective.series, replace(optimum, noise=estimated), floors)
+    reports = check_residuals(calibration, objective.series, replace(optimum, noise=estimated), floors)
     left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}

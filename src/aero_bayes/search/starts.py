@@ -16,7 +16,7 @@ from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
-from aero_bayes.laws.family import CandidateTerm
+from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
 from aero_bayes.search.structure import Structure

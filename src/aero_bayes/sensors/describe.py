@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.sensors.counts import Quantisation, counts_of, quantum
+from aero_bayes.sensors.quantisation import Quantisation, describe_quantisation, quantum
 from aero_bayes.sensors.ripple import Ripple
 
 FloatArray = NDArray[np.float64]
@@ -61,4 +61,4 @@ def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quant
     step = quantum(readings)
     if step == 0.0 or step**2 / 12.0 < MIN_VARIANCE_SHARE * float(np.nanmean((readings - fitted) ** 2)):
         return None
-    return counts_of(time, readings, fitted)
+    return describe_quantisation(time, readings, fitted)

@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise, Sampling, estimate_noise, whiten
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
+from aero_bayes.sensors.noise_estimation import estimate_noise
+from aero_bayes.sensors.whitening import whiten
 
 FloatArray = NDArray[np.float64]
 
 #: Length of a piece in s, and smallest number of ripple periods in a piece: slower ripple may be slow physics.
-PIECE_LENGTH, MIN_PERIODS = 0.5, 3.0
+SEGMENT_LENGTH, MIN_PERIODS = 0.5, 3.0
 #: Log-evidence, less half the logarithm of the number of pieces, at which an order counts.
 MIN_LOG_EVIDENCE = 5.0
 #: Smallest top speed of a rotor whose ripple is examined, in rad/s.
@@ -70,7 +72,7 @@ class Ripple:
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class _Segment:
     """One piece: where it is, and its columns (n, 2) by order and law (orders that fold too low are left out)."""
 
     part: slice
@@ -96,11 +98,11 @@ def find_ripple(
         Which noise the rest may be.
     """
     with_ripple = noise = estimate_noise([time], [residual], kind)
-    pieces = _pieces(time, residual, speed, orders)
+    segments = _segments(time, residual, speed, orders)
     values = np.zeros(time.size)
     found: tuple[RippleOrder, ...] = ()
     for _ in range(ALTERNATIONS):
-        found, new = _estimate(pieces, time, residual, noise, orders)
+        found, new = _estimate(segments, time, residual, noise, orders)
         unchanged = bool(np.max(np.abs(new - values), initial=0.0) < 1e-3 * noise.sd)
         values = new
         if not found or unchanged:
@@ -109,7 +111,7 @@ def find_ripple(
     return Ripple(found, values, noise if found else with_ripple, with_ripple)
 
 
-def ripples(
+def find_ripples(
     time: FloatArray, readings: FloatArray, fitted: FloatArray, outputs: Sequence[str], units: Sequence[str]
 ) -> dict[str, Ripple]:
     """Ripple of every output of one recording, by output; empty where no rotor's speed was recorded.
@@ -122,7 +124,7 @@ def ripples(
     outputs, units : sequence of str, length m
         The fastest output in rad/s is taken for the rotor's speed.
     """
-    speeds = [k for k, unit in enumerate(units) if is_rotor(readings[:, k], unit)]
+    speeds = [k for k, unit in enumerate(units) if is_rotor_speed(readings[:, k], unit)]
     if not speeds:
         return {}
     fastest = max(speeds, key=lambda k: float(np.nanmax(np.abs(readings[:, k]))))
@@ -140,19 +142,19 @@ def ripples(
     return found
 
 
-def is_rotor(readings: FloatArray, unit: str) -> bool:
+def is_rotor_speed(readings: FloatArray, unit: str) -> bool:
     """Whether readings (n,) are those of a speed at which a rotor's ripple could be told from other motion."""
     seen = readings[np.isfinite(readings)]
     return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= MIN_ROTOR_SPEED
 
 
-def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: Sequence[int]) -> list[_Piece]:
+def _segments(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: Sequence[int]) -> list[_Segment]:
     step = np.diff(time)
     angle = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)))
-    edges = np.searchsorted(time, np.arange(time[0], time[-1] + PIECE_LENGTH, PIECE_LENGTH))
+    edges = np.searchsorted(time, np.arange(time[0], time[-1] + SEGMENT_LENGTH, SEGMENT_LENGTH))
     edges[-1] = time.size
     size = np.abs(speed) / max(float(np.max(np.abs(speed))), 1e-300)
-    pieces = []
+    segments = []
     for first, last in pairwise(edges.tolist()):
         part = slice(first, last)
         seen = np.isfinite(residual[part])
@@ -170,18 +172,18 @@ def _pieces(time: FloatArray, residual: FloatArray, speed: FloatArray, orders: S
             if float(np.median(periods)) >= MIN_PERIODS:
                 columns[order, "with speed"] = waves * size[part][seen, None]
         if columns:
-            pieces.append(_Piece(part, seen, columns))
-    return pieces
+            segments.append(_Segment(part, seen, columns))
+    return segments
 
 
 def _estimate(
-    pieces: list[_Piece], time: FloatArray, residual: FloatArray, noise: OutputNoise, orders: Sequence[int]
+    segments: list[_Segment], time: FloatArray, residual: FloatArray, noise: OutputNoise, orders: Sequence[int]
 ) -> tuple[tuple[RippleOrder, ...], FloatArray]:
     """Orders whose evidence is high enough, and the shrunken mean of their sum, (n,)."""
     values = np.zeros(time.size)
     found = []
     for order in orders:
-        forms = [_form(pieces, (order, law), time, residual - values, noise) for law in ("even", "with speed")]
+        forms = [_form(segments, (order, law), time, residual - values, noise) for law in ("even", "with speed")]
         best = max((f for f in forms if f is not None), key=lambda f: f[0].log_evidence, default=None)
         if best is not None and best[0].log_evidence > MIN_LOG_EVIDENCE:
             found.append(best[0])
@@ -190,25 +192,25 @@ def _estimate(
 
 
 def _form(
-    pieces: list[_Piece], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: OutputNoise
+    segments: list[_Segment], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: OutputNoise
 ) -> tuple[RippleOrder, FloatArray] | None:
     """Evidence and shrunken mean of one order under one law of its size."""
-    own = [p for p in pieces if key in p.columns]
+    own = [p for p in segments if key in p.columns]
     if not own:
         return None
     terms = []
-    for piece in own:
-        sampling = Sampling.of(time[piece.part], residual[piece.part])
-        rows = np.vstack([piece.columns[key].T, residual[piece.part][piece.seen]])
+    for segment in own:
+        sampling = SampleTimes.of(time[segment.part], residual[segment.part])
+        rows = np.vstack([segment.columns[key].T, residual[segment.part][segment.seen]])
         white, _ = whiten(rows, sampling, noise)
         terms.append((white[:2] @ white[:2].T, white[:2] @ white[2]))
     variance, gain = _best_variance(terms)
     values, squares, count = np.zeros(time.size), 0.0, 0
-    for piece, (gram, score) in zip(own, terms, strict=True):
+    for segment, (gram, score) in zip(own, terms, strict=True):
         mean = np.linalg.solve(gram + np.eye(2) / variance, score)
-        values[piece.part][piece.seen] += piece.columns[key] @ mean
-        squares += 2.0 * variance * float(np.sum(piece.columns[key] ** 2))
-        count += len(piece.columns[key])
+        values[segment.part][segment.seen] += segment.columns[key] @ mean
+        squares += 2.0 * variance * float(np.sum(segment.columns[key] ** 2))
+        count += len(segment.columns[key])
     return RippleOrder(key[0], math.sqrt(squares / count), key[1], gain - 0.5 * math.log(len(terms))), values
 
 

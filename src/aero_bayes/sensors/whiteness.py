@@ -1,4 +1,4 @@
-"""Is a residual white: autocovariance, and averages that wander more than those of white noise."""
+"""Whether a residual is white: autocovariance, autocorrelation, and the variance of block means."""
 
 from __future__ import annotations
 
@@ -17,11 +17,33 @@ def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
     return np.asarray(np.fft.irfft(np.abs(spectrum) ** 2, size, axis=-1)[..., :n] / n)
 
 
-def slow_excess(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
-    """Variance of block averages over what white noise of the same variance would have; the largest over block sizes.
+def autocorrelation(values: FloatArray, lags: int | None = None) -> FloatArray:
+    """Autocorrelation at lags 0, 1, ..., ``lags`` samples, by FFT.
 
-    Above one, slow errors are larger than the noise model says, and averages (hence parameters) are less certain than
-    it says. Fast ripple leaves it below one. Only sizes with 40 blocks or more count.
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        NaN in gaps, which do not count.
+    lags : int, optional
+        The largest lag; n - 1 by default, and at most.
+
+    Returns
+    -------
+    ndarray, shape (lags + 1,)
+        1 at lag 0. The estimate is biased (every lag is divided by the number of pairs at lag 0), so that it is never
+        above 1. Zero for a constant series.
+    """
+    centred = np.where(np.isfinite(values), values - np.nanmean(values), 0.0)
+    products = autocovariance(centred, 0.0)[: None if lags is None else lags + 1]
+    return products / products[0] if products[0] > 0.0 else np.zeros_like(products)
+
+
+def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
+    """Variance of block means over what white noise of the same variance would have; the largest over block sizes.
+
+    It is the batch means estimate of the integrated autocorrelation time. Above one, errors are slower than the noise
+    model says, and averages (hence parameters) are less certain. Fast ripple makes it less than one. Only sizes that
+    give at least 40 blocks count.
     """
     seen = values[np.isfinite(values)]
     variance = float(np.var(seen)) if seen.size else 0.0

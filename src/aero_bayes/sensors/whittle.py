@@ -17,7 +17,7 @@ MULTIPLICATIVE_UPDATES = 40
 
 
 @dataclass(frozen=True, eq=False)
-class BinnedPower:
+class BinnedPeriodogram:
     """Periodogram of a residual in bins that grow with frequency: what Whittle's likelihood needs of it."""
 
     angular: FloatArray
@@ -26,7 +26,9 @@ class BinnedPower:
     interval: float
 
     @classmethod
-    def of(cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80) -> BinnedPower:
+    def of(
+        cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80
+    ) -> BinnedPeriodogram:
         """From readings (n,) at times (n,) in s of median step ``interval``; gaps are bridged by straight lines."""
         values = residual
         if not even:
@@ -50,7 +52,7 @@ class BinnedPower:
 
 
 def maximise_whittle(
-    powers: Sequence[BinnedPower], *, floor: float, longest: float, near: float | None = None
+    powers: Sequence[BinnedPeriodogram], *, floor: float, longest: float, near: float | None = None
 ) -> tuple[float, float, float]:
     """White standard deviation, that of the process, and its correlation time in s (zero for white noise alone).
 

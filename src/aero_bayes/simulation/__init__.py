@@ -1,5 +1,6 @@
 """FMU + inputs + parameters -> trajectories, sensitivities and likelihoods."""
 
+from aero_bayes.simulation.engine_library import engine_path
 from aero_bayes.simulation.engines import engine_of, open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -8,9 +9,11 @@ from aero_bayes.simulation.interface import (
     Filter,
     Filtered,
     FilteredStates,
+    FloatArray,
     GaussNewton,
     InputSignal,
     InputTarget,
+    Interpolation,
     Likelihoods,
     Outcome,
     ParameterTarget,
@@ -23,22 +26,30 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
-from aero_bayes.simulation.model import Model, Variable
-from aero_bayes.simulation.native import NativeSimulator
-from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, Variable
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.worker_main import watch_parent
+from aero_bayes.simulation.workers import MAX_LOST_RUNS, WorkerPool
 
 __all__ = [
+    "BINARY_FOLDERS",
+    "MAX_LOST_RUNS",
     "DelayTarget",
     "DiffusionTarget",
     "Experiment",
     "Filter",
     "Filtered",
     "FilteredStates",
+    "FloatArray",
     "GaussNewton",
     "InputSignal",
     "InputTarget",
+    "Interpolation",
     "Likelihoods",
     "Model",
+    "ModelDescription",
+    "ModelicaSource",
     "NativeSimulator",
     "Outcome",
     "ParameterTarget",
@@ -53,5 +64,7 @@ __all__ = [
     "Variable",
     "WorkerPool",
     "engine_of",
+    "engine_path",
     "open_simulator",
+    "watch_parent",
 ]

@@ -48,7 +48,7 @@ def first_bytes(path: Path, name: str, count: int) -> bytes:
         raise _unreadable(path, error) from error
 
 
-def unpack(path: Path, folder: Path) -> None:
+def extract(path: Path, folder: Path) -> None:
     """Unpack into an existing private folder; no member leaves it, and none is larger than it says.
 
     Raises

@@ -16,6 +16,8 @@ import ctypes
 import os
 from dataclasses import dataclass
 
+from aero_bayes.simulation.engine_library import engine_path
+
 FILE_LIMIT = 256 << 20
 TRUST = "AERO_BAYES_TRUST_FMU"
 
@@ -59,8 +61,6 @@ def available() -> Confinement:
     CannotFinishError
         Where the engine is not compiled.
     """
-    from aero_bayes.simulation.workers import engine_path
-
     engine = ctypes.CDLL(str(engine_path()))
     return Confinement(engine.ab_landlock(), bool(engine.ab_seccomp()), is_trusted())
 

@@ -18,7 +18,9 @@ from typing import Any, Self
 import numpy as np
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.cosimulation_runs import moving
+from aero_bayes.simulation.batches import Batches
+from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
+from aero_bayes.simulation.input_signals import linear_signals
 from aero_bayes.simulation.interface import (
     DelayTarget,
     FloatArray,
@@ -27,9 +29,8 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
-from aero_bayes.simulation.native import Batches, check_active, check_values
+from aero_bayes.simulation.problem_checks import check_active, check_problem, check_values, target_scale
 from aero_bayes.simulation.reduction import ReducedTrajectories
-from aero_bayes.simulation.spec import check_problem, target_scale
 from aero_bayes.simulation.workers import WorkerPool
 
 ENGINE = "co-simulation by FMPy"
@@ -64,7 +65,7 @@ class CosimulationSimulator(ReducedTrajectories):
         _check(problem)
         self.problem = problem
         self._workers = workers
-        self.pool = WorkerPool(None if workers is None else max(1, workers), cosimulation=True)
+        self.pool = WorkerPool(None if workers is None else max(1, workers), engine=CosimulationEngine)
         self.substeps = 0
         self._batches: Batches | None = None
         warnings.warn(
@@ -72,7 +73,7 @@ class CosimulationSimulator(ReducedTrajectories):
             "differences of whole runs, initial states cannot be set (Model Exchange has none of these limits)",
             stacklevel=3,
         )
-        model, late = problem.model, {s.name for e in problem.experiments for s in moving(e.inputs)}
+        model, late = problem.model, {s.name for e in problem.experiments for s in linear_signals(e.inputs)}
         if late and not (model.takes_any_step or model.interpolates_inputs):
             warnings.warn(
                 f"{model.path.name} takes steps of one size and no slopes of its inputs: an output that "

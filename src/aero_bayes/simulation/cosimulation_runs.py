@@ -16,11 +16,11 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 
 from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.fmpy_reference import delayed, value_at
+from aero_bayes.simulation.engine_library import LoadError
+from aero_bayes.simulation.input_signals import linear_signals, signals_of_run, value_at
 from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
-from aero_bayes.simulation.workers import LoadError
 
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 # The words of a job and of a slot, as native/batch.c reads them.
@@ -47,7 +47,7 @@ class _NotRepeatableError(Exception):
 class _Instance:
     """The instance of an FMU in this process, which serves every problem on it."""
 
-    model: Model
+    model: ModelDescription
     folder: Path
     begin: Begin | None = None
     fmu: Any = None
@@ -175,7 +175,7 @@ class CosimulationRuns:
     def _run(self, number: int, values: FloatArray, *, new: bool) -> FloatArray:
         problem, experiment = self.problem, self.problem.experiments[number]
         model, samples = problem.model, experiment.time
-        signals = delayed(experiment, problem.targets[number], values)
+        signals = signals_of_run(experiment, problem.targets[number], values)
         self._stamp()
         fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
@@ -191,7 +191,7 @@ class CosimulationRuns:
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
         out = np.empty((samples.size, len(variables)))
         points, times = communication_points(samples, signals, self.substeps, any_step=model.takes_any_step)
-        slopes = () if model.takes_any_step or not model.interpolates_inputs else moving(signals)
+        slopes = () if model.takes_any_step or not model.interpolates_inputs else linear_signals(signals)
         done = 0
         for k, t in enumerate(points):
             if t == samples[done]:
@@ -213,8 +213,8 @@ class CosimulationRuns:
             fmu.setReal([self.problem.model.input(signal.name).value_reference], [value_at(signal, t, segment)])
 
 
-class Runner:
-    """In the place of the engine in :func:`worker_main.serve`."""
+class CosimulationEngine:
+    """The functions of the compiled engine that :func:`worker_main.serve` calls, with FMPy doing the runs."""
 
     def __init__(self, engine: ctypes.CDLL) -> None:
         engine.ab_take.restype = ctypes.c_int64
@@ -240,11 +240,6 @@ class Runner:
         return runs.load_error.encode()
 
 
-def moving(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
-    """Those that move in straight lines."""
-    return tuple(signal for signal in signals if signal.interpolation == "linear")
-
-
 def communication_points(
     samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int, *, any_step: bool = True
 ) -> tuple[FloatArray, FloatArray]:
@@ -258,7 +253,7 @@ def communication_points(
     steps = np.diff(samples)
     fractions = np.arange(substeps) / substeps
     between = [(samples[:-1, None] + steps[:, None] * fractions).ravel()]
-    short = any_step and bool(moving(signals))
+    short = any_step and bool(linear_signals(signals))
     if any_step:
         between += [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
     if short:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import Problem, Simulator
-from aero_bayes.simulation.native import NativeSimulator
+from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
 
 Engine = Literal["native", "fmpy"]

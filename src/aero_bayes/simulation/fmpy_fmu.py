@@ -17,16 +17,16 @@ from fmpy.fmi2 import (
 )
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.workers import LoadError
+from aero_bayes.simulation.engine_library import LoadError
+from aero_bayes.simulation.model_description import ModelDescription
 
 
 def _ignore(*_: Any) -> None:
     """Take a log message and drop it."""
 
 
-class _NamesOfTwo:
-    """What FMI 3.0 calls otherwise."""
+class _Fmi2Names:
+    """The methods of FMI 2.0 that have another name in FMI 3.0."""
 
     def setupExperiment(self, startTime: float = 0.0) -> None:
         self._begin = startTime
@@ -50,18 +50,18 @@ class _NamesOfTwo:
         self.getContinuousStateDerivatives(pointer, size)  # type: ignore[attr-defined]
 
 
-class _Model3(_NamesOfTwo, FMU3Model):  # type: ignore[misc]
+class _Model3(_Fmi2Names, FMU3Model):  # type: ignore[misc]
     pass
 
 
-class _Slave3(_NamesOfTwo, FMU3Slave):  # type: ignore[misc]
+class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
     def doStep(self, time: float, step: float) -> None:
         _, stop, early, reached = super().doStep(time, step)
         if stop or (early and reached < time + step):
             raise RuntimeError("the FMU ended the step early")
 
 
-def open_fmu(model: Model, folder: Path) -> Any:
+def open_fmu(model: ModelDescription, folder: Path) -> Any:
     """Load and instantiate a model unpacked into a folder.
 
     Raises

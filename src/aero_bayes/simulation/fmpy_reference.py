@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import fmpy_fmu
+from aero_bayes.simulation.engine_library import LoadError
+from aero_bayes.simulation.input_signals import signals_of_run, value_at
 from aero_bayes.simulation.interface import (
     DelayTarget,
-    Experiment,
     FloatArray,
     InputSignal,
-    InputTarget,
     Outcome,
     ParameterTarget,
     Problem,
@@ -34,36 +34,12 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
-from aero_bayes.simulation.native import check_active, check_values
+from aero_bayes.simulation.problem_checks import check_active, check_problem, check_values, target_scale
 from aero_bayes.simulation.reduction import ReducedTrajectories
-from aero_bayes.simulation.spec import check_problem, target_scale
-from aero_bayes.simulation.workers import LoadError
 
 
 class _TimedOutError(Exception):
     """The time limit of a run passed."""
-
-
-def delayed(experiment: Experiment, row: Sequence[Any], values: FloatArray) -> tuple[InputSignal, ...]:
-    """The signals with this run's delays and additions to grid values."""
-    signals = []
-    for signal in experiment.inputs:
-        level, delay = signal.values.astype(float).copy(), 0.0
-        for value, target in zip(values, row, strict=True):
-            if isinstance(target, InputTarget) and target.input == signal.name:
-                level[target.index] += value
-            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
-                delay += float(value)
-        signals.append(replace(signal, time=signal.time + delay, values=level))
-    return tuple(signals)
-
-
-def value_at(signal: InputSignal, t: float, segment: float) -> float:
-    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    if signal.interpolation == "linear":
-        return float(np.interp(t, signal.time, signal.values))
-    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
-    return float(signal.values[max(cell, 0)])
 
 
 class FmpySimulator(ReducedTrajectories):
@@ -169,7 +145,7 @@ class FmpySimulator(ReducedTrajectories):
 
     def _simulate_one(self, number: int, values: FloatArray, settings: SolverSettings) -> FloatArray:
         model, experiment, fmu = self.problem.model, self.problem.experiments[number], self._fmu
-        signals = delayed(experiment, self.problem.targets[number], values)
+        signals = signals_of_run(experiment, self.problem.targets[number], values)
         deadline = clock.thread_time() + settings.time_limit
         next_event = self._start(number, values, signals)[0]
         variables = [model.output(name) for name in experiment.outputs]

@@ -24,7 +24,7 @@ def ou_precision(time: FloatArray, sd: float, tau: float) -> tuple[FloatArray, F
     return diagonal / sd**2, -phi / fresh / sd**2, log_det
 
 
-def weigh(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[FloatArray, float]:
+def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[FloatArray, float]:
     """K^-1 times each column, and log det K.
 
     Parameters
@@ -51,7 +51,7 @@ def weigh(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[Flo
     return weighed, 2.0 * float(np.sum(np.log(factor[0]))) - log_det
 
 
-def products(
+def gauss_newton_products(
     time: FloatArray, measured: FloatArray, output: FloatArray, sensitivity: FloatArray, noise: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, float]:
     """Cost, gradient, Gauss-Newton matrix and log-likelihood of one experiment.
@@ -72,7 +72,7 @@ def products(
             continue
         residual = output[seen, index] - measured[seen, index]
         slopes = sensitivity[seen, index]
-        weighed, log_det = weigh(time[seen], noise[index], np.column_stack([residual, slopes]))
+        weighed, log_det = apply_inverse_covariance(time[seen], noise[index], np.column_stack([residual, slopes]))
         cost += 0.5 * float(residual @ weighed[:, 0])
         gradient += slopes.T @ weighed[:, 0]
         hessian += slopes.T @ weighed[:, 1:]

@@ -16,7 +16,7 @@ from typing import Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import ModelDescription
 
 FloatArray = NDArray[np.float64]
 Interpolation = Literal["hold", "linear"]
@@ -189,7 +189,7 @@ class Problem:
 
     Parameters
     ----------
-    model : Model
+    model : ModelDescription
     experiments : tuple of Experiment, length E
     targets : tuple of length E of tuples of length p
         ``targets[e][j]`` says what column j of the parameter matrix means in experiment e; None where it means nothing.
@@ -200,7 +200,7 @@ class Problem:
         With it the likelihood is that of a filter (:class:`Filter`).
     """
 
-    model: Model
+    model: ModelDescription
     experiments: tuple[Experiment, ...]
     targets: tuple[tuple[ProblemTarget | None, ...], ...]
     fixed: Mapping[str, float] = field(default_factory=dict)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aero_bayes.simulation.gaussian import products
+from aero_bayes.simulation.gaussian import gauss_newton_products
 from aero_bayes.simulation.interface import FloatArray, GaussNewton, Likelihoods, Outcome, Problem, Trajectories
-from aero_bayes.simulation.native import check_noise, check_values
+from aero_bayes.simulation.problem_checks import check_noise, check_values
 
 
 class ReducedTrajectories:
@@ -57,4 +57,4 @@ class ReducedTrajectories:
         assert experiment.measured is not None
         if slopes is None:
             slopes = np.zeros((*output.shape, 0))
-        return products(experiment.time, experiment.measured, output, slopes, noise)
+        return gauss_newton_products(experiment.time, experiment.measured, output, slopes, noise)

@@ -1,14 +1,15 @@
 """A worker process: maps the shared memory, opens problems, runs batches. Needs only the standard library.
 
 Started as ``python -I -S worker_main.py ENGINE COMMAND_FD REPLY_FD ARENA_FD MEMORY FILE``, the last two in bytes
-(MEMORY negative: unconfined), in the folder that it may write to. It never imports the package, so that it starts in a
-few hundredths of a second and holds nothing that a crash could spoil; except for co-simulation, which FMPy runs: then
-the folders where the package and FMPy are found follow.
+(MEMORY negative: unconfined), in the folder that it may write to. It does not import the package, so that it starts in
+a few hundredths of a second and holds nothing that a crash could spoil. Where another engine is named
+(``MODULE:CLASS``, then the folders to import from), that one runs the batches in place of the compiled one.
 """
 
 from __future__ import annotations
 
 import ctypes
+import importlib
 import mmap
 import os
 import struct
@@ -44,7 +45,7 @@ def read_exactly(fd: int, size: int) -> bytes:
     return data
 
 
-def load(path: str) -> ctypes.CDLL:
+def load_engine(path: str) -> ctypes.CDLL:
     """The engine with its argument types."""
     engine = ctypes.CDLL(path)
     engine.ab_open.restype = ctypes.c_void_p
@@ -96,16 +97,15 @@ def serve(engine: Any, commands: int, replies: int, arena: int) -> None:
 
 
 if __name__ == "__main__":
-    loaded = load(sys.argv[1])
+    loaded = load_engine(sys.argv[1])
     memory_limit, file_limit = int(sys.argv[5]), int(sys.argv[6])
     if memory_limit >= 0:  # before any other thread, which would stay free
         loaded.ab_confine(b".", 2 * memory_limit, file_limit)
     threading.Thread(target=watch_parent, args=(os.getppid(),), daemon=True).start()
     loaded.ab_limit(abs(memory_limit))
-    runner: Any = loaded
+    engine: Any = loaded
     if len(sys.argv) > 7:
-        sys.path[:] = sys.argv[7:]
-        from aero_bayes.simulation.cosimulation_runs import Runner
-
-        runner = Runner(loaded)
-    serve(runner, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+        module, _, name = sys.argv[7].partition(":")
+        sys.path[:] = sys.argv[8:]
+        engine = getattr(importlib.import_module(module), name)(loaded)
+    serve(engine, int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from aero_bayes.check.structure import inspect, reports_table
-from aero_bayes.data import Recording, floors_of
+from aero_bayes.check.residual_tests import check_residuals, reports_by_recording
+from aero_bayes.data import Recording, noise_floors
 from aero_bayes.estimate.result import Fit
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
@@ -52,7 +52,7 @@ def is_simulated(recording: Recording) -> bool:
 
 def recording_row(recording: Recording, role: str) -> Json:
     """What result.json says of a recording; noise floors of the outputs whose floor is known."""
-    floor = {output: sd for (_, output), sd in floors_of([recording], list(recording.outputs)).items()}
+    floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
     return {
         "name": recording.name,
         "role": role,
@@ -68,7 +68,7 @@ def recording_row(recording: Recording, role: str) -> Json:
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
     """What a fit leaves, by recording and output; the floors are those of ``recordings``."""
     floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
-    return reports_table(inspect(fit.calibration, fit.series, fit.optimum, floors))
+    return reports_by_recording(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
 
 
 def verdict(

@@ -23,18 +23,18 @@ from aero_bayes.design import (
     SeparationCheck,
     check_gain,
     check_separation,
-    forecast,
+    expected_outputs,
     propose_experiment,
     separating_experiment,
 )
-from aero_bayes.design.optimise import SearchSettings
 from aero_bayes.design.propose import default_limits
-from aero_bayes.design.signal import HeldSignal
+from aero_bayes.design.proposed_input import ProposedInput
+from aero_bayes.design.signal_search import SearchSettings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.selection import Narrowed
+from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.report import write_report
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.commands import fit_job, fit_part
@@ -112,7 +112,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
 
 def _narrow(
     job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, HeldSignal]:
+) -> tuple[Json, Series, ProposedInput]:
     """The experiment for parameters."""
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     design = propose_experiment(
@@ -134,11 +134,11 @@ def _effort(job: Job) -> SearchSettings:
 
 def _separate(
     job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, HeldSignal]:
+) -> tuple[Json, Series, ProposedInput]:
     """The experiment for two effects."""
     section, ids = job.config.model, (*rivals.common, rivals.first, rivals.second)
-    folder, narrowed = job.options.out / "fmu", Narrowed(effects=ids)
-    family = RigFamily(job.name, section.sources, folder, section.libraries, narrowed)
+    folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
+    family = ModelicaFamily(job.name, section.sources, folder, section.libraries, narrowed)
     family.prepare(base.calibration, base.optimum, open_simulator)
     first, of_first = _with_effect(job, base, family, rivals.first, rivals.common, progress)
     second, of_second = _with_effect(job, base, family, rivals.second, rivals.common, progress)
@@ -160,7 +160,7 @@ def _separate(
         "check": check.to_dict(),
     }
     plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
-    words = {id_: family.summary(id_) for id_ in ids}
+    words = {id_: family.describe(id_) for id_ in ids}
     return {"design": found, "verdict": _separate_verdict(rivals, apart, check), "words": words}, plan, apart
 
 
@@ -172,7 +172,7 @@ def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
 
 
 def _with_effect(
-    job: Job, base: Fit, family: RigFamily, name: str, common: Sequence[str], progress: ProgressBar
+    job: Job, base: Fit, family: ModelicaFamily, name: str, common: Sequence[str], progress: ProgressBar
 ) -> tuple[Fit, list[str]]:
     """The base model with an effect (and those that both rivals have), written, built and fitted; its parameters."""
     ids = (*common, name)
@@ -206,7 +206,7 @@ def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) ->
     """``plan/...``: the signal and what each model expects of it."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
-        seen = forecast(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
+        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
         for k, output in enumerate(seen.outputs):
             series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
             series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]
@@ -229,7 +229,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is None:
-        every = RigFamily(name, config.model.sources, options.out, config.model.libraries).every
+        every = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries).candidates
         known = [candidate.id for candidate in every]
     else:
         known = list(Model.load(fmu).declared.effects)

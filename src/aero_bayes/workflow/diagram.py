@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import Component as Part
-from aero_bayes.language.classes import annotated
-from aero_bayes.language.component_tree import Tree, grow, read_library
-from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, show
-from aero_bayes.language.values import evaluate
+from aero_bayes.language.classes import ComponentDeclaration as Part
+from aero_bayes.language.classes import annotation_arguments
+from aero_bayes.language.component_tree import ComponentTree, build_tree, read_library
+from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, short_text
+from aero_bayes.language.values import evaluate_expression
 from aero_bayes.schema import Component, Connection, Diagram, Shape
-from aero_bayes.simulation.model import Model, Variable
+from aero_bayes.simulation import Model, Variable
 
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
@@ -54,14 +54,14 @@ def model_diagrams(
     library = read_library(files)
     if name not in library:
         return [_of_variables(model, name, ports)]
-    base = grow(library, name)
-    shown = grow(library, extended) if extended in library else base
+    base = build_tree(library, name)
+    shown = build_tree(library, extended) if extended in library else base
     if not any(part for part in shown.inside):
         return [_of_variables(model, name, ports)]
     return _of_tree(shown, base, name.rpartition(".")[2], ports)
 
 
-def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
+def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
     changed = [
         part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
     ]
@@ -89,7 +89,7 @@ def _of_tree(shown: Tree, base: Tree | None, title: str, ports: Sequence[str]) -
         Connection(first=a, second=b, points=points if drawn else [], signal=signal) for a, b, points, signal in links
     ]
     found = [Diagram(title=title, drawn=drawn, components=components, connections=connections)]
-    within: dict[str, Tree] = {}
+    within: dict[str, ComponentTree] = {}
     for name in changed:
         before = base.inside.get(name) if base is not None else None
         if before is not None and before.name == shown.inside[name].name and shown.inside[name].name not in within:
@@ -110,7 +110,7 @@ def _terminal(part: Part) -> _Terminal:
 
 
 def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
-    where = annotated(part.annotation, "Placement").get("transformation")
+    where = annotation_arguments(part.annotation, "Placement").get("transformation")
     if where is None:
         return None
     given = arguments_of(where)
@@ -122,7 +122,7 @@ def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | 
     return (x1, y1, x2, y2), turned[0] if turned else 0.0
 
 
-def _links(shown: Tree, visible: Mapping[str, Part]) -> list[_Link]:
+def _links(shown: ComponentTree, visible: Mapping[str, Part]) -> list[_Link]:
     """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
     found: list[_Link] = []
     values = []
@@ -224,7 +224,7 @@ def _shapes(graphics: Sequence[Expression]) -> list[Shape]:
         points = _points(given, "points" if kind in {"line", "polygon"} else "extent")
         if kind not in {"line", "polygon", "rectangle", "ellipse"} or len(points) < 2:
             continue
-        pattern = show(given["fillPattern"]) if "fillPattern" in given else ""
+        pattern = short_text(given["fillPattern"]) if "fillPattern" in given else ""
         filled = kind != "line" and not pattern.endswith("None") and bool(pattern)
         found.append(Shape.model_validate({"kind": kind, "points": points, "filled": filled}))
     return found
@@ -243,6 +243,6 @@ def _numbers(tree: Expression | None) -> tuple[float, ...]:
     if tree is None:
         return ()
     try:
-        return tuple(evaluate(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
+        return tuple(evaluate_expression(item, {}) for item in (tree.items if isinstance(tree, Array) else (tree,)))
     except InputError:
         return ()

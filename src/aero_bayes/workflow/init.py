@@ -24,10 +24,9 @@ from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import whole_file
 from aero_bayes.language.own_parameters import OwnClasses
 from aero_bayes.language.sources import main_class, read_classes_of
-from aero_bayes.language.units import TEMPERATURES, base_units, conversion, spelled
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
+from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.simulation.model import Variable
 from aero_bayes.workflow.job import columns_of, layout_of
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +113,7 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
     given = {s: u for s, u in (units or {}).items() if u not in ("", "1")}
 
     # a column may be called by its unit; with a digit it is a name: h1 is no hour
-    units_of = {c: unit or (spelled(c) if not re.search(r"\d", c) else "") for c, (_, unit) in named.items()}
+    units_of = {c: unit or (to_modelica_unit(c) if not re.search(r"\d", c) else "") for c, (_, unit) in named.items()}
 
     def timed(signal: str, column: str) -> bool:
         return signal == "time" and _bare(named[column][0]) in TIME_NAMES
@@ -155,11 +154,15 @@ def _bare(name: str) -> str:
 def split_unit(column: str) -> tuple[str, str]:
     """A column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``."""
     if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
-        return brackets[1], spelled(brackets[2])
+        return brackets[1], to_modelica_unit(brackets[2])
     for mark in ("/", "_", " "):
         name, _, unit = column.partition(mark) if mark == "/" else column.rpartition(mark)
-        if name and (spelled(unit) in TEMPERATURES or base_units(spelled(unit) or "?")) and spelled(unit) != "1":
-            return name, spelled(unit)
+        if (
+            name
+            and (to_modelica_unit(unit) in TEMPERATURES or base_units(to_modelica_unit(unit) or "?"))
+            and to_modelica_unit(unit) != "1"
+        ):
+            return name, to_modelica_unit(unit)
     return column, ""
 
 
@@ -184,7 +187,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
               "[data.columns]"]  # fmt: skip
     for signal, column in matched.columns.items():
         plain, unit = split_unit(column)
-        unit = unit or (spelled(column) if conversion(column, units[signal] or "?") else "")
+        unit = unit or (to_modelica_unit(column) if conversion(column, units[signal] or "?") else "")
         known = conversion(unit, units[signal]) if unit and units[signal] else (1.0, 0.0)
         if signal == column:
             continue

@@ -12,11 +12,11 @@ from typing import Literal
 import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
-from aero_bayes.data import ColumnMap, Layout, Quantity, Recording, read_recording
-from aero_bayes.data.checks import longest_gap
+from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recording
+from aero_bayes.data.checks import long_gap_warning
 from aero_bayes.data.read import column_names
-from aero_bayes.declared import Declaration
-from aero_bayes.default import DEFAULT_MODEL
+from aero_bayes.declared import PackageDeclaration
+from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
@@ -24,10 +24,10 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
-from aero_bayes.show import nearest
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.timescale import check_duration, check_sampling
 
 Engine = Literal["native", "fmpy"]
@@ -102,7 +102,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     sources, libraries = config.model.sources, config.model.libraries
-    declared = declaration_of(name, sources) if fmu is None else Declaration()
+    declared = declaration_of(name, sources) if fmu is None else PackageDeclaration()
     model = Model.load(options.built) if options.built is not None else None
     if not declared.systems:
         # Nothing but the model itself says what its columns are.
@@ -132,7 +132,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     elif columns.get("time", TIME).unit is None:
         check_sampling(recordings, model, fixed)
     for recording in recordings:
-        if gap := longest_gap(recording):
+        if gap := long_gap_warning(recording):
             click.echo(f"note: {recording.path}: {gap}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
@@ -182,17 +182,17 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
     return config.model.name or DEFAULT_MODEL, None
 
 
-def layout_of(config: Config, declared: Declaration, model: Model | None = None) -> Layout:
+def layout_of(config: Config, declared: PackageDeclaration, model: Model | None = None) -> Layout:
     """The columns that the configuration names, else those that the package declares, else the model's own."""
     known, constants = Layout.declared(declared), config.data.constants
     quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
     units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
     own = (model.inputs, model.outputs) if model is not None else ((), ())
 
-    def columns(named: Sequence[str] | None, role: int) -> tuple[Quantity, ...]:
+    def columns(named: Sequence[str] | None, role: int) -> tuple[ColumnSpec, ...]:
         usual = [q.name for q in (known.inputs, known.outputs)[role]] or [v.name for v in own[role]]
         names = [name for name in usual if name not in constants] if named is None else named
-        return tuple(quantities.get(name, Quantity(name, units.get(name, ""))) for name in names)
+        return tuple(quantities.get(name, ColumnSpec(name, units.get(name, ""))) for name in names)
 
     return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates, constants)
 
@@ -213,7 +213,7 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
     for name, section in config.parameters.items():
         if name not in known:
             raise InputError(
-                f"{config.place(name)}model {model.name} has no parameter {name}{nearest(name, sorted(known))}"
+                f"{config.place(name)}model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}"
             )
         held = section.free in (False, "later")
         if held or (section.free is None and name not in overrides and section.value is not None):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.structure import reports_table, those_structured
+from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
@@ -62,7 +62,7 @@ def loop_settings(job: Job) -> LoopSettings:
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
-    swarm, staged = fitting.ascent.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
+    swarm, staged = fitting.global_search.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
@@ -146,7 +146,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             "rms": {role: loop.after.pooled(role) for role in ("train", "test")},
             "interpolation": dict(loop.interpolation),
         },
-        "residual": reports_table(loop.residual_after),
+        "residual": reports_by_recording(loop.residual_after),
         "noise": {
             output: {
                 "sd": noise.sd,
@@ -202,7 +202,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
 def _level(loop: LoopResult) -> str:
     """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
     value decides what the parameters are."""
-    left = bool(those_structured(loop.residual_after)) or bool(loop.identifiability.flat)
+    left = bool(structured_residuals(loop.residual_after)) or bool(loop.identifiability.flat)
     return "warning" if left or loop.outcome == "unexplained" else "good"
 
 

@@ -21,15 +21,15 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.library_view import in_library
+from aero_bayes.export.library_view import path_in_library
 from aero_bayes.language.syntax import Call, Expression, Name, Number
-from aero_bayes.laws.compose import probe
+from aero_bayes.laws.compose import with_probes
 from aero_bayes.laws.fmu_family import FmuFamily
-from aero_bayes.laws.law import STANDING
-from aero_bayes.laws.rig_family import RigFamily
-from aero_bayes.laws.use import in_words, plain_name
-from aero_bayes.ports.port import Port, PortKind, port_table, signal_of
-from aero_bayes.ports.sizes import COVERED_SHARE, port_sizes
+from aero_bayes.laws.law import SIGNAL_DEFAULTS
+from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws.placed_law import describe_law, identifier
+from aero_bayes.ports.nominal_values import NOMINAL_QUANTILE, port_nominals
+from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -73,16 +73,16 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
         around = FmuFamily(fmu.stem, config.model.sources, options.out, config.model.libraries, fmu=fmu)
         around.check()
         return port_table(around.ports)
-    family = RigFamily(name, config.model.sources, options.out, config.model.libraries)
+    family = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries)
     if not family.declared.effects:
         return model_ports(family, options, data)
     if data:
         raise InputError(f"{name}: --data is for ports that are found; those of {family.declared.package} are a list")
-    named = [c for c in family.every if c.alias]
-    return [{"id": c.id, "port": family.named(c.port), "summary": in_words(c.law, c.port)} for c in named]
+    named = [c for c in family.candidates if c.alias]
+    return [{"id": c.id, "port": family.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
 
 
-def model_ports(family: RigFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
@@ -108,7 +108,7 @@ def visibility(response: float | None) -> str:
     return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
 
 
-def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, float]:
+def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str, float]:
     """How many standard deviations of noise a probe of each port's own size moves the outputs by.
 
     A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square;
@@ -117,19 +117,19 @@ def port_responses(family: RigFamily, found: Fit, folder: Path) -> dict[str, flo
 
     Parameters
     ----------
-    family : RigFamily
+    family : ModelicaFamily
     found : Fit
         Of the model as it stands.
     folder : Path
         Where the FMU with the probes is built.
     """
-    ports = [p for p in family.ports if p.via in ("input", "output", "signal") or p.entrance is not None]
-    sizes = port_sizes(family.flat, ports, found.calibration, found.optimum, open_simulator)
+    ports = [p for p in family.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
+    sizes = port_nominals(family.flat, ports, found.calibration, found.optimum, open_simulator)
     flat, names = _probed(family.flat, ports, sizes)
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
     own = len(found.calibration.parameters)
     probes = [_probe(name, p, sizes[p.id][ACTS[p.kind]]) for p in ports for name in names[p.id]]
-    calibration = family.on(found.calibration, model)
+    calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
     at = calibration.parameters.to_search(np.concatenate([found.values, np.zeros(len(probes))]))
@@ -158,12 +158,12 @@ def _late(
     A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
     change as large as the output.
     """
-    outputs = [p for p in ports if p.via == "output"]
+    outputs = [p for p in ports if p.attachment == "output"]
     rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
     rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
     for q, port in enumerate(outputs):
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
-        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), COVERED_SHARE) if own else 0.0
+        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
         for k in own if fastest > 0.0 else ():
             rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
     return rows, [port.id for port in outputs]
@@ -173,7 +173,7 @@ def _probed(
     flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
 ) -> tuple[FlatModel, dict[str, list[str]]]:
     """The model with parameters at every port whose exact sensitivities are the responses to its probes."""
-    probed, inputs = probe(flat, ports)
+    probed, inputs = with_probes(flat, ports)
     names: dict[str, list[str]] = {}
     variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
     probed = replace(probed, variables=variables)
@@ -193,13 +193,19 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
     """What probes follow, of size one: nothing, and each signal of a port."""
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
-        if signal in STANDING:
+        if signal in SIGNAL_DEFAULTS:
             continue
         # an output as it was before the probe
-        tree = Name(f"{plain_name(variable)}_without_{probe_name}") if port.via == "output" else signal_of(variable)
+        tree = (
+            Name(f"{identifier(variable)}_without_{probe_name}")
+            if port.attachment == "output"
+            else signal_expression(variable)
+        )
         level: Expression = tree
         if "h_0" in sizes:
-            level = Call("-", (tree, signal_of(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"])))
+            level = Call(
+                "-", (tree, signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"]))
+            )
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append(share)
         if port.kind == "input":
@@ -241,7 +247,7 @@ def _cells(row: PortRow) -> dict[str, str]:
     for key, value in row.items():
         if key == "line":
             continue
-        text = f"{in_library(value)}:{row['line']}" if key == "file" and value else value
+        text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"

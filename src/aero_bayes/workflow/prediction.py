@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered
+from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
 from aero_bayes.config import PredictionSection
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
@@ -48,7 +48,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
                 found, opener, rng, draws=DRAWS, progress=progress, time_limit=section.max_seconds
             )
             entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
-            ordered = time_ordered(
+            ordered = time_ordered_scores(
                 found, opener, rng, blocks=section.stretches, first=max(1, round(INITIAL_SHARE * section.stretches)),
                 draws=STRETCH_DRAWS, refits=bool(section.refits), progress=progress,
             )  # fmt: skip

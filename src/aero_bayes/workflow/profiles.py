@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.check.profile import DROP_90, profile
+from aero_bayes.check.likelihood_profile import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
@@ -60,7 +60,7 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
                 break
             progress("profiles", k / len(names), name)
             try:
-                curve = profile(
+                curve = profile_likelihood(
                     found, name, simulator, points=PROFILE_POINTS,
                     settings=LocalSettings(max_iterations=MAX_ITERATIONS, tolerance=1e-3),
                 )  # fmt: skip
@@ -77,4 +77,6 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
                 "interval": list(curve.interval),
                 "bounded": curve.bounded,
             }
-    return {"identifiability": {"profiles": profiles, "profile_drop_90": DROP_90, "not_profiled": skipped}}
+    return {
+        "identifiability": {"profiles": profiles, "profile_drop_90": LOG_POSTERIOR_DROP_90, "not_profiled": skipped}
+    }

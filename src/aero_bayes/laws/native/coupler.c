@@ -6,13 +6,13 @@
  * are states of the inner FMU that laws at its inputs are given, "into" ones its inputs, "late" ones its outputs. */
 #include <stdarg.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 #define FMI __attribute__((visibility("default")))
 #define TRY(call)                              \
     do {                                       \
         const int status_ = (call);            \
-        if (worse(status_)) return status_;    \
+        if (is_error(status_)) return status_;    \
     } while (0)
 
 enum { INNER, LAWS, PARTS };

@@ -17,80 +17,6 @@ typedef struct {
     int64_t values, noise, active, outcome, result, result_stride, table;
 } Job;
 
-/* `started` by the clock on the wall, `spent` in computing time. */
-typedef struct {
-    int64_t task, started, spent;
-} Slot;
-
-static Slot *slot;
-
-static void stamp(Slot *s)
-{
-    __atomic_store_n(&s->spent, process_ns(), __ATOMIC_RELEASE);
-    __atomic_store_n(&s->started, now_ns(), __ATOMIC_RELEASE);
-}
-
-void heartbeat(Run *r)
-{
-    r->deadline = thread_ns() + (int64_t)(1e9 * r->problem->time_limit);
-    if (slot) stamp(slot);
-}
-
-void problem_drop_runs(Problem *p)
-{
-    for (int64_t i = 0; p->runs && i < p->n_experiments; i++) run_close(p->runs[i]);
-    free(p->runs);
-    free(p->runs_active);
-    p->runs = NULL;
-    p->runs_active = NULL;
-}
-
-static Run *buffers(Problem *p, int64_t e, int64_t q, const int64_t *active)
-{
-    if (!p->runs || p->runs_q != q || memcmp(p->runs_active, active, sizeof *active * (size_t)q) != 0) {
-        problem_drop_runs(p);
-        p->runs = calloc((size_t)p->n_experiments + 1, sizeof *p->runs);
-        p->runs_active = malloc(sizeof *active * (size_t)(q + 1));
-        memcpy(p->runs_active, active, sizeof *active * (size_t)q);
-        p->runs_q = q;
-    }
-    if (!p->runs[e]) p->runs[e] = run_open(p, &p->experiments[e], (int)q, active);
-    return p->runs[e];
-}
-
-/* Does the FMU answer rightly for derivatives with respect to every target of the problem? Asked once. */
-static int direct(Run *r)
-{
-    Problem *p = r->problem;
-    if (fmu_ready(p) != AB_OK || !p->has_directional) return 0;
-    for (int64_t i = 0; i < p->n_experiments && p->parameter_directional < 0; i++) {
-        Run *other = buffers(p, i, p->runs_q, p->runs_active);
-        if (!other || !derivatives_are_right(other)) p->parameter_directional = 0;
-    }
-    if (p->parameter_directional < 0) p->parameter_directional = 1;
-    return p->parameter_directional;
-}
-
-/* One run into the sink, with sensitivities where there are active columns. */
-int run_any(Run *r, int mode, const double *noise)
-{
-    heartbeat(r);
-    probe(r);
-    sink_begin(r, mode, noise);
-    if (filters(r) && !kalman_open(r)) return AB_SOLVER_FAILED;
-    if (!r->q) return run_once(r);
-    if (filters(r)) return run_differences(r);
-    int outcome = NEED_DIFFERENCES;
-    if (direct(r)) {
-        if ((outcome = start_sensitivities(r))) return outcome;
-        sink_begin(r, mode, noise);
-        outcome = run_once(r);
-    }
-    if (outcome != NEED_DIFFERENCES) return outcome;
-    sink_begin(r, mode, noise);
-    return run_differences(r);
-}
-
 static int all_finite(const double *v, int64_t count)
 {
     double sum = 0.0;
@@ -114,12 +40,12 @@ static void gauss_newton_result(const Run *r, double *out)
     }
 }
 
-static int task(Problem *p, char *base, const Job *job, int64_t index)
+static int do_task(Problem *p, char *base, const Job *job, int64_t index)
 {
     const int64_t row = index / job->experiments, e = index % job->experiments;
     const int64_t *active = (const int64_t *)(void *)(base + job->active);
     const int64_t *table = (const int64_t *)(void *)(base + job->table) + 4 * e;
-    Run *r = buffers(p, e, job->q, active);
+    Run *r = problem_run(p, e, job->q, active);
     if (!r) return AB_SOLVER_FAILED;
     const double *noise =
         (const double *)(void *)(base + job->noise) + row * job->noise_row + e * job->noise_experiment;
@@ -186,17 +112,17 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
 #endif
     unsigned char *outcome = (unsigned char *)base + job->outcome;
     int full = 0;
-    slot = mine;
+    progress_to(mine);
     while (!full) {
         const int64_t index = first >= 0 ? first : __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED);
         first = -1;
         if (index >= job->total) break;
         if (outcome[index] != TODO) continue;
-        stamp(slot);
-        __atomic_store_n(&slot->task, index, __ATOMIC_RELEASE);
-        const int result = task(p, base, job, index);
+        progress_stamp();
+        __atomic_store_n(&mine->task, index, __ATOMIC_RELEASE);
+        const int result = do_task(p, base, job, index);
         if (p->load_error[0]) {
-            *slot = (Slot){.task = -1};
+            *mine = (Slot){.task = -1};
             full = 2;
             break;
         }
@@ -205,10 +131,10 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
             break;
         }
         outcome[index] = (unsigned char)result;
-        __atomic_store_n(&slot->task, -1, __ATOMIC_RELEASE);
+        __atomic_store_n(&mine->task, -1, __ATOMIC_RELEASE);
         full = leaks();
     }
-    slot = NULL;
+    progress_to(NULL);
 #if defined(__x86_64__)
     _mm_setcsr(mode);
 #endif

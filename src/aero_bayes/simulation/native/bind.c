@@ -1,55 +1,16 @@
 /* An FMU's library and its functions, FMI 2.0 or 3.0 alike. The FMUs that put laws around another one are made of this
  * file too (laws/native/coupler.c). */
-#include <dlfcn.h>
+#include <stdio.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 void fmu_quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
 {
     (void)e, (void)name, (void)status, (void)category, (void)message;
 }
 
-int worse(int status) { return status != FMI_OK && status != FMI_WARNING; }
-
-int fmu_symbol(Fmu *f, const char *name, void *where)
-{
-    void *s = dlsym(f->library, name);
-    memcpy(where, &s, sizeof s);
-    return s == NULL;
-}
-
-static int fmi2_bind(Fmu *f)
-{
-    int bad = 0;
-#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
-    FIND(instantiate, "Instantiate");
-    FIND(free_instance, "FreeInstance");
-    FIND(setup, "SetupExperiment");
-    FIND(enter_initialization, "EnterInitializationMode");
-    FIND(exit_initialization, "ExitInitializationMode");
-    FIND(enter_event, "EnterEventMode");
-    FIND(enter_continuous, "EnterContinuousTimeMode");
-    FIND(reset, "Reset");
-    FIND(terminate, "Terminate");
-    FIND(get_real, "GetReal");
-    FIND(set_real, "SetReal");
-    FIND(new_discrete, "NewDiscreteStates");
-    FIND(completed, "CompletedIntegratorStep");
-    FIND(set_time, "SetTime");
-    FIND(set_states, "SetContinuousStates");
-    FIND(get_derivatives, "GetDerivatives");
-    FIND(get_indicators, "GetEventIndicators");
-    FIND(get_states, "GetContinuousStates");
-    FIND(get_nominals, "GetNominalsOfContinuousStates");
-#undef FIND
-    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
-    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
-    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
-    return bad;
-}
-
 /* Why the library could not be loaded, without its own path, which is that of a temporary copy. */
-static void tell(const Fmu *f, int version, char *error, size_t size)
+static void describe_load_error(const Fmu *f, int version, char *error, size_t size)
 {
     const char *why = f->library ? NULL : dlerror();
     const size_t length = strlen(f->path);
@@ -67,7 +28,7 @@ Fmu *fmu_open(const char *path, int version, char *error, size_t size)
     f->path = strdup(path);
     f->library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (f->library && !(version == 3 ? fmi3_bind(f) : fmi2_bind(f))) return f;
-    tell(f, version, error, size);
+    describe_load_error(f, version, error, size);
     fmu_shut(f);
     return NULL;
 }

@@ -21,7 +21,7 @@ static void find_start_columns(Run *r)
     const double *values = r->values;
     double *trial = calloc((size_t)p->p + 1, sizeof *trial), *base = calloc((size_t)r->n + 1, sizeof *base);
     r->values = NULL;
-    const int failed = fmu_begin(r) != AB_OK;
+    const int failed = initialise(r) != AB_OK;
     memcpy(base, r->x, sizeof *base * (size_t)r->n);
     for (int64_t j = 0; j < p->p && !failed; j++) {
         const fmi_reference reference = (fmi_reference)e->targets[j].a;
@@ -38,7 +38,7 @@ static void find_start_columns(Run *r)
         }
         const double kept = trial[j];
         trial[j] += step_of(t, kept, 1e-3);
-        e->start_matters[j] = failed || fmu_begin(r) != AB_OK;
+        e->start_matters[j] = failed || initialise(r) != AB_OK;
         trial[j] = kept;
         for (int i = 0; i < r->n; i++)
             if (!(t->kind == TARGET_START && i == t->a) && r->x[i] != base[i]) e->start_matters[j] = 1;
@@ -71,7 +71,7 @@ int start_sensitivities(Run *r)
         const double step = step_of(t, values[column], 6e-6);
         for (int side = 1; side >= -1 && !outcome; side -= 2) {
             trial[column] = values[column] + side * step;
-            outcome = fmu_begin(r);
+            outcome = initialise(r);
             for (int i = 0; i < n; i++)
                 if (!(t->kind == TARGET_START && i == t->a)) r->s0[i * q + j] += side * r->x[i] / (2.0 * step);
         }
@@ -84,7 +84,7 @@ int start_sensitivities(Run *r)
 
 static int trajectory(Run *r, double *y)
 {
-    heartbeat(r);
+    start_time_limit(r);
     r->sink.trajectory = y;
     sink_begin(r, r->mode, NULL);
     return run_once(r);

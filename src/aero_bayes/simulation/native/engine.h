@@ -1,8 +1,10 @@
 /* Types shared by the engine's files. One idea a file:
- *   spec.c         reads a problem written by Python (spec.py)
- *   bind.c         loads an FMU's binary and finds the functions of FMI 2.0
- *   fmi3.c         the same of FMI 3.0
- *   fmu.c          speaks Model Exchange to it
+ *   problem_file.c reads a problem written by Python (problem_file.py)
+ *   bind.c         loads an FMU's binary
+ *   fmi2.c         finds the functions of FMI 2.0 in it
+ *   fmi3.c         the same of FMI 3.0, behind the functions of FMI 2.0
+ *   fmu.c          one instance of it, and its right-hand side and Jacobian
+ *   initialise.c   initialisation, to the first sample
  *   inputs.c       input signals, their delay, and the times at which they break
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -11,11 +13,16 @@
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   kalman.c       the extended Kalman filter of a model with process noise
+ *   step.c         the steps of a segment between two jumps or events, with error control
+ *   crossing.c     what happens between two segments
  *   run.c          one simulation from initialisation to the last sample
+ *   simulate.c     the same with sensitivities: forward ones, or differences
  *   repeat.c       whether a reset does as much as a new instance
  *   trust.c        whether the FMU's derivatives can be built on
  *   probe.c        what an FMU does that its description does not say
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
+ *   workspace.c    the buffers of a run
+ *   progress.c     clocks, and what a worker tells of its progress
  *   batch.c        many runs, handed out from a shared counter
  *   confine.c      what a worker gives up before it loads a model
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
@@ -28,13 +35,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmi2.h"
+#include "fmu.h"
 
 /* The numbers of interface.Outcome. */
-enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE, AB_STATES_JUMP };
-
-/* What puts an FMU back to its start, see repeat.c. */
-enum { BEGIN_UNKNOWN, BEGIN_RESET, BEGIN_NEW, BEGIN_NOTHING };
+enum {
+    AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE,
+    AB_STATES_JUMP
+};
 
 enum {
     TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT, TARGET_DIFFUSION, TARGET_READING_NOISE
@@ -88,31 +95,6 @@ typedef struct {
     int64_t n_breaks;
     signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */
 } Experiment;
-
-typedef struct Fmu {
-    struct Fmu *next;
-    char *path;
-    void *library;
-    fmi_component instance;
-    fmi_callbacks callbacks;
-    void *environment; /* FMI 3.0's own functions */
-    int used; /* instance needs a reset before the next run */
-    int begin;
-    int instantiated, spent; /* it was instantiated and can be no more in this process */
-    fmi_instantiate instantiate;
-    fmi_free_instance free_instance;
-    fmi_setup setup;
-    fmi_plain enter_initialization, exit_initialization, enter_event, enter_continuous, reset, terminate;
-    fmi_get_real get_real;
-    fmi_get_integer get_integer, get_boolean;
-    fmi_set_real set_real;
-    fmi_new_discrete new_discrete;
-    fmi_completed completed;
-    fmi_set_time set_time;
-    fmi_set_vector set_states;
-    fmi_get_vector get_derivatives, get_indicators, get_states, get_nominals;
-    fmi_directional directional;
-} Fmu;
 
 typedef struct {
     void *map; /* the mapped spec file */
@@ -252,30 +234,23 @@ typedef struct Run {
     void *memory;
 } Run;
 
-/* spec.c */
+/* problem_file.c */
 Problem *problem_open(const char *path, char *error, size_t size);
 void problem_close(Problem *);
-
-/* bind.c */
-Fmu *fmu_open(const char *path, int version, char *error, size_t size);
-void fmu_shut(Fmu *);
-int fmu_symbol(Fmu *, const char *name, void *where);
-void fmu_quiet(fmi_environment, const char *name, int status, const char *category, const char *message, ...);
-int worse(int status);
 
 /* fmu.c */
 int fmu_load(Problem *);
 int fmu_ready(Problem *);
 void fmu_discard(Fmu *);
-int fmu_begin(Run *);
-int read_nominals(Run *);
+int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
 int directional_column(Run *, fmi_reference known, double *column);
 
-/* fmi3.c */
-int fmi3_bind(Fmu *);
+/* initialise.c */
+int initialise(Run *);
+int read_nominals(Run *);
 
 /* inputs.c */
 void inputs_prepare(Run *);
@@ -335,14 +310,33 @@ double kalman_next(const Run *);
 int kalman_step(Run *, double h, double fraction);
 int kalman_read(Run *, int *finite);
 
-/* run.c */
+/* step.c */
+typedef struct {
+    double end;        /* of the segment */
+    double begin;
+    double h;          /* size of the next step */
+    int fresh;         /* no step size is known */
+    int have_f, have_jac, have_node;
+    int event;         /* a state or step event ended the segment early */
+    int asked;         /* a step event: the FMU asked for it after a step */
+    int idle;          /* and nothing came of it */
+} Segment;
+void note_sizes(Run *);
+void remember_step(Run *, double fraction);
+int exceeds_limits(Run *);
+int integrate_segment(Run *, Segment *);
+
+/* crossing.c */
 enum { NEED_DIFFERENCES = -1 };
-int64_t now_ns(void);     /* by the clock on the wall */
-int64_t process_ns(void); /* computed by this process */
-int64_t thread_ns(void);  /* and by this thread */
+int depends_on_time(Run *, double until, int times);
+int cross_segment_end(Run *, Segment *);
+int read_samples(Run *, Segment *);
+
+/* run.c */
 int run_once(Run *);
-Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
-void run_close(Run *);
+
+/* simulate.c */
+int simulate(Run *, int mode, const double *noise);
 
 /* repeat.c */
 int run_repeatable(Run *, int mode, const double *noise);
@@ -357,10 +351,22 @@ void probe(Run *);
 int start_sensitivities(Run *);
 int run_differences(Run *);
 
-/* batch.c */
-void heartbeat(Run *);
-int run_any(Run *, int mode, const double *noise);
-void problem_drop_runs(Problem *);
+/* workspace.c */
+Run *run_open(Problem *, Experiment *, int q, const int64_t *active);
+void run_close(Run *);
+Run *problem_run(Problem *, int64_t experiment, int64_t q, const int64_t *active);
+void problem_close_runs(Problem *);
+
+/* progress.c */
+typedef struct {
+    int64_t task, started, spent; /* started by the clock on the wall, spent in computing time; in ns */
+} Slot;
+int64_t now_ns(void);     /* by the clock on the wall */
+int64_t process_ns(void); /* computed by this process */
+int64_t thread_ns(void);  /* and by this thread */
+void progress_to(Slot *); /* or NULL: from now on nobody watches */
+void progress_stamp(void);
+void start_time_limit(Run *);
 
 /* kernels.inc, twice */
 typedef struct {

@@ -15,7 +15,7 @@ int event_iterate(Run *r)
     do {
         memset(&info, 0, sizeof info);
         const int status = f->new_discrete(f->instance, &info);
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
         r->nominals_changed |= info.nominals_changed;
         if (info.terminate_simulation || ++rounds > MOST_ITERATIONS) return FMI_ERROR;
     } while (info.new_discrete_states_needed);
@@ -26,7 +26,7 @@ int event_iterate(Run *r)
 int indicators(Run *r, double t, const double *x, double *z)
 {
     const int status = set_point(r, t, x);
-    return worse(status) ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->nz);
+    return is_error(status) ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->nz);
 }
 
 int crossed(const double *z0, const double *z1, int nz)
@@ -51,7 +51,7 @@ double find_event(Run *r, double h)
     r->status = FMI_OK;
     for (int k = 0; k < 3; k++) {
         r->status = indicators_at(r, h, probe[k], r->z1);
-        if (worse(r->status)) return 2.0;
+        if (is_error(r->status)) return 2.0;
         if (crossed(r->z0, r->z1, r->nz)) {
             hi = probe[k];
             break;
@@ -60,7 +60,7 @@ double find_event(Run *r, double h)
     }
     if (hi > 1.0) return hi;
     r->status = indicators_at(r, h, lo, r->z2);
-    if (worse(r->status)) return 2.0;
+    if (is_error(r->status)) return 2.0;
     /* z2 at lo, z1 at hi: probe just below and just above the earliest secant root, and bisect every third time */
     const double narrow = fmax(4.0 * DBL_EPSILON * fabs(r->t) / h, 1e-14);
     for (int round = 0; round < 150 && hi - lo > narrow; round++) {
@@ -75,7 +75,7 @@ double find_event(Run *r, double h)
             if (guess > lo && guess < hi) fraction = guess;
         }
         r->status = indicators_at(r, h, fraction, r->z_try);
-        if (worse(r->status)) return 2.0;
+        if (is_error(r->status)) return 2.0;
         const int after = crossed(r->z0, r->z_try, r->nz);
         if (after)
             hi = fraction;

@@ -3,8 +3,9 @@
  * and 3. */
 #include <dlfcn.h>
 #include <stdbool.h>
+#include <stdint.h>
 
-#include "engine.h"
+#include "fmu.h"
 
 typedef void *Instance;
 typedef void (*Log)(void *, int, const char *, const char *);
@@ -94,7 +95,7 @@ static int get_integer(fmi_component c, const fmi_reference *vr, size_t n, int *
 static int get_boolean(fmi_component c, const fmi_reference *vr, size_t n, int *v)
 {
     int status = FMI_OK;
-    for (size_t i = 0; i < n && !worse(status); i++) {
+    for (size_t i = 0; i < n && !is_error(status); i++) {
         bool b = false;
         status = ((Three *)c)->get_bool(((Three *)c)->instance, vr + i, 1, &b, 1);
         v[i] = b;

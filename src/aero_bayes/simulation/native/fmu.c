@@ -1,7 +1,5 @@
 /* One FMU in this process: its library, its single instance, and the calls of Model Exchange. The instance is
  * reset and reused where that is enough (repeat.c), since some FMUs die after about a thousand instantiations. */
-#include <float.h>
-
 #include "engine.h"
 
 static Fmu *loaded; /* a library is loaded once and serves every problem on it */
@@ -47,7 +45,7 @@ int fmu_ready(Problem *p)
         const int status = anew ? FMI_ERROR : f->reset(f->instance);
         if (status == FMI_FATAL)
             fmu_discard(f);
-        else if (worse(status)) {
+        else if (is_error(status)) {
             f->free_instance(f->instance);
             f->instance = NULL;
         }
@@ -57,126 +55,34 @@ int fmu_ready(Problem *p)
     return AB_OK;
 }
 
-static int outcome_of(Fmu *f, int status)
+int outcome_of(Fmu *f, int status)
 {
     if (status == FMI_FATAL) fmu_discard(f);
-    return worse(status) ? AB_MODEL_ERROR : AB_OK;
+    return is_error(status) ? AB_MODEL_ERROR : AB_OK;
 }
 
-/* What must be set before initialisation: held parameters, start values, this run's columns. */
-static size_t start_values(Run *r)
-{
-    const Problem *p = r->problem;
-    const Experiment *e = r->e;
-    fmi_reference *ref = r->start_reference;
-    double *value = r->start_value;
-    size_t count = 0;
-    for (int64_t i = 0; i < p->n_fixed; i++) {
-        ref[count] = p->fixed_reference[i];
-        value[count++] = p->fixed_value[i];
-    }
-    for (int i = 0; i < e->n_start; i++)
-        if (p->state_settable[e->start_state[i]]) {
-            ref[count] = p->state_reference[e->start_state[i]];
-            value[count++] = e->start_value[i];
-        }
-    for (int64_t j = 0; r->values && j < p->p; j++) {
-        const Target *t = &e->targets[j];
-        if (t->kind == TARGET_PARAMETER)
-            ref[count] = (fmi_reference)t->a;
-        else if (t->kind == TARGET_START && p->state_settable[t->a])
-            ref[count] = p->state_reference[t->a];
-        else
-            continue;
-        value[count++] = r->values[j];
-    }
-    return count;
-}
-
-/* Start values of states that initialisation did not take over. */
-static int override_states(Run *r)
-{
-    const Experiment *e = r->e;
-    int differs = 0;
-    for (int i = 0; i < e->n_start; i++) {
-        double *x = &r->x[e->start_state[i]];
-        differs |= *x != e->start_value[i];
-        *x = e->start_value[i];
-    }
-    for (int64_t j = 0; r->values && j < r->problem->p; j++)
-        if (e->targets[j].kind == TARGET_START) {
-            double *x = &r->x[e->targets[j].a];
-            differs |= *x != r->values[j];
-            *x = r->values[j];
-        }
-    return differs;
-}
-
-int read_nominals(Run *r)
-{
-    const int status = r->fmu->get_nominals(r->fmu->instance, r->nominal, (size_t)r->n);
-    for (int i = 0; i < r->n; i++) {
-        const double v = fabs(r->nominal[i]);
-        r->nominal[i] = !worse(status) && v > 0.0 && v < DBL_MAX ? v : 1.0;
-    }
-    return status == FMI_FATAL ? status : FMI_OK;
-}
-
-#define TRY(call)                                  \
-    do {                                           \
-        const int outcome_ = outcome_of(f, (call)); \
-        if (outcome_) return outcome_;             \
-    } while (0)
-
-/* From a fresh instance into continuous-time mode at the first sample, states in r->x. Returns an outcome. */
-int fmu_begin(Run *r)
-{
-    Problem *p = r->problem;
-    Experiment *e = r->e;
-    const int outcome = fmu_ready(p);
-    if (outcome) return outcome;
-    Fmu *f = r->fmu = p->fmu;
-    r->t = e->time[0];
-    const size_t count = start_values(r);
-    inputs_prepare(r);
-    TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
-    if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));
-    if (e->n_signals) TRY(inputs_apply(r, r->t));
-    TRY(f->enter_initialization(f->instance));
-    TRY(f->exit_initialization(f->instance));
-    TRY(event_iterate(r));
-    TRY(f->enter_continuous(f->instance));
-    if (!r->n) return AB_OK;
-    TRY(f->get_states(f->instance, r->x, (size_t)r->n));
-    if (override_states(r)) TRY(f->set_states(f->instance, r->x, (size_t)r->n));
-    TRY(read_nominals(r));
-    for (int i = 0; i < r->n; i++)
-        if (!isfinite(r->x[i])) return AB_NOT_FINITE;
-    return AB_OK;
-}
-
-static int place(Run *r, double t, const double *x)
+static int move_to(Run *r, double t, const double *x)
 {
     Fmu *f = r->fmu;
     int status = f->set_time(f->instance, t);
-    if (r->any_slope && !worse(status)) status = inputs_apply(r, t);
-    if (r->n && !worse(status)) status = f->set_states(f->instance, x, (size_t)r->n);
+    if (r->any_slope && !is_error(status)) status = inputs_apply(r, t);
+    if (r->n && !is_error(status)) status = f->set_states(f->instance, x, (size_t)r->n);
     return status;
 }
 
 /* Some FMUs solve their algebraic loops only when the derivatives are asked for. */
 int set_point(Run *r, double t, const double *x)
 {
-    const int status = place(r, t, x);
-    if (worse(status) || !r->problem->settle) return status;
+    const int status = move_to(r, t, x);
+    if (is_error(status) || !r->problem->settle) return status;
     return r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
 }
 
 int rhs(Run *r, double t, const double *x, double *out)
 {
     r->evaluations++;
-    const int status = place(r, t, x);
-    if (worse(status) || !r->n) return status;
+    const int status = move_to(r, t, x);
+    if (is_error(status) || !r->n) return status;
     return r->fmu->get_derivatives(r->fmu->instance, out, (size_t)r->n);
 }
 
@@ -208,7 +114,7 @@ int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
             }
             status = rhs(r, t, r->seed, r->column);
         }
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
         for (int j = 0; j < n; j++)
             if (p->color[j] == color) {
                 const double scale = p->has_directional ? 1.0 : 1.0 / (r->seed[j] - x[j]);

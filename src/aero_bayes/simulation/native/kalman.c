@@ -196,10 +196,10 @@ int kalman_step(Run *r, double h, double fraction)
     const double half = 0.5 * fraction;
     int status;
     for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, method->dense, &half, 1, k->x + i);
-    if (worse(status = rhs(r, r->t + half * h, k->x, r->f1))) return status;
-    if (worse(status = jacobian(r, r->t + half * h, k->x, r->f1, k->middle))) return status;
-    if (worse(status = rhs(r, r->t + fraction * h, r->x1, r->f1))) return status;
-    if (worse(status = jacobian(r, r->t + fraction * h, r->x1, r->f1, k->end))) return status;
+    if (is_error(status = rhs(r, r->t + half * h, k->x, r->f1))) return status;
+    if (is_error(status = jacobian(r, r->t + half * h, k->x, r->f1, k->middle))) return status;
+    if (is_error(status = rhs(r, r->t + fraction * h, r->x1, r->f1))) return status;
+    if (is_error(status = jacobian(r, r->t + fraction * h, r->x1, r->f1, k->end))) return status;
     exponents(k, r->jac, fraction * h, n);
     const int known = same(k->last_omega, k->omega, n) & same(k->last_noise, k->noise, n);
     if (!known || !k->begun) transition(k, n);
@@ -228,7 +228,7 @@ static int outputs(Run *r)
             k->h[o * n + e->output_state[o]] = 1.0;
         }
     if (!e->n_other) return FMI_OK;
-    if (worse(status = ask_values(r, r->t, r->x, k->y, 1))) return status;
+    if (is_error(status = ask_values(r, r->t, r->x, k->y, 1))) return status;
     memcpy(k->x, r->x, sizeof *k->x * (size_t)n);
     for (int j = 0; r->others && j < n; j++) {
         double base = 0.0, one = 1.0;
@@ -239,11 +239,11 @@ static int outputs(Run *r)
             k->x[j] += 1.5e-8 * larger(fabs(r->x[j]), r->nominal[j]);
             one = 1.0 / (k->x[j] - r->x[j]);
             status = set_point(r, r->t, k->x);
-            if (!worse(status))
+            if (!is_error(status))
                 status = r->fmu->get_real(r->fmu->instance, r->other_reference, (size_t)r->others, r->other);
             k->x[j] = r->x[j];
         }
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
         for (int64_t o = 0, next = 0; o < e->m; o++) {
             if (e->output_state[o] >= 0 || e->output_kind[o] != 0) continue;
             if (!p->has_directional) base = k->y[o];
@@ -300,7 +300,7 @@ int kalman_read(Run *r, int *finite)
     const int64_t m = e->m, sample = r->sample++, square = (int64_t)n * n;
     const int status = outputs(r);
     double *to = r->sink.trajectory ? r->sink.trajectory + sample * width : NULL;
-    if (worse(status)) return status;
+    if (is_error(status)) return status;
     memcpy(k->before, r->x, sizeof *r->x * (size_t)n);
     if (r->mode == MODE_FILTER_STATES) {
         double *at = to + 2 * m;

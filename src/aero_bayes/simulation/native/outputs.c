@@ -33,9 +33,9 @@ int ask_values(Run *r, double t, const double *x, double *y, int64_t stride)
     Fmu *f = r->fmu;
     const Experiment *e = r->e;
     int status = set_point(r, t, x);
-    if (!worse(status) && r->others)
+    if (!is_error(status) && r->others)
         status = f->get_real(f->instance, r->other_reference, (size_t)r->others, r->other);
-    if (worse(status)) return status;
+    if (is_error(status)) return status;
     for (int64_t o = 0, next = 0; o < e->m; o++) {
         if (e->output_state[o] >= 0) continue;
         if (e->output_kind[o] == 0) {
@@ -44,7 +44,7 @@ int ask_values(Run *r, double t, const double *x, double *y, int64_t stride)
         }
         int whole = 0;
         const fmi_get_integer get = e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
-        if (!get || worse(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
+        if (!get || is_error(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
         y[o * stride] = whole;
     }
     return FMI_OK;
@@ -80,7 +80,7 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
         if (r->others && moves) {
             const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->others,
                                                    r->seed_reference, (size_t)known, r->seed, r->other);
-            if (worse(status)) return status;
+            if (is_error(status)) return status;
         }
         for (int64_t o = 0, next = 0; o < e->m; o++)
             if (e->output_state[o] < 0) to[o * stride + k] = e->output_kind[o] == 0 ? r->other[next++] : 0.0;
@@ -95,7 +95,7 @@ static int ask(Run *r, double t, double fraction, double *y, int64_t y_stride, d
     const int64_t size = (int64_t)n * r->ld;
     for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, &fraction, 1, r->u + i);
     const int status = ask_values(r, t, r->u, y, y_stride);
-    if (worse(status) || !r->q) return status;
+    if (is_error(status) || !r->q) return status;
     kernels->dense_rows(r->su, r->sdense, size, degree, &fraction, 1, size, size);
     return ask_sensitivities(r, t, r->su, s, s_stride);
 }
@@ -127,7 +127,7 @@ static int interpolate(Run *r, const double *time, int64_t from, int64_t count, 
     for (int k = 0; k < POINTS; k++) {
         const double t = 0.5 * (t0 + t1) + 0.5 * (t1 - t0) * point[k];
         *status = ask(r, t, middle + half * point[k], r->piece_y + k * e->m, 1, r->piece_s + k * wide, ld);
-        if (worse(*status)) return 0;
+        if (is_error(*status)) return 0;
     }
     double check[POINTS / 2 * NODES];
     for (int k = 1; k < POINTS; k += 2) lagrange(point[k], check + k / 2 * NODES);
@@ -167,7 +167,7 @@ int ask_samples(Run *r, const double *time, int64_t count)
                 if (r->piece < BLOCK) r->piece *= 2;
                 continue;
             }
-            if (worse(status)) return status;
+            if (is_error(status)) return status;
             if (r->piece > SHORT) {
                 r->piece /= 2;
                 continue;
@@ -176,7 +176,7 @@ int ask_samples(Run *r, const double *time, int64_t count)
         for (const int64_t end = k + piece; k < end; k++) {
             const int64_t at = sink->filled + k;
             status = ask(r, time[k], r->fraction[k], sink->y + at, BLOCK, sink->s + at * r->ld, BLOCK * r->ld);
-            if (worse(status)) return status;
+            if (is_error(status)) return status;
         }
     }
     return FMI_OK;

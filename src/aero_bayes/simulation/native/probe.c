@@ -24,8 +24,8 @@ static int ask(Run *r, double *out)
     Fmu *f = r->fmu;
     int status = FMI_OK;
     if (r->others) status = f->get_real(f->instance, r->other_reference, (size_t)r->others, out);
-    if (!worse(status) && r->nz) status = f->get_indicators(f->instance, out + r->others, (size_t)r->nz);
-    if (!worse(status) && r->problem->has_directional)
+    if (!is_error(status) && r->nz) status = f->get_indicators(f->instance, out + r->others, (size_t)r->nz);
+    if (!is_error(status) && r->problem->has_directional)
         status = directional_column(r, r->problem->state_reference[0], out + r->others + r->nz);
     return status;
 }
@@ -40,10 +40,10 @@ static int needs_derivatives_first(Run *r, const double *x0, double *x)
     for (int k = 0; before && k < POINTS; k++) {
         const double t = point(r, k, x0, x);
         int status = set_point(r, t, x);
-        if (!worse(status)) status = ask(r, before);
-        if (!worse(status)) status = r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
-        if (!worse(status)) status = ask(r, after);
-        for (int64_t i = 0; i < size && !worse(status); i++) differs |= !same(before[i], after[i], 0.0);
+        if (!is_error(status)) status = ask(r, before);
+        if (!is_error(status)) status = r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
+        if (!is_error(status)) status = ask(r, after);
+        for (int64_t i = 0; i < size && !is_error(status); i++) differs |= !same(before[i], after[i], 0.0);
     }
     free(before);
     return differs;
@@ -77,11 +77,11 @@ static int pattern_is_right(Run *r, const double *x0, double *x)
     int right = 1;
     for (int k = 0; k < POINTS && right; k++) {
         const double t = point(r, k, x0, x);
-        if (worse(rhs(r, t, x, r->f)) || worse(jacobian(r, t, x, r->f, r->jac))) continue;
+        if (is_error(rhs(r, t, x, r->f)) || is_error(jacobian(r, t, x, r->f, r->jac))) continue;
         r->problem = &plain;
         const int status = jacobian(r, t, x, r->f, all);
         r->problem = p;
-        for (int i = 0; i < n && !worse(status); i++) {
+        for (int i = 0; i < n && !is_error(status); i++) {
             double size = 0.0;
             for (int j = 0; j < n; j++) size = fmax(size, fabs(all[i * n + j]) * r->nominal[j]);
             for (int j = 0; j < n; j++)
@@ -100,7 +100,7 @@ void probe(Run *r)
 {
     Problem *p = r->problem;
     if (p->probed) return;
-    if (!r->n || fmu_begin(r) != AB_OK) {
+    if (!r->n || initialise(r) != AB_OK) {
         p->probed = !r->n;
         return;
     }

@@ -17,7 +17,7 @@ static int attempt(Run *r, int mode, const double *noise, int begin, double *y)
 {
     r->problem->fmu->begin = begin;
     r->sink.kept = y;
-    const int outcome = run_any(r, mode, noise);
+    const int outcome = simulate(r, mode, noise);
     r->sink.kept = NULL;
     return outcome;
 }
@@ -56,16 +56,16 @@ static int compare(Run *r, int mode, const double *noise)
     return f->begin == BEGIN_NOTHING ? AB_NOT_REPEATABLE : outcome;
 }
 
-/* One run into the sink, as run_any, whose result does not depend on the runs before it. */
+/* One run into the sink, as simulate, whose result does not depend on the runs before it. */
 int run_repeatable(Run *r, int mode, const double *noise)
 {
     Problem *p = r->problem;
     if (fmu_load(p)) return AB_MODEL_ERROR;
     if (p->fmu->begin == BEGIN_NOTHING) return AB_NOT_REPEATABLE;
-    if (p->fmu->begin != BEGIN_UNKNOWN) return run_any(r, mode, noise);
+    if (p->fmu->begin != BEGIN_UNKNOWN) return simulate(r, mode, noise);
     const uint64_t task = mark(r);
     if (r->task && r->task != task) return compare(r, mode, noise);
-    const int outcome = run_any(r, mode, noise);
+    const int outcome = simulate(r, mode, noise);
     if (outcome == AB_OK) r->task = task;
     return outcome;
 }

@@ -138,7 +138,7 @@ double rodas_step(Run *r, double h, const double *ft)
         if (s) {
             kernels->combine(r->u, r->x, m->a[s], s, r->k, n, n);
             r->status = rhs(r, r->t + m->alpha[s] * h, r->u, r->r);
-            if (worse(r->status)) return NAN;
+            if (is_error(r->status)) return NAN;
             f = r->r;
         }
         for (int j = 0; j < s; j++) w[j] = m->c[s][j] / h;

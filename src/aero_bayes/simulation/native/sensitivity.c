@@ -52,7 +52,7 @@ static int slope_before(Run *r, const Target *column, double *to)
 {
     swap_jumps(r, column);
     int status = inputs_apply(r, r->t);
-    if (!worse(status)) status = rhs(r, r->t, r->x, to);
+    if (!is_error(status)) status = rhs(r, r->t, r->x, to);
     swap_jumps(r, column);
     return status;
 }
@@ -62,7 +62,7 @@ static int slope_before(Run *r, const Target *column, double *to)
 int delay_jump(Run *r, int *have_f)
 {
     int moved = 0, status = FMI_OK;
-    for (int k = 0; k < r->q && !worse(status); k++) {
+    for (int k = 0; k < r->q && !is_error(status); k++) {
         const Target *column = &r->column_target[k];
         const double *before = r->f1;
         int own = 0, others = 0;
@@ -79,7 +79,7 @@ int delay_jump(Run *r, int *have_f)
         }
         for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] += before[i] - r->f[i];
     }
-    if (!moved || worse(status)) return status;
+    if (!moved || is_error(status)) return status;
     *have_f = 0;
     return inputs_apply(r, r->t);
 }
@@ -98,9 +98,9 @@ static int delay_at_start(Run *r)
     }
     if (!any || !r->n) return FMI_OK;
     int status = slope_before(r, &all, r->f1);
-    if (!worse(status)) status = inputs_apply(r, r->t);
-    if (!worse(status)) status = rhs(r, r->t, r->x, r->f);
-    return worse(status) ? status : delay_jump(r, &have_f);
+    if (!is_error(status)) status = inputs_apply(r, r->t);
+    if (!is_error(status)) status = rhs(r, r->t, r->x, r->f);
+    return is_error(status) ? status : delay_jump(r, &have_f);
 }
 
 /* Sorts the active columns and sets S(t0). Returns an outcome. */
@@ -126,7 +126,7 @@ int sensitivity_begin(Run *r)
     for (int i = 0; i < r->n; i++)
         for (int k = 0; k < r->ld; k++)
             r->s[i * r->ld + k] = k < r->q ? r->s0[i * r->q + r->order[k]] : 0.0;
-    return worse(delay_at_start(r)) ? AB_MODEL_ERROR : AB_OK;
+    return is_error(delay_at_start(r)) ? AB_MODEL_ERROR : AB_OK;
 }
 
 static int needs_signal(const Run *r, int signal)
@@ -148,19 +148,19 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
         memcpy(a, jac, sizeof *a * (size_t)(n * n));
     else {
         const int status = jacobian(r, t, x, NULL, a);
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
     }
     memset(b, 0, sizeof *b * (size_t)(n * ld));
     for (int k = 0; k < r->alive; k++)
         if (r->column_target[k].kind == TARGET_PARAMETER) {
             const int status = directional_column(r, (fmi_reference)r->column_target[k].a, r->column);
-            if (worse(status)) return status;
+            if (is_error(status)) return status;
             for (int i = 0; i < n; i++) b[i * ld + k] = r->column[i];
         }
     for (int signal = 0; signal < r->e->n_signals; signal++) {
         if (!needs_signal(r, signal)) continue;
         const int status = directional_column(r, r->u_reference[signal], r->column);
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
         for (int k = 0; k < r->alive; k++) {
             const Target *target = &r->column_target[k];
             double w = 0.0;
@@ -285,9 +285,9 @@ double sensitivity_step(Run *r, double h, double root)
     for (int k = 1; k < 3; k++) {
         for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, m->dense, &node[k], 1, r->u + i);
         r->status = set_point(r, r->t + node[k] * h, r->u);
-        if (worse(r->status)) return NAN;
+        if (is_error(r->status)) return NAN;
         r->status = sensitivity_node(r, k, r->t + node[k] * h, r->u, NULL);
-        if (worse(r->status)) return NAN;
+        if (is_error(r->status)) return NAN;
     }
     double w[8];
     const int entries = pack(r);

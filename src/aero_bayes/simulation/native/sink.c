@@ -113,7 +113,7 @@ int emit_until(Run *r, double h, double limit, int inclusive)
         }
         if (e->n_other) {
             const int status = ask_samples(r, time, count);
-            if (worse(status)) return status;
+            if (is_error(status)) return status;
         }
         sink->filled += count;
         r->sample += count;

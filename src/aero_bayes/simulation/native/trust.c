@@ -18,14 +18,14 @@ typedef struct {
 static int read_unknowns(Run *r, const Probe *b, const double *x, double *out)
 {
     const int status = rhs(r, r->t, x, out);
-    if (worse(status) || b->size == b->n) return status;
+    if (is_error(status) || b->size == b->n) return status;
     return r->fmu->get_real(r->fmu->instance, b->unknown + b->n, (size_t)(b->size - b->n), out + b->n);
 }
 
 static int read_points(Run *r, const Probe *b, double *out)
 {
     for (int k = 0; k < POINTS; k++)
-        if (worse(read_unknowns(r, b, b->at + k * b->n, out + k * b->size))) return FMI_ERROR;
+        if (is_error(read_unknowns(r, b, b->at + k * b->n, out + k * b->size))) return FMI_ERROR;
     return FMI_OK;
 }
 
@@ -48,10 +48,10 @@ static int ask(Run *r, const Probe *b, fmi_reference known)
     const double one = 1.0;
     for (int k = 0; k < POINTS; k++) {
         int status = set_point(r, r->t, b->at + k * b->n);
-        if (!worse(status) && b->size)
+        if (!is_error(status) && b->size)
             status = r->fmu->directional(r->fmu->instance, b->unknown, (size_t)b->size, &known, 1, &one,
                                          b->told + k * b->size);
-        if (worse(status)) return status;
+        if (is_error(status)) return status;
     }
     return FMI_OK;
 }
@@ -59,12 +59,12 @@ static int ask(Run *r, const Probe *b, fmi_reference known)
 static int parameter_is_right(Run *r, const Probe *b, double *trial, int64_t j)
 {
     const Target *t = &r->e->targets[j];
-    if (fmu_begin(r) != AB_OK || worse(ask(r, b, (fmi_reference)t->a))) return 0;
+    if (initialise(r) != AB_OK || is_error(ask(r, b, (fmi_reference)t->a))) return 0;
     const double kept = trial[j], step = 1e-5 * (kept != 0.0 ? fabs(kept) : t->scale);
     int failed = 0;
     for (int side = 1; side >= -1 && !failed; side -= 2) {
         trial[j] = kept + side * step;
-        failed = fmu_begin(r) != AB_OK || worse(read_points(r, b, side > 0 ? b->high : b->low));
+        failed = initialise(r) != AB_OK || is_error(read_points(r, b, side > 0 ? b->high : b->low));
     }
     trial[j] = kept;
     return failed || !contradicted(b, step); /* beyond the parameter's range nothing can be compared */
@@ -73,13 +73,13 @@ static int parameter_is_right(Run *r, const Probe *b, double *trial, int64_t j)
 static int input_is_right(Run *r, const Probe *b, const Target *t)
 {
     const fmi_reference known = r->u_reference[t->a];
-    if (fmu_begin(r) != AB_OK || worse(ask(r, b, known))) return 0;
+    if (initialise(r) != AB_OK || is_error(ask(r, b, known))) return 0;
     const double kept = r->u_now[t->a], step = 1e-5 * larger(fabs(kept), t->scale);
     int failed = 0;
     for (int side = 1; side >= -1 && !failed; side -= 2) {
         const double value = kept + side * step;
-        failed = worse(r->fmu->set_real(r->fmu->instance, &known, 1, &value)) ||
-                 worse(read_points(r, b, side > 0 ? b->high : b->low));
+        failed = is_error(r->fmu->set_real(r->fmu->instance, &known, 1, &value)) ||
+                 is_error(read_points(r, b, side > 0 ? b->high : b->low));
     }
     return failed || !contradicted(b, step);
 }
@@ -111,17 +111,17 @@ int derivatives_are_right(Run *r)
     b.told = b.low + POINTS * b.size;
 
     r->values = NULL;
-    int right = 1, known = fmu_begin(r) == AB_OK;
+    int right = 1, known = initialise(r) == AB_OK;
     if (known) {
         lay_points(r, &b);
         for (int64_t j = 0; j < p->p; j++) {
             const fmi_reference reference = (fmi_reference)e->targets[j].a;
             if (e->targets[j].kind == TARGET_START) trial[j] = r->x[e->targets[j].a];
             if (e->targets[j].kind == TARGET_PARAMETER)
-                known &= !worse(r->fmu->get_real(r->fmu->instance, &reference, 1, &trial[j]));
+                known &= !is_error(r->fmu->get_real(r->fmu->instance, &reference, 1, &trial[j]));
         }
         r->values = trial;
-        known = known && fmu_begin(r) == AB_OK && !worse(read_points(r, &b, b.base));
+        known = known && initialise(r) == AB_OK && !is_error(read_points(r, &b, b.base));
     }
     if (!known) r->values = values; /* the model cannot start from its own values: only refusals are seen */
     for (int64_t j = 0; j < p->p && right; j++) {
@@ -130,8 +130,8 @@ int derivatives_are_right(Run *r)
         if (!known) {
             const fmi_reference reference =
                 t->kind == TARGET_INPUT ? e->signals[t->a].reference : (fmi_reference)t->a;
-            right = fmu_begin(r) == AB_OK && !worse(rhs(r, r->t, r->x, r->f)) &&
-                    !worse(directional_column(r, reference, r->column));
+            right = initialise(r) == AB_OK && !is_error(rhs(r, r->t, r->x, r->f)) &&
+                    !is_error(directional_column(r, reference, r->column));
         } else
             right = t->kind == TARGET_INPUT ? input_is_right(r, &b, t) : parameter_is_right(r, &b, trial, j);
     }

@@ -1,0 +1,271 @@
+"""What a fit leaves behind: how large against the noise floor, whether white, and where it sits.
+
+All tests work on innovations, the residual after the fitted noise has been filtered out, so that correlated noise does
+not count as structure. They keep their size on thousands of samples: the portmanteau statistic is the one that is
+robust to changing variance (Lobato, Nankervis & Savin 2001), and structure over states is a chi-square of a few smooth
+functions from which the fitted parameters' own directions are projected out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.objective import Series
+from aero_bayes.sensors import OutputNoise, autocorrelation, is_rotor_speed, whiten
+
+FloatArray = NDArray[np.float64]
+ResidualVerdict = Literal["adequate", "structured"]
+
+#: Probability that the tests of one residual together call it structured when it is noise.
+FALSE_ALARM_RATE = 1e-3
+#: Where a rotor turns, innovations are averaged over blocks of this many s before the test for autocorrelation: ripple
+#: is faster, and missing physics is slower.
+ROTOR_BLOCK_LENGTH = 0.2
+#: Largest lag of the autocorrelation of a report, in samples.
+CORRELATION_LAGS = 200
+#: Ratio of residual to noise floor above which a residual is structured whatever the tests say.
+MAX_FLOOR_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class StructureTest:
+    """One question put to a residual: a chi-square statistic, its degrees of freedom, and its p-value."""
+
+    name: str
+    statistic: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualReport:
+    """The residual of one output of one recording.
+
+    ``autocorrelation`` are of the plain residual at ``lags`` (s); ``correlations`` with inputs and fitted states;
+    ``worst_time`` (start and end in s) is the tenth of the recording that holds most of the excess, ``worst_share`` its
+    share of the squared innovations. ``noise_floor`` is None where it is unknown, ``noise`` the fitted noise's standard
+    deviation.
+    """
+
+    recording: str
+    output: str
+    rms: float
+    noise_floor: float | None
+    noise: float
+    tests: tuple[StructureTest, ...]
+    lags: FloatArray
+    autocorrelation: FloatArray
+    correlations: Mapping[str, float]
+    worst_time: tuple[float, float]
+    worst_share: float
+    verdict: ResidualVerdict
+
+    @property
+    def ratio(self) -> float:
+        """Residual over the noise floor, over the fitted noise where no floor is known."""
+        size = self.noise if self.noise_floor is None else self.noise_floor
+        return self.rms / size if size > 0.0 else math.inf
+
+    @property
+    def p_value(self) -> float:
+        """Smallest p-value of the tests, corrected for their number."""
+        return min(1.0, len(self.tests) * min((test.p_value for test in self.tests), default=1.0))
+
+    def to_dict(self) -> dict[str, object]:
+        """As ``residual`` in result.json holds it."""
+        return {
+            "rms": self.rms,
+            "noise_floor": self.noise_floor,
+            "ratio": None if self.noise_floor is None else self.ratio,
+            "white": self.p_value >= FALSE_ALARM_RATE,
+            "p_value": self.p_value,
+            "verdict": self.verdict,
+            "tests": {test.name: test.p_value for test in self.tests},
+            "correlations": dict(self.correlations),
+            "worst_time": list(self.worst_time),
+            "worst_share": self.worst_share,
+        }
+
+
+def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
+    """The reports of residuals that sensors do not explain."""
+    return [report for report in reports if report.verdict == "structured"]
+
+
+def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
+    """Reports by recording and output, as result.json holds them."""
+    table: dict[str, dict[str, dict[str, object]]] = {}
+    for report in reports:
+        table.setdefault(report.recording, {})[report.output] = report.to_dict()
+    return table
+
+
+def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
+    """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time.
+
+    Each lag's sum of products is standardised by its own sum of squared products.
+    """
+    e = innovations - innovations.mean()
+    total = 0.0
+    used = min(lags, max(e.size // 4, 1))
+    for k in range(1, used + 1):
+        product = e[k:] * e[:-k]
+        spread = float(product @ product)
+        if spread > 0.0:
+            total += float(product.sum()) ** 2 / spread
+    return StructureTest("autocorrelation", total, used, float(chi2.sf(total, used)))
+
+
+def smooth_dependence_test(
+    name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
+) -> StructureTest:
+    """Test of a smooth dependence of a residual on ``over`` (n,), such as a state or the time.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (k, n)
+        Whitened sensitivities of the fitted parameters on this series; what they can imitate is not structure.
+    """
+    low, high = float(over.min()), float(over.max())
+    if not high > low:
+        return StructureTest(name, 0.0, 0, 1.0)
+    # Half of the knots by rank, so that rarely visited ranges do not hold most of them.
+    knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
+    knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
+    basis = np.stack([np.interp(over, knots, row) for row in np.eye(knots.size)])
+    rows, _ = whiten(basis, series.sampling, noise)
+    return _chi_square(name, rows, innovations, slopes)
+
+
+def slow_variation_test(
+    innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
+) -> StructureTest:
+    """Test of the ``waves`` slowest cosines over the recording."""
+    n = innovations.size
+    phase = np.pi * (np.arange(n) + 0.5) / n
+    rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
+    return _chi_square("slow", rows, innovations, slopes)
+
+
+def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: FloatArray) -> StructureTest:
+    if slopes.size:
+        gram = slopes @ slopes.T
+        gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
+        gram[np.diag_indices_from(gram)] += 1e-12
+        rows = rows - (np.linalg.solve(gram, slopes @ rows.T).T) @ slopes
+    norms = np.linalg.norm(rows, axis=1)
+    rows = rows[norms > 1e-6 * max(float(norms.max(initial=0.0)), 1e-300)]
+    if rows.size == 0:
+        return StructureTest(name, 0.0, 0, 1.0)
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    keep = values > 1e-6 * values[-1]
+    scores = (vectors[:, keep].T @ (rows @ innovations)) / np.sqrt(values[keep])
+    statistic, freedom = float(scores @ scores), int(keep.sum())
+    return StructureTest(name, statistic, freedom, float(chi2.sf(statistic, freedom)))
+
+
+def check_residuals(
+    calibration: Calibration,
+    series: Sequence[Series],
+    fit: Optimum,
+    floors: Mapping[tuple[str, str], float],
+) -> tuple[ResidualReport, ...]:
+    """Report on every output of every recording.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    series : sequence of Series
+        Of the objective that was fitted.
+    fit : Optimum
+    floors : mapping of (recording, output) to float
+        Noise floors from the data alone, as far as they are known.
+    """
+    reports = []
+    units = {v.name: v.unit for v in calibration.model.outputs}
+    for k, own in enumerate(series):
+        residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
+        assert slopes is not None
+        rows = np.vstack([residual[None], slopes[k]])
+        floor, size = floors.get((calibration.names[own.experiment], own.output)), noise.sd
+        if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
+            sd = fit.evaluation.sd[k]
+            rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))
+        else:
+            rows, _ = whiten(rows, own.sampling, noise)
+        innovations, white = rows[0], rows[1:]
+        states = _states(calibration, series, fit, own, units)
+        turning = any(
+            s.experiment == own.experiment and is_rotor_speed(s.measured, units.get(s.output, "")) for s in series
+        )
+        tests = [
+            portmanteau_test(_blocks(innovations, own.sampling.interval) if turning else innovations),
+            slow_variation_test(innovations, own, noise, white),
+        ]
+        tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
+        rms = float(np.sqrt(np.mean(residual**2)))
+        worst = min(1.0, len(tests) * min(test.p_value for test in tests))
+        structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
+        acf = autocorrelation(residual, CORRELATION_LAGS)
+        lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
+        window, share = _worst_window(own.sampling.time, innovations)
+        correlations = {name: _correlation(residual, over) for name, over in states.items()}
+        reports.append(
+            ResidualReport(
+                calibration.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
+                correlations, window, share, "structured" if structured else "adequate",
+            )
+        )  # fmt: skip
+    return tuple(reports)
+
+
+def _states(
+    calibration: Calibration, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Fitted outputs, the rates of those that are positions, and the inputs of a recording at one output's samples.
+
+    An input is what it was until the sample: a controller sets the next one by the reading, noise and all.
+    """
+    states: dict[str, FloatArray] = {}
+    for k, other in enumerate(series):
+        if other.experiment != own.experiment:
+            continue
+        states[other.output] = np.interp(own.sampling.time, other.sampling.time, fit.evaluation.predicted[k])
+        if units.get(other.output) in ("rad", "m"):
+            states[f"der({other.output})"] = np.gradient(states[other.output], own.sampling.time)
+    for signal in calibration.experiments[own.experiment].inputs:
+        at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="left") - 1, 0, signal.time.size - 1)
+        states[signal.name] = signal.values[at]
+    return states
+
+
+def _blocks(innovations: FloatArray, interval: float) -> FloatArray:
+    """Means of innovations over stretches of :data:`ROTOR_BLOCK_LENGTH` s."""
+    width = max(round(ROTOR_BLOCK_LENGTH / interval), 1)
+    count = innovations.size // width
+    if count < 20:
+        return innovations
+    means: FloatArray = innovations[: count * width].reshape(count, width).mean(axis=1)
+    return means
+
+
+def _correlation(a: FloatArray, b: FloatArray) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def _worst_window(time: FloatArray, innovations: FloatArray, parts: int = 10) -> tuple[tuple[float, float], float]:
+    edges = np.linspace(time[0], time[-1], parts + 1)
+    energy = np.histogram(time, edges, weights=innovations**2)[0]
+    worst = int(np.argmax(energy))
+    return (float(edges[worst]), float(edges[worst + 1])), float(energy[worst] / max(float(energy.sum()), 1e-300))

@@ -1,0 +1,136 @@
+"""Run by :mod:`aero_bayes.data.matlab` in a process of its own: reads a MATLAB file and writes its vectors to stdout.
+
+SciPy's and HDF5's readers are compiled code, which a damaged file can crash or make ask for any amount of memory.
+Started as ``python matlab_process.py FILE MEMORY`` (bytes). It answers with a line of JSON, then all vectors as
+doubles.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def main(path: Path, memory: int) -> None:
+    """Answer with the vectors, the names of what cannot be read, or what is wrong with the file."""
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    vectors: dict[str, FloatArray] = {}
+    opaque: list[str] = []
+    try:
+        for name, value in _variables(path, opaque).items():
+            _flatten(name, value, vectors)
+        answer: dict[str, Any] = {"sizes": {n: v.size for n, v in vectors.items()}, "opaque": opaque}
+    except MemoryError:
+        answer = {"error": "needs more memory than is free"}
+    except Exception as error:
+        answer = {"error": f"{error}".partition("\n")[0] or type(error).__name__}
+    out = sys.stdout.buffer
+    out.write(json.dumps(answer).encode() + b"\n")
+    for vector in vectors.values() if "sizes" in answer else ():
+        out.write(vector.data)
+    out.flush()
+
+
+def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
+    """The file's variables as arrays and dictionaries; names of those that cannot be read go to ``opaque``."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    if head.startswith(HDF5) or head[512:520] == HDF5:
+        return _variables_hdf5(path, opaque)
+    from scipy.io import loadmat
+
+    content = loadmat(path, simplify_cells=True)
+    named = {name: value for name, value in content.items() if not name.startswith("__")}
+    for name, value in list(named.items()):
+        kind = value.dtype if isinstance(value, np.ndarray) else None
+        if type(value).__name__ == "MatlabOpaque" or (kind is not None and kind.names and "s0" in kind.names):
+            opaque.append(name)
+            del named[name]
+    if "__function_workspace__" in content and not named and not opaque:
+        opaque.append("its variables")
+    return named
+
+
+def _variables_hdf5(path: Path, opaque: list[str]) -> dict[str, Any]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return {name: _from_hdf5(name, item, file, opaque) for name, item in file.items() if not name.startswith("#")}
+
+
+def _from_hdf5(name: str, item: Any, file: Any, opaque: list[str]) -> Any:
+    """MATLAB stores arrays transposed, text as numbers, and cells and structure arrays as references."""
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    if hasattr(item, "keys"):
+        return {key: _from_hdf5(f"{name}.{key}", child, file, opaque) for key, child in item.items()}
+    if "MATLAB_object_decode" in item.attrs:
+        opaque.append(name)
+        return None
+    if item.dtype.kind == "O":
+        return [_from_hdf5(name, file[reference], file, opaque) for reference in np.ravel(item[()], order="F")]
+    if item.attrs.get("MATLAB_empty", 0):
+        return "" if kind == "char" else np.empty(0)
+    if kind == "char":
+        return "".join(chr(code) for code in np.ravel(item[()]))
+    return np.asarray(item[()]).T
+
+
+def _flatten(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:
+    """Add the vectors in ``value`` under the names of the module's table."""
+    if isinstance(value, Mapping):
+        fields = dict(value)
+        if "signals" in fields and "time" in fields:
+            for index, (label, values) in enumerate(_signals(fields.pop("signals")), start=1):
+                _flatten_array(f"{name}.signals({index})", values, vectors)
+                if label:
+                    _flatten_array(f"{name}.{label}", values, vectors)
+        for key, child in fields.items():
+            _flatten(f"{name}.{key}", child, vectors)
+    elif isinstance(value, (list, np.ndarray)) and len(value) and isinstance(value[0], Mapping):
+        for index, child in enumerate(value, start=1):
+            _flatten(f"{name}({index})", child, vectors)
+    elif isinstance(value, np.ndarray):
+        _flatten_array(name, value, vectors)
+
+
+def _signals(signals: Any) -> list[tuple[str, Any]]:
+    """(label, values) of each signal, from a structure array in either file version."""
+    if isinstance(signals, Mapping):
+        values, labels = signals.get("values"), signals.get("label", "")
+        if isinstance(values, list):
+            names = labels if isinstance(labels, list) else [labels] * len(values)
+            return [(_text(label), value) for label, value in zip(names, values, strict=False)]
+        signals = [signals]
+    return [(_text(one.get("label")), one.get("values")) for one in signals if isinstance(one, Mapping)]
+
+
+def _text(label: Any) -> str:
+    return label.strip() if isinstance(label, str) else ""
+
+
+def _flatten_array(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf" or value.size < 2:
+        return
+    array = np.squeeze(value).astype(float)
+    if array.ndim == 1:
+        vectors[name] = np.ascontiguousarray(array)
+    elif array.ndim == 2:
+        signals = array if array.shape[0] <= array.shape[1] else array.T
+        for index, row in enumerate(signals, start=1):
+            vectors[f"{name}({index})"] = np.ascontiguousarray(row)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

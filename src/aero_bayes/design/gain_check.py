@@ -1,0 +1,194 @@
+"""Does the expected gain come true? The proposed experiment is simulated, fitted, and its errors are counted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.design.information import Engine, ExperimentPredictor
+from aero_bayes.design.propose import Design
+from aero_bayes.design.signal_search import Progress
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
+from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GainCheck:
+    """Errors that simulated repetitions of a design really left.
+
+    ``expected`` and ``realised`` are, by parameter, the error after over the standard deviation before; a realised
+    value over ``repeats`` repetitions is itself uncertain by ``1 / sqrt(2 repeats)`` of it. ``failures`` counts
+    repetitions whose simulation or fit failed.
+    """
+
+    expected: Mapping[str, float]
+    realised: Mapping[str, float]
+    repeats: int
+    failures: int
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every realised error is within four standard errors of what was expected."""
+        margin = 4.0 / (2.0 * max(self.repeats - self.failures, 1)) ** 0.5
+        return all(abs(self.realised[n] / e - 1.0) < margin for n, e in self.expected.items())
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "expected": dict(self.expected),
+            "realised": dict(self.realised),
+            "repeats": self.repeats,
+            "failures": self.failures,
+            "agrees": self.agrees,
+        }
+
+
+def check_gain(
+    design: Design,
+    fit: Fit,
+    *,
+    repeats: int = 20,
+    seed: int = 1,
+    engine: Engine = "native",
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> GainCheck:
+    """Draw truths from what is known, make the recordings that the design would give, and fit them.
+
+    What was known enters each fit as its Gaussian approximation; the new recording's own delay is fitted with the rest.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fit
+        The one that the design was made for.
+    repeats : int
+    seed : int
+    engine, workers, progress
+        As for a fit.
+
+    Raises
+    ------
+    CannotFinishError
+        If every repetition fails.
+    """
+    rng = np.random.default_rng(seed)
+    with (
+        WorkerPool(workers) as pool,
+        ExperimentPredictor(fit, design.time, design.limits, engine, workers, pool) as predictor,
+    ):
+        errors = []
+        for k, child in enumerate(rng.spawn(repeats)):
+            if progress is not None:
+                progress("simulated check", k / repeats, "")
+            error = _repetition(predictor, design, child)
+            if error is not None:
+                errors.append(error)
+        if not errors:
+            raise CannotFinishError("no repetition of the proposed experiment could be simulated and fitted")
+        slope = predictor.shared.jacobian(predictor.values)
+        realised = np.sqrt(np.mean(np.square(errors), axis=0)) * slope
+        before = np.array([e.sd_before for e in design.expected])
+        after = np.array([e.sd_after for e in design.expected])
+        names = predictor.shared.names
+        return GainCheck(
+            dict(zip(names, (after / before).tolist(), strict=True)),
+            dict(zip(names, (realised / before).tolist(), strict=True)),
+            repeats,
+            repeats - len(errors),
+        )
+
+
+def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.Generator) -> FloatArray | None:
+    """Errors of the shared parameters in search coordinates, or None."""
+    truth = predictor.draws(1, rng)[0]
+    delay = predictor.delay
+    late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else predictor.delay_value
+    outputs = predictor.fit.calibration.outputs
+    experiment = replace(predictor.experiment(design.values, design.time), outputs=outputs)
+    with predictor.open(predictor.problem([experiment])) as simulator:
+        result = simulator.simulate(np.append(truth, late)[None])
+    if result.outcomes[0, 0] != Outcome.OK:
+        return None
+    noise = [predictor.fit.noise[name] for name in outputs]
+    readings = result.outputs[0][0] + np.stack([simulate_noise(design.time, n, rng) for n in noise], axis=1)
+    found = refit_experiment(predictor, replace(experiment, measured=readings), noise)
+    return None if found is None else found[0] - predictor.shared.to_search(truth)
+
+
+def refit_experiment(
+    predictor: ExperimentPredictor, experiment: Experiment, noise: list[OutputNoise]
+) -> tuple[FloatArray, float] | None:
+    """Most probable search coordinates of the shared parameters, from what was known and a new recording.
+
+    With the negative logarithm of likelihood and prior there, the prior's own scale left out; None if no fit converged.
+    """
+    shared, count = predictor.shared, len(predictor.shared)
+    free = ParameterSet((*shared, *((predictor.delay,) if predictor.delay is not None else ())))
+    precision = np.zeros((len(free), len(free)))
+    precision[:count, :count] = predictor.precision()
+    centre = np.append(shared.to_search(predictor.values), np.zeros(len(free) - count))
+    rows = np.array([[[n.as_row() for n in noise]]])
+    known = (centre, precision)
+    with predictor.open(predictor.problem([experiment])) as simulator:
+
+        def quadratic(point: FloatArray) -> QuadraticModel | None:
+            return _posterior(simulator, free, point, known, rows, predictor.delay_value)
+
+        start = centre.copy()
+        if predictor.delay is not None:
+            start = _best_delay(simulator, free, centre, rows)
+        result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=1e-4))
+    return (result.point[:count], result.cost) if result.reason.converged else None
+
+
+def _best_delay(simulator: Simulator, free: ParameterSet, centre: FloatArray, noise: FloatArray) -> FloatArray:
+    """Start with the delay at the best of a grid: its likelihood has a local optimum between any two samples."""
+    low, high = free.box
+    starts = np.tile(centre, (21, 1))
+    starts[:, -1] = np.linspace(low[-1], high[-1], 21)
+    found = simulator.log_likelihood(free.from_search(starts), noise).log_likelihood[:, 0]
+    return np.asarray(starts[int(np.argmax(found))])
+
+
+def _posterior(
+    simulator: Simulator,
+    free: ParameterSet,
+    point: FloatArray,
+    known: tuple[FloatArray, FloatArray],
+    noise: FloatArray,
+    delay: float,
+) -> QuadraticModel | None:
+    """Negative log-posterior at a point (p,), from the centre and the precision of what was ``known``."""
+    centre, precision = known
+    values = free.from_search(point[None])
+    full = values if len(free) == len(simulator.problem.targets[0]) else np.append(values, [[delay]], axis=1)
+    data = simulator.gauss_newton(full, noise, active=range(len(free)))
+    slope = free.jacobian(values)[0]
+    away = point - centre
+    cost = -float(data.log_likelihood[0]) + 0.5 * float(away @ precision @ away)
+    if not np.isfinite(cost):
+        return None
+    hessian = data.hessian[0] * np.outer(slope, slope) + precision
+    return QuadraticModel(cost, data.gradient[0] * slope + away @ precision, hessian)
+
+
+def simulate_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
+    """White and Ornstein-Uhlenbeck noise at increasing times (n,)."""
+    out = noise.sd_white * rng.standard_normal(time.size)
+    if noise.sd_ou > 0.0:
+        rho = np.exp(-np.diff(time) / noise.tau)
+        kick = noise.sd_ou * rng.standard_normal(time.size)
+        slow = kick[0]
+        out[0] += slow
+        for k in range(1, time.size):
+            slow = rho[k - 1] * slow + np.sqrt(1.0 - rho[k - 1] ** 2) * kick[k]
+            out[k] += slow
+    return out

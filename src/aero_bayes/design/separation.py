@@ -1,0 +1,151 @@
+"""Propose the experiment that would tell two fitted models apart.
+
+If model A is true, its expected gain in log-evidence over B is half the squared, whitened difference of their
+predictions that B cannot make up by moving its own parameters within what is known of them (the T-optimality of
+Atkinson and Fedorov, 1975, Biometrika 62, 57, with B's posterior as its leeway).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment
+from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, experiment_times, within_travel
+from aero_bayes.design.proposed_input import ProposedInput
+from aero_bayes.design.signal_search import Progress, SearchSettings, best_signals
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Separation(ProposedInput):
+    """A proposed experiment and how far it would set two models apart.
+
+    ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
+    three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal.
+    """
+
+    families: Mapping[str, float]
+    first_true: float
+    second_true: float
+    travel: Mapping[str, float]
+    limits: Limits
+    seed: int
+
+    @property
+    def log_evidence(self) -> float:
+        """Expected difference in log-evidence, whichever model is true."""
+        return min(self.first_true, self.second_true)
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything as plain numbers and text."""
+        time, values = self.table()
+        return {
+            "input": self.input,
+            "family": self.family,
+            "families": dict(self.families),
+            "duration": self.duration,
+            "log_evidence": self.log_evidence,
+            "first_true": self.first_true,
+            "second_true": self.second_true,
+            "travel": dict(self.travel),
+            "limits": {"amplifier": self.limits.amplifier, "travel": dict(self.limits.travel)},
+            "table": {"time": time.tolist(), self.input: values.tolist()},
+            "seed": self.seed,
+        }
+
+
+def separating_experiment(
+    first: GaussianFit,
+    second: GaussianFit,
+    *,
+    duration: float = 30.0,
+    rate_hz: float | None = None,
+    limits: Limits | None = None,
+    settings: SearchSettings | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Separation:
+    """The input signal, within what the rig allows, that would best tell two models of one rig apart.
+
+    Parameters
+    ----------
+    first, second : Fitted
+        Fits of both models to the same recordings.
+    duration, rate_hz, limits, settings, workers, progress
+        As for :func:`aero_bayes.design.propose_experiment`.
+
+    Raises
+    ------
+    InputError
+        If the fits are of different outputs.
+    CannotFinishError
+        If every candidate leaves the travel.
+    """
+    outputs = first.calibration.outputs, second.calibration.outputs
+    if outputs[0] != outputs[1]:
+        raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")
+    limits, settings = limits or default_limits(first), settings or SearchSettings()
+    time = experiment_times(first, duration, rate_hz)
+    rng = np.random.default_rng(settings.seed)
+    with (
+        WorkerPool(workers) as pool,
+        ExperimentPredictor(first, time, limits, settings.engine, workers, pool) as a,
+        ExperimentPredictor(second, time, limits, settings.engine, workers, pool) as b,
+    ):
+        known = (a.precision(), b.precision())
+
+        def both(signals: Sequence[FloatArray]) -> list[tuple[float, float]]:
+            volts = [limits.amplifier * s for s in signals]
+            return [_differences(a, b, known, p, q) for p, q in zip(a.predict(volts), b.predict(volts), strict=True)]
+
+        def score(signals: Sequence[FloatArray]) -> FloatArray:
+            return -np.array([min(pair) for pair in both(signals)])
+
+        found = best_signals(score, time, rng, settings, progress)
+        if not np.isfinite(found[0].score):
+            raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
+        values, travel = within_travel(a, limits.amplifier * found[0].values, rng)
+        values, other = within_travel(b, values, rng)
+        first_true, second_true = both([values / limits.amplifier])[0]
+        return Separation(
+            a.input, time, values, found[0].family.name, {f.family.name: -f.score for f in found},
+            first_true, second_true, {n: max(travel[n], other[n]) for n in travel}, limits, settings.seed,
+        )  # fmt: skip
+
+
+def _differences(
+    a: ExperimentPredictor,
+    b: ExperimentPredictor,
+    known: tuple[FloatArray, FloatArray],
+    p: PredictedExperiment | None,
+    q: PredictedExperiment | None,
+) -> tuple[float, float]:
+    """Expected log-evidence for the first if it is true, and for the second if it is; minus infinity out of travel."""
+    if p is None or q is None:
+        return -np.inf, -np.inf
+    if any(max(p.travel[n], q.travel[n]) > TRAVEL_SHARE * limit for n, limit in a.limits.travel.items()):
+        return -np.inf, -np.inf
+    return _unexplained(b, known[1], p.outputs - q.outputs, q), _unexplained(a, known[0], q.outputs - p.outputs, p)
+
+
+def _unexplained(
+    rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
+) -> float:
+    """Half the whitened square of a difference (n, m) that a rival cannot follow."""
+    columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
+    p = known.shape[0]
+    leeway = np.zeros((columns.shape[2],) * 2)
+    leeway[:p, :p] = known
+    if rival.delay is not None:
+        leeway[-1, -1] = rival.delay_precision
+    square = float(rival.gram(difference[:, :, None], difference[:, :, None])[0, 0])
+    follow = rival.gram(columns, difference[:, :, None])[:, 0]
+    moved = np.linalg.solve(rival.gram(columns, columns) + leeway, follow)
+    return 0.5 * max(square - float(follow @ moved), 0.0)

@@ -1,0 +1,121 @@
+"""Does a proposed experiment tell two models apart? Each makes recordings in turn, and both are fitted to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.design.gain_check import refit_experiment, simulate_noise
+from aero_bayes.design.information import Engine, ExperimentPredictor
+from aero_bayes.design.separation import Separation
+from aero_bayes.design.signal_search import Progress
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate import Fit
+from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.workers import WorkerPool
+
+FloatArray = NDArray[np.float64]
+
+#: Difference in log-evidence from which two models count as told apart (odds of 20 to 1).
+MIN_LOG_EVIDENCE_DIFFERENCE = 3.0
+
+
+@dataclass(frozen=True)
+class SeparationCheck:
+    """Differences in log-evidence in favour of the true model, one a simulated repetition.
+
+    ``failures`` counts repetitions whose simulation or fits failed.
+    """
+
+    first_true: tuple[float, ...]
+    second_true: tuple[float, ...]
+    failures: int
+
+    @property
+    def achieved(self) -> float:
+        """Mean difference, of whichever model is the harder to tell."""
+        return min(float(np.mean(self.first_true)), float(np.mean(self.second_true)))
+
+    @property
+    def told_apart(self) -> float:
+        """Share of repetitions in which the true model was ahead by the decisive difference."""
+        return float(np.mean(np.array([*self.first_true, *self.second_true]) > MIN_LOG_EVIDENCE_DIFFERENCE))
+
+    def to_dict(self) -> dict[str, object]:
+        return {
+            "first_true": float(np.mean(self.first_true)),
+            "second_true": float(np.mean(self.second_true)),
+            "achieved": self.achieved,
+            "told_apart": self.told_apart,
+            "decisive": MIN_LOG_EVIDENCE_DIFFERENCE,
+            "repeats": len(self.first_true) + len(self.second_true) + self.failures,
+            "failures": self.failures,
+        }
+
+
+def check_separation(
+    separation: Separation,
+    first: Fit,
+    second: Fit,
+    *,
+    repeats: int = 20,
+    seed: int = 1,
+    engine: Engine = "native",
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> SeparationCheck:
+    """Make the recordings that the experiment would give if one of two fitted models were true, and fit both to them.
+
+    Parameters
+    ----------
+    separation : Separation
+    first, second : Fit
+        The ones that the experiment was made for.
+    repeats : int
+        Recordings, half of them from either model.
+    seed : int
+    engine, workers, progress
+        As for a fit.
+
+    Raises
+    ------
+    CannotFinishError
+        If every repetition of one model fails.
+    """
+    half = max(1, repeats // 2)
+    streams = np.random.default_rng(seed).spawn(2 * half)
+    with (
+        WorkerPool(workers) as pool,
+        ExperimentPredictor(first, separation.time, separation.limits, engine, workers, pool) as a,
+        ExperimentPredictor(second, separation.time, separation.limits, engine, workers, pool) as b,
+    ):
+        found: tuple[list[float], list[float]] = ([], [])
+        for k, rng in enumerate(streams):
+            if progress is not None:
+                progress("simulated check", k / len(streams), "")
+            truth, rival = (a, b) if k < half else (b, a)
+            difference = _repetition(separation, truth, rival, rng)
+            if difference is not None:
+                found[k // half].append(difference)
+    if not found[0] or not found[1]:
+        raise CannotFinishError("no repetition of the proposed experiment could be simulated and fitted")
+    return SeparationCheck(tuple(found[0]), tuple(found[1]), 2 * half - len(found[0]) - len(found[1]))
+
+
+def _repetition(
+    separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
+) -> float | None:
+    """Log-evidence of the true model over its rival's, noise being what the rival holds it to be."""
+    outputs = truth.fit.calibration.outputs
+    experiment = replace(truth.experiment(separation.values, separation.time), outputs=outputs)
+    with truth.open(truth.problem([experiment])) as simulator:
+        result = simulator.simulate(np.append(truth.values, truth.delay_value)[None])
+    if result.outcomes[0, 0] != Outcome.OK:
+        return None
+    noise = [rival.fit.noise[name] for name in outputs]
+    readings = result.outputs[0][0] + np.stack([simulate_noise(separation.time, n, rng) for n in noise], axis=1)
+    measured = replace(experiment, measured=readings)
+    own, other = refit_experiment(truth, measured, noise), refit_experiment(rival, measured, noise)
+    return None if own is None or other is None else other[1] - own[1]

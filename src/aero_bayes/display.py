@@ -1,0 +1,53 @@
+"""How objects show themselves: one short line, a small table, and lists in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import MISSING, Field, fields
+from html import escape
+from typing import Any
+
+
+def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
+    """A table with its caption, every cell escaped; ``notes`` stand below in bold."""
+    top = "".join(f'<th scope="col">{escape(title)}</th>' for title in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    below = "".join(f"<p><strong>{escape(note)}</strong></p>" for note in notes)
+    return (
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>{below}"
+    )
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number with its unit behind it; none where it is dimensionless (``1``) or unknown."""
+    return text if unit in {"", "1", "-"} else f"{text} {unit}"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+class SettingsDisplay:
+    """Settings show what was changed from the defaults."""
+
+    def _changed(self) -> list[tuple[str, object]]:
+        chosen = ((f.name, getattr(self, f.name), _default(f)) for f in fields(self))  # type: ignore[arg-type]
+        return [(name, value) for name, value, default in chosen if value != default]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self._changed())})"
+
+    def _repr_html_(self) -> str:
+        changed = {name for name, _ in self._changed()}
+        rows = [
+            (f.name, repr(getattr(self, f.name)), "chosen" if f.name in changed else "")
+            for f in fields(self)  # type: ignore[arg-type]
+        ]
+        return table_html(("setting", "value", ""), rows, type(self).__name__)
+
+
+def _default(field: Field[Any]) -> object:
+    if field.default_factory is not MISSING:
+        return field.default_factory()
+    return field.default

@@ -1,0 +1,103 @@
+"""Modelica source to FMU by the first compiler that takes it: the embedded exporter, then OpenModelica."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from aero_bayes.arguments import Paths, paths_of
+from aero_bayes.errors import InputError
+from aero_bayes.export.embedded import export_embedded
+from aero_bayes.export.openmodelica import export_openmodelica
+
+Compiler = Literal["auto", "omc", "embedded"]
+
+
+def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
+    """What the first compiler makes that does not refuse: for ``auto`` the embedded one, then ``omc`` if it is there.
+
+    Parameters
+    ----------
+    compiler : {"auto", "omc", "embedded"}
+    attempt : callable
+        Given one of the last two, returns the FMU or raises InputError.
+
+    Raises
+    ------
+    InputError
+        Where all refuse, with the reason of each.
+    """
+    if compiler != "auto":
+        return attempt(compiler)
+    try:
+        return attempt("embedded")
+    except InputError as refusal:
+        if shutil.which("omc") is None:
+            raise
+        try:
+            return attempt("omc")
+        except InputError as other:
+            raise InputError(f"{refusal}; and OpenModelica: {other}") from None
+
+
+def export_fmu(
+    model: str,
+    out: Path | str,
+    *,
+    compiler: Compiler = "auto",
+    sources: Paths = (),
+    libraries: Paths = (),
+    fmi: int = 2,
+) -> Path:
+    """Export a Modelica model as an FMU for Model Exchange and Co-Simulation.
+
+    Parameters
+    ----------
+    model : str
+        Full name, such as ``Aero.Systems.OneDof``. Shipped packages of rigs are always loaded.
+    out : path
+        The FMU to write; it appears whole or not at all.
+    compiler : {"auto", "omc", "embedded"}
+        ``auto``: the embedded exporter, whose FMUs are several times faster and take a second; where it refuses the
+        model and ``omc`` is on the PATH, that.
+    sources : path or sequence of paths
+        Further ``.mo`` files or package folders, loaded beside them.
+    libraries : path or sequence of paths
+        Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
+        names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
+    fmi : int
+        2 or 3: version of the standard. The embedded exporter alone writes FMI 3.0.
+
+    Returns
+    -------
+    Path
+        ``out``.
+
+    Raises
+    ------
+    InputError
+        For a model with errors, a construct that the exporter cannot translate, or a tool that is missing.
+
+    Examples
+    --------
+    >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
+    PosixPath('Rig.fmu')
+    """
+    out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
+    if fmi not in (2, 3):
+        raise InputError(f"FMI {fmi}: expected 2 or 3")
+    if fmi == 3:
+        if compiler == "omc":
+            raise InputError("FMI 3.0 is written by the embedded exporter only; expected --compiler embedded")
+        compiler = "embedded"
+    if compiler == "auto":
+        return first_compiler(
+            compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
+        )
+    if compiler == "omc":
+        return export_openmodelica(model, out, sources, libraries)
+    if compiler != "embedded":
+        raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
+    return export_embedded(model, out, sources, libraries, fmi=fmi)

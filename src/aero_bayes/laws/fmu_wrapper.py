@@ -1,0 +1,194 @@
+"""Laws around an FMU as files for other tools: a Modelica model around the imported FMU, and an SSP archive."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from aero_bayes.export.build import write_archive
+from aero_bayes.laws.fmu_ports import LawCoupling
+from aero_bayes.laws.law_text import class_text
+from aero_bayes.laws.placed_law import PlacedLaw, identifier
+from aero_bayes.simulation import Model, Variable
+
+#: The imported FMU's instance in the Modelica model, and its component in the SSP.
+PLANT = "plant"
+_SSP = "http://ssp-standard.org/SSP1"
+_NAMESPACES = {
+    "ssd": f"{_SSP}/SystemStructureDescription",
+    "ssc": f"{_SSP}/SystemStructureCommon",
+    "ssv": f"{_SSP}/SystemStructureParameterValues",
+}
+
+
+def imported_class(inner: Model) -> str:
+    """The name under which the Modelica model expects the imported FMU."""
+    return f"{_class_name(inner.path.stem)}_fmu"
+
+
+def wrapper_text(
+    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str
+) -> str:
+    """The Modelica model of an imported FMU with laws around it.
+
+    Parameters
+    ----------
+    inner : Model
+    seam : Seam
+        Its names of inputs and outputs are those of the model.
+    uses : sequence of Use
+        In the order in which they were composed; the last one at a signal is the outermost.
+    values : mapping
+        Fitted values of the FMU's own parameters.
+    name : str
+    """
+    cls = imported_class(inner)
+    lines = [
+        "within ;",
+        f'model {name} "{inner.path.name} with {" and ".join(u.id for u in placed_laws) or "nothing added"}"',
+        f"  // import {inner.path.name} under the name {cls} first (OpenModelica: importFMU, Dymola: File, Import FMU)",
+    ]
+    lines += [f"  {line}" for placed in placed_laws for line in placed.declarations()]
+    shown = [(v, outside, "input") for v, outside, _ in coupling.inputs]
+    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
+    outputs = [v for v in inner.outputs if v.kind == "real"]
+    shown += [(v, outside_of.get(v.name, identifier(v.name)), "output") for v in outputs]
+    for v, outside, causality in shown:
+        unit = f'(unit = "{v.unit}")' if v.unit else ""
+        lines.append(f"  {causality} Real {outside}{unit}{_described(v)};")
+    given = [f"{_reference(p.name)} = {values[p.name]!r}" for p in inner.parameters if p.name in values]
+    lines.append(f"  {cls} {PLANT}{_modifier(given)};")
+    for placed in placed_laws:
+        bound = [f"{p.name} = {placed.names[p.name]}" for p in placed.parameters()]
+        lines.append(f"  {_law_name(placed)} {placed.instance}{_modifier(bound)};")
+    for placed in placed_laws:
+        lines += [
+            f"  {line}" for line in class_text(placed.law, _law_name(placed), nominals=placed.all_nominals, signals={})
+        ]
+    lines += ["equation", *(f"  {e};" for e in _equations(inner, coupling, placed_laws, outside_of))]
+    return "\n".join([*lines, f"end {name};", ""])
+
+
+def _equations(
+    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], outside_of: Mapping[str, str]
+) -> list[str]:
+    found = []
+    inside = {name: f"{PLANT}.{_reference(v.name)}" for v, name in coupling.states}
+    for k, (v, outside, _) in enumerate(coupling.inputs):
+        signal, terms = outside, ""
+        for placed in reversed(placed_laws):
+            if placed.port.attachment == "input" and placed.port.signals["u"] == outside:
+                found.append(f"{placed.instance}.u = {signal}")
+                signal = f"{placed.instance}.y"
+        for placed in placed_laws:
+            if placed.port.balance is not None and placed.port.balance.equation == k:
+                given = [s for s in placed.law.interface.inputs if s in placed.law.used_inputs]
+                found += [f"{placed.instance}.{s} = {inside[placed.port.signals[s]]}" for s in given]
+                terms += f" - {placed.instance}.{placed.law.interface.output}"
+        found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
+    for v in inner.outputs:
+        if v.kind == "real":
+            signal, outside = f"{PLANT}.{_reference(v.name)}", outside_of.get(v.name, identifier(v.name))
+            for placed in placed_laws:
+                if placed.port.attachment == "output" and placed.port.signals["u"] == outside:
+                    found.append(f"{placed.instance}.u = {signal}")
+                    signal = f"{placed.instance}.y"
+            found.append(f"{outside} = {signal}")
+    return found
+
+
+def _modifier(bound: Sequence[str]) -> str:
+    return f"({', '.join(bound)})" if bound else ""
+
+
+def _law_name(placed: PlacedLaw) -> str:
+    return "".join(part.capitalize() for part in re.split(r"_+", placed.instance))
+
+
+def _described(v: Variable) -> str:
+    return f' "{v.description}"' if v.description and '"' not in v.description else ""
+
+
+def _class_name(stem: str) -> str:
+    name = identifier(stem) or "Model"
+    return name if not name[0].isdigit() else f"M{name}"
+
+
+def _reference(name: str) -> str:
+    """A variable's name in Modelica, quoted where it would be none."""
+    return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
+
+
+def write_ssp(inner: Model, laws: Path, coupling: LawCoupling, values: Mapping[str, float], out: Path) -> Path:
+    """Write the system of the FMU and the FMU of its laws, connected, as an SSP 1.0 archive.
+
+    Parameters
+    ----------
+    inner : Model
+    laws : Path
+        The FMU of the laws alone.
+    seam : Seam
+    values : mapping
+        Fitted values of the FMU's own parameters.
+    out : Path
+    """
+    for prefix, uri in _NAMESPACES.items():
+        ET.register_namespace(prefix, uri)
+    root = _element(None, "ssd:SystemStructureDescription", version="1.0", name=out.stem)
+    system = _element(root, "ssd:System", name=out.stem)
+    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
+    outputs = [v for v in inner.outputs if v.kind == "real"]
+    _connectors(system, [*((v.name, "input") for v, _, _ in coupling.inputs), *((v.name, "output") for v in outputs)])
+    elements = _element(system, "ssd:Elements")
+    plant, around = (
+        _element(elements, "ssd:Component", name=n, type="application/x-fmu-sharedlibrary", source=f"resources/{f}")
+        for n, f in ((PLANT, inner.path.name), ("laws", laws.name))
+    )
+    reading = [v.name for v, _ in coupling.states if v.name not in {o.name for o in outputs}]
+    _connectors(plant, [*((v.name, "input") for v, _, _ in coupling.inputs),
+                        *((n, "output") for n in (*(v.name for v in outputs), *reading))])  # fmt: skip
+    own = {p.name: values[p.name] for p in inner.parameters if p.name in values}
+    if own:
+        binding = _element(_element(plant, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+        found = _element(_element(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name="fitted")
+        parameters = _element(found, "ssv:Parameters")
+        for name, value in own.items():
+            _element(_element(parameters, "ssv:Parameter", name=name), "ssv:Real", value=repr(value))
+    _connectors(around, [
+        *((outside, "input") for _, outside, _ in coupling.inputs),
+        *((inside, "input") for _, inside, _ in coupling.outputs),
+        *((name, "input") for _, name in coupling.states), *((acts, "output") for _, _, acts in coupling.inputs),
+        *((outside, "output") for _, _, outside in coupling.outputs),
+    ])  # fmt: skip
+    connections = _element(system, "ssd:Connections")
+    ends: list[tuple[str, str, str, str]] = []
+    for v, outside, acts in coupling.inputs:
+        ends += [("", v.name, "laws", outside), ("laws", acts, PLANT, v.name)]
+    for v in outputs:
+        ends.append(("laws", outside_of[v.name], "", v.name) if v.name in outside_of else (PLANT, v.name, "", v.name))
+    ends += [(PLANT, v.name, "laws", inside) for v, inside, _ in coupling.outputs]
+    ends += [(PLANT, v.name, "laws", name) for v, name in coupling.states]
+    for a, left, b, right in ends:
+        keys = ("startElement", a), ("startConnector", left), ("endElement", b), ("endConnector", right)
+        _element(connections, "ssd:Connection", **{k: v for k, v in keys if v})
+    ET.indent(root)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+    write_archive(out, {
+        "SystemStructure.ssd": text.encode(), f"resources/{inner.path.name}": inner.path.read_bytes(),
+        f"resources/{laws.name}": laws.read_bytes(),
+    })  # fmt: skip
+    return out
+
+
+def _element(parent: ET.Element | None, tag: str, **attributes: str) -> ET.Element:
+    prefix, _, name = tag.partition(":")
+    full = f"{{{_NAMESPACES[prefix]}}}{name}"
+    return ET.Element(full, attributes) if parent is None else ET.SubElement(parent, full, attributes)
+
+
+def _connectors(parent: ET.Element, signals: Sequence[tuple[str, str]]) -> None:
+    group = _element(parent, "ssd:Connectors")
+    for name, kind in signals:
+        _element(_element(group, "ssd:Connector", name=name, kind=kind), "ssc:Real")

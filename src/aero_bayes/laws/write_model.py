@@ -1,0 +1,111 @@
+"""Laws written into the user's own Modelica: an extension where a connector takes them, else a copy of the class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aero_bayes.errors import InputError
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.files import whole_file
+from aero_bayes.language.edits import unified_diff
+from aero_bayes.laws.law_writer import with_laws_written
+from aero_bayes.laws.model_sources import read_sources
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.laws.redeclare import redeclaring_class, split_by_replaceable
+from aero_bayes.scratch import ScratchFolder
+
+
+@dataclass(frozen=True)
+class WrittenModel:
+    """A written model: its name, its file, its text, and what differs from the user's class.
+
+    Export it with the sources of the original and ``path``.
+    """
+
+    name: str
+    path: Path
+    text: str
+    diff: str
+
+
+def write_law(
+    sources: Sequence[Path],
+    model: str,
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    out_dir: Path | str,
+    name: str = "",
+) -> WrittenModel:
+    """Write a model with laws to ``out_dir/<name>.mo``.
+
+    Laws at connections alone give a model that extends the user's; others a copy of the user's class, with all that is
+    not touched as it was. A library is never edited.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        The files and package folders that the model was loaded from.
+    model : str
+        Its full name.
+    flat : FlatModel
+        The model without the laws, in which the ports were found.
+    uses : sequence of Use
+        What to write, in the order in which :func:`~aero_bayes.laws.compose.compose_laws` took them.
+    name : str, optional
+        Of the written class; the model's with the instances' by default.
+
+    Raises
+    ------
+    InputError
+        Where the source has no place for a law that its flat form has, such as an equation of a base class.
+    """
+    known = read_sources(sources, flat)
+    file, cls = known.find(model)
+    title = name or "_".join([cls.name, *(u.instance for u in placed_laws)])
+    target = with_laws_written(known, (file, cls), flat, placed_laws, title)
+    text = target.written()
+    path = Path(out_dir) / f"{title}.mo"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    before, old = ("", "/dev/null") if target.extends else (target.original(), file.file)
+    return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
+
+
+def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed: PlacedLaw) -> bool:
+    """Whether the source of a model has a place for a law, see :func:`write_law`."""
+    try:
+        with ScratchFolder() as folder:
+            write_law(sources, model, flat, [placed], folder)
+    except InputError:
+        return False
+    return True
+
+
+def write_laws(
+    sources: Sequence[Path],
+    model: str,
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    out_dir: Path | str,
+    name: str = "",
+) -> WrittenModel:
+    """As :func:`write_law`, with laws in replaceable models as well: the model then extends the user's, or the one with
+    the other laws, which stands before it in the file."""
+    inside, others = split_by_replaceable(placed_laws)
+    if not inside:
+        return write_law(sources, model, flat, others, out_dir, name)
+    title = name or "_".join([model.rpartition(".")[2], *(u.instance for u in placed_laws)])
+    before, base = "within ;\n", model
+    if others:
+        with ScratchFolder() as folder:
+            first = write_law(sources, model, flat, others, folder)
+        before, base = first.text, first.name
+    text = before + "\n".join([*redeclaring_class(base, title, inside), ""])
+    path = Path(out_dir) / f"{title}.mo"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return WrittenModel(title, path, text, unified_diff("", text, "/dev/null", path.name))

@@ -1,0 +1,157 @@
+"""Signals inside a model: of a controller, from one part of a model to the next, from block to block."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+
+from aero_bayes.export.flat import FlatEquation, FlatModel
+from aero_bayes.language.syntax import Name, names_in
+from aero_bayes.ports.aliases import AliasStructure, derived_in, is_derivative
+from aero_bayes.ports.port import Port
+
+#: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
+Told = tuple[int, set[str], set[str]]
+
+
+def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
+    """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
+
+    One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
+    it acts on: one filter's to the next. It acts as an input does: what follows reads what a law makes of it.
+    """
+    given = _given(s, flat)
+    inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
+    told = _told(s, given)
+    onward, read = _onward(s, told), _read(s)
+    for name, index in given.items():
+        e = flat.equations[index]
+        reached = _reached(s, name, given, read)
+        acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
+        within = reached & {*s.states}
+        first = {head for of, names, heads in told if of != index and name in names for head in heads}
+        if within and acts and (reached & inputs or not within & _following(first, onward)):
+            unit = flat.variable(name).unit
+            states = tuple(x for x in s.states if x in reached)
+            yield Port(
+                name,
+                "input",
+                "signal",
+                unit,
+                {"u": unit, "y": unit},
+                e.place,
+                states,
+                {"u": name},
+                defining_equation=index,
+            )
+
+
+def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
+    """A port for every input of a component that the model's own class connects to another component's output."""
+    for index, e in enumerate(flat.equations):
+        match e.left, e.right:
+            case Name(one, ()), Name(two, ()) if e.origin == "connection" and not e.component:
+                for inner, outer in ((one, two), (two, one)):
+                    if _passed(s, inner, "input") and _passed(s, outer, "output"):
+                        unit = s.variables[inner].unit or s.variables[outer].unit
+                        states = tuple(s.states_in(Name(outer)))
+                        signals = {"u": unit, "y": unit}
+                        yield Port(
+                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner},
+                            defining_equation=index,
+                        )  # fmt: skip
+
+
+def _told(s: AliasStructure, given: Collection[str]) -> list[Told]:
+    """Of each equation where it is from, the variables in it, and what it gives; all in it where it does not say."""
+    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    found: list[Told] = []
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        names = {n for n in names_in(e.left) | names_in(e.right) if n in s.same}
+        classes = {s.of(n) for n in names}
+        heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in classes if n in rates}
+        if isinstance(e.left, Name) and e.left.name in given:
+            heads = {s.of(e.left.name)}
+        found.append((index, names, heads if len(heads) == 1 else classes))
+    return found
+
+
+def _onward(s: AliasStructure, told: Sequence[Told]) -> dict[str, set[str]]:
+    """What each class of variables acts on at once."""
+    found: dict[str, set[str]] = {}
+    for _, names, heads in told:
+        for name in names:
+            found.setdefault(s.of(name), set()).update(heads)
+    return found
+
+
+def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
+    """Some variables and all that they act on, by whatever way."""
+    found, waiting = {*begin}, [*begin]
+    while waiting:
+        new = onward.get(waiting.pop(), set()) - found
+        found |= new
+        waiting += new
+    return found
+
+
+def _passed(s: AliasStructure, name: str, causality: str) -> bool:
+    """Whether a variable is a component's own input or output."""
+    v = s.variables.get(name)
+    return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
+
+
+def defining_equations(flat: FlatModel, port: Port) -> list[int]:
+    """The equations that give a signal, before any law: one, or where it is connected all that connections say."""
+    if port.defining_equation is None:
+        return []
+    if flat.equations[port.defining_equation].origin != "connection":
+        return [port.defining_equation]
+    return [i for i, e in enumerate(flat.equations) if e.origin == "connection"]
+
+
+def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
+    """Whether an equation makes something of a signal: it is no mere name for a rate, and nothing that is only read."""
+    for one, other in ((e.left, e.right), (e.right, e.left)):
+        if other == Name(name) and is_derivative(one):
+            return False
+        if isinstance(one, Name) and s.variables[one.name].causality == "output" and "." not in one.name:
+            return False
+    return name in names_in(e.left) | names_in(e.right)
+
+
+def _gives(e: FlatEquation, name: str) -> bool:
+    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
+
+
+def _given(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
+    """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
+    derived = {n for e in s.flat.equations for n in derived_in(e)}
+    local = {
+        v.name for v in flat.variables
+        if v.causality == "local" and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
+        and v.name not in derived and (s.of(v.name) in s.states or len(s.members(s.of(v.name))) == 1)
+    }  # fmt: skip
+    found: dict[str, list[int]] = {}
+    for index, e in enumerate(flat.equations):
+        if isinstance(e.left, Name) and e.left.name in local and _gives(e, e.left.name):
+            found.setdefault(e.left.name, []).append(index)
+    return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
+
+
+def _read(s: AliasStructure) -> dict[int, set[str]]:
+    """The variables on the right of each equation before it was taken apart; of an array its elements."""
+    found: dict[int, set[str]] = {}
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        found.setdefault(index, set()).update(n for n in names_in(e.right) if n in s.same)
+    return found
+
+
+def _reached(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+    """What a signal is computed from, by way of others that are."""
+    found: set[str] = set()
+    waiting = [name]
+    while waiting:
+        names = read[given[waiting.pop()]]
+        waiting += [n for n in names if n in given and s.of(n) not in found]
+        found |= {s.of(n) for n in names}
+    return found

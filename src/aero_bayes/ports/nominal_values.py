@@ -1,0 +1,320 @@
+"""Typical sizes of the signals at a model's ports, as a fit has them: what laws scale their parameters by."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.progressive_horizon import OpenSimulator
+from aero_bayes.export.compose import add_output
+from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.language.syntax import Call, Expression, Name, Number, summands
+from aero_bayes.ports.aliases import AliasStructure, alias_structure
+from aero_bayes.ports.port import KELVIN, Port, signal_expression
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import InputSignal, Outcome
+
+FloatArray = NDArray[np.float64]
+
+#: Share of a signal's readings that its size covers.
+NOMINAL_QUANTILE = 0.995
+#: Size below which a signal counts as zero.
+MIN_NOMINAL = 1e-200
+#: Readings whose regression line gives the initial value of a level.
+LEVEL_READINGS = 5
+#: Time that a model is simulated to settle, in lengths of the recording, and the largest change of a level in the
+#: second half of it, as a share of its range.
+SETTLING_LENGTHS, MAX_DRIFT_SHARE = 20.0, 0.01
+NEGLIGIBLE_TERM = Call("*", (Number(1e-300), Name("time")))
+
+
+def port_nominals(
+    flat: FlatModel, ports: Sequence[Port], calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
+) -> dict[str, dict[str, float]]:
+    """Sizes by the port's id, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
+
+    What a law gives at a balance is sized by the largest of that balance's own terms.
+    """
+    ports = [p for p in ports if p.replaceable is None]
+    structure, outputs = alias_structure(flat), _AddedOutputs(flat)
+    acting: dict[str, list[str]] = {}
+    seen: dict[str, dict[str, str]] = {}
+    levels = {p.id: signal_expression(p.signals["h"]) for p in ports if p.kind == "storage"}
+    for port in ports:
+        seen[port.id] = {signal: outputs.of(signal_expression(variable)) for signal, variable in port.signals.items()}
+        if port.kind == "storage" and port.neighbours:
+            seen[port.id]["d"] = outputs.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
+        acting[port.id] = [outputs.of(term) for term in _terms(flat, port)]
+    warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
+    found, rest = outputs.run(calibration, fit, open_simulator, undriven=bool(warm))
+    found = {
+        name: _recorded_over(structure, calibration, e, found[name])
+        for e, name in outputs.names.items()
+        if name in found
+    }
+    time = fastest_time_scale(calibration, fit)
+    starts = _first_readings(structure, ports, calibration)
+    for id_ in warm:
+        ends = rest.get(seen[id_]["h"], [])
+        if ends and all(_settled(end, found[seen[id_]["h"]]) for end in ends):
+            starts[id_] = float(np.mean([end[-1] for end in ends]))
+    return {p.id: _nominals(p, found, seen[p.id], acting[p.id], time, calibration, starts.get(p.id)) for p in ports}
+
+
+def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
+    """Whether a level that was left alone has come to rest."""
+    return abs(float(end[-1] - end[-2])) < MAX_DRIFT_SHARE * float(np.ptp(np.concatenate(over)))
+
+
+def _near(
+    calibration: Calibration, outputs: Mapping[str, list[FloatArray]], signals: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Signals of each recording while every output is within reach of its readings."""
+    kept = []
+    for e, (experiment, signal) in enumerate(zip(calibration.experiments, signals, strict=True)):
+        near = np.ones(signal.size, dtype=np.bool_)
+        for column, name in enumerate(experiment.outputs if experiment.measured is not None else ()):
+            assert experiment.measured is not None
+            low, high = np.nanmin(experiment.measured[:, column]), np.nanmax(experiment.measured[:, column])
+            near &= np.abs(outputs[name][e] - 0.5 * (low + high)) <= high - low
+        kept.append(signal[near])
+    return kept
+
+
+def _undriven(calibration: Calibration) -> Calibration:
+    """The same recordings without what is fed in, for long: what is a temperature stays at its mean."""
+    warm = {v.name for v in calibration.model.inputs if v.unit in KELVIN}
+    experiments = []
+    for e in calibration.experiments:
+        means = {s.name: float(np.mean(s.values)) if s.name in warm else 0.0 for s in e.inputs}
+        inputs = tuple(replace(s, time=s.time[:1], values=np.array([means[s.name]])) for s in e.inputs)
+        time = e.time[0] + (e.time[-1] - e.time[0]) * np.array([0.0, 0.5, 1.0]) * SETTLING_LENGTHS
+        experiments.append(replace(e, time=time, inputs=inputs))
+    return replace(calibration, experiments=tuple(experiments))
+
+
+def _recorded_over(
+    structure: AliasStructure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
+    members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
+    found = list(simulated)
+    for k, e in enumerate(calibration.experiments):
+        for column in (c for c, output in enumerate(e.outputs) if output in members and e.measured is not None):
+            assert e.measured is not None
+            found[k] = np.where(np.isfinite(e.measured[:, column]), e.measured[:, column], found[k])
+    return found
+
+
+def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
+    """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
+    first = calibration.experiments[0]
+    found = {}
+    for port in ports:
+        level = structure.of(port.signals.get("h", ""))
+        for column, output in enumerate(first.outputs):
+            if output in structure.members(level) and first.measured is not None:
+                seen = np.flatnonzero(np.isfinite(first.measured[:, column]))[:LEVEL_READINGS]
+                if seen.size == LEVEL_READINGS:
+                    line = np.polyfit(first.time[seen] - first.time[0], first.measured[seen, column], 1)
+                    found[port.id] = float(line[-1])
+    return found
+
+
+class _AddedOutputs:
+    """Expressions of a flat model that a simulation shall return, each once."""
+
+    def __init__(self, flat: FlatModel) -> None:
+        self.flat = flat
+        self.names: dict[Expression, str] = {}
+
+    def of(self, expression: Expression) -> str:
+        if expression not in self.names:
+            self.names[expression] = f"watched_{len(self.names)}"
+        return self.names[expression]
+
+    def run(
+        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
+    ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
+        """Each expression over the recordings, by its name, and if asked for where the model is ``left_alone``.
+
+        Those that cannot be exported are left out.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "watched.fmu"
+            try:
+                model = self._export(self.names, path)
+            except InputError:
+                model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
+            names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
+            own = replace(calibration, model=model)
+            found, rest = simulated_signals(own, names, fit, open_simulator), {}
+            alive = calibration.parameters.revived(fit.coordinates, fit.free)
+            if not np.array_equal(alive, fit.coordinates):
+                with suppress(InputError):
+                    there = simulated_signals(
+                        own, [*names, *own.outputs], replace(fit, coordinates=alive), open_simulator
+                    )
+                    found = {name: [*found[name], *_near(own, there, there[name])] for name in names}
+            if undriven:
+                with suppress(InputError):
+                    rest = simulated_signals(_undriven(own), names, fit, open_simulator)
+            return found, rest
+
+    def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
+        flat = self.flat
+        for expression in expressions:
+            # Kept apart from what it equals, so that no state takes its name.
+            flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE_TERM)))
+        return Model.load(export_flat(flat, path, quick=True))
+
+    def _can_be_exported(self, expression: Expression, path: Path) -> bool:
+        try:
+            self._export([expression], path)
+        except InputError:
+            return False
+        return True
+
+
+def simulated_signals(
+    calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
+) -> dict[str, list[FloatArray]]:
+    """Outputs of a model at a fit, by name, one array a recording.
+
+    Raises
+    ------
+    InputError
+        The model cannot be simulated there.
+    """
+    experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
+    values = calibration.parameters.from_search(fit.coordinates)
+    with open_simulator(replace(calibration, experiments=experiments).problem()) as simulator:
+        run = simulator.simulate(values[None])
+    if np.any(run.outcomes != Outcome.OK):
+        raise InputError(f"{calibration.model.name}: cannot be simulated with its ports watched")
+    return {name: [y[0, :, k] for y in run.outputs] for k, name in enumerate(names)}
+
+
+def _terms(flat: FlatModel, port: Port) -> list[Expression]:
+    """The additive terms of a port's balance, in the unit of what a law gives there."""
+    if port.balance is None:
+        return []
+    if port.attachment == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
+        return [Name(port.states[0])]
+    if port.attachment in ("node", "series") and port.connectors:
+        return [Name(f"{c}.{port.flow if port.attachment == 'node' else port.potential}") for c in port.connectors]
+    if port.balance.row is not None:
+        return list(port.balance.beside)
+    equation = flat.equations[port.balance.equation]
+    terms = [t for side in (equation.left, equation.right) for _, t in summands(side)]
+    inside = f"{equation.component}." if equation.component else "."
+    # what flows at a component's connectors may be far more than stands in one of its equations
+    flows = [Name(v.name) for v in flat.variables if v.flow and v.name.startswith(inside) and v.unit == port.unit]
+    return [*(Call("/", (t, port.balance.scale)) for t in terms), *flows]
+
+
+def signal_nominal(parts: Sequence[FloatArray]) -> float:
+    """What nearly all magnitudes are within; 0 where there are none."""
+    return float(np.quantile(np.abs(np.concatenate(parts)), NOMINAL_QUANTILE)) if parts else 0.0
+
+
+def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
+    """How far an input moves within ``time`` (s), in its own size: half of all its movement is faster."""
+    size = signal_nominal([s.values for s in inputs])
+    moved = [np.abs(np.interp(s.time + time, s.time, s.values) - s.values) for s in inputs]
+    steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)
+    if size <= 0.0 or not steps.any():
+        return 1.0
+    return float(steps[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]) / size
+
+
+def recorded_inputs(calibration: Calibration, name: str) -> list[InputSignal]:
+    """The recordings of an input, one a recording that has it."""
+    return [s for e in calibration.experiments for s in e.inputs if s.name == name]
+
+
+def _nominals(
+    port: Port,
+    found: Mapping[str, list[FloatArray]],
+    seen: Mapping[str, str],
+    acting: Sequence[str],
+    time: float,
+    calibration: Calibration,
+    start: float | None,
+) -> dict[str, float]:
+    own = {signal: signal_nominal(found[name]) for signal, name in seen.items() if name in found}
+    act = max((signal_nominal(found[name]) for name in acting if name in found), default=0.0)
+    if port.kind in ("input", "output", "reading"):
+        nominals = {"u_n": own.get("u", 0.0)}
+        if port.kind == "input":
+            inputs = (
+                recorded_inputs(calibration, port.id)
+                if port.attachment == "input"
+                else _simulated_inputs(calibration, found, seen["u"])
+            )
+            nominals = {"u_n": signal_nominal([s.values for s in inputs]), "w_n": relative_change(inputs, time)}
+    elif port.kind == "motion":
+        speed = own.get("v", 0.0)
+        place = own.get("x", speed * time)
+        nominals = {"f_n": act, "v_n": speed, "x_n": place, "x_w": place}
+    elif port.kind == "electrical":
+        nominals = {"v_n": act, "i_n": own.get("i", 0.0)}
+    else:
+        nominals = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
+    nominals = {name: value if value > MIN_NOMINAL else 1.0 for name, value in nominals.items()}
+    if port.kind == "motion" and "x" in own:
+        low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))
+        nominals |= {"x_w": 0.5 * float(high - low) or 1.0, "x_0": 0.5 * float(high + low)}
+    if port.kind == "storage" and "h" in own and ("h_s" in own or port.units.get("h") in KELVIN):
+        level = found[seen["h"]]
+        if "h_s" in own:
+            around = found[seen["h_s"]]
+            mean = float(np.mean(np.concatenate(around)))
+        else:
+            # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
+            mean = start if start is not None else float(level[0][0])
+            around = [np.array(mean)] * len(level)
+        above = signal_nominal([y - z for y, z in zip(level, around, strict=True)]) or 1.0
+        nominals |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
+    return nominals | {"t_n": time}
+
+
+def _simulated_inputs(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
+    """A signal within a model as if it were fed in, of the fit's own simulations."""
+    return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
+
+
+#: Smallest number of readings in a typical time: laws take a small share of that time for short.
+MIN_READINGS_PER_TIME = 10.0
+
+
+def fastest_time_scale(calibration: Calibration, fit: Optimum) -> float:
+    """How long the fastest output takes to change by its own size, in s."""
+    times = []
+    for experiment in calibration.experiments:
+        for y in np.asarray(_smooth(experiment.measured)).T if experiment.measured is not None else ():
+            seen = np.isfinite(y)
+            if seen.sum() < 10:
+                continue
+            t, v = experiment.time[seen], y[seen]
+            rate = float(np.sqrt(np.mean((np.diff(v) / np.diff(t)) ** 2)))
+            step = float(np.median(np.diff(t)))
+            if rate > 0.0:
+                times.append(max(float(np.std(v)) / rate, MIN_READINGS_PER_TIME * step))
+    return min(times, default=1.0)
+
+
+def _smooth(measured: FloatArray, width: int = 5) -> FloatArray:
+    """Running means, so that noise does not pass for motion."""
+    kernel = np.ones(width) / width
+    return np.stack([np.convolve(y, kernel, mode="same") for y in measured.T], axis=1)

@@ -1,0 +1,106 @@
+"""Estimates of the noise of an output from its residuals: Whittle's likelihood, then the exact likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
+from aero_bayes.sensors.whitening import log_density_at
+from aero_bayes.sensors.whittle import BinnedPeriodogram, maximise_whittle
+
+FloatArray = NDArray[np.float64]
+
+#: Longest correlation time of noise, as a share of the longest recording: a longer one means model error.
+MAX_CORRELATION_SHARE = 0.02
+
+
+def update_output_noise(
+    residuals: Sequence[FloatArray],
+    samplings: Sequence[SampleTimes],
+    *,
+    floor: float = 0.0,
+    longest: float | None = None,
+    start: OutputNoise | None = None,
+) -> OutputNoise:
+    """Noise of one output over several recordings that maximises Whittle's likelihood.
+
+    This is the quick estimate with which a search updates the noise between its steps.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_e,)
+        Without gaps, at the readings of ``samplings``.
+    floor : float
+        Least white standard deviation, such as the step of a quantised sensor over the square root of 12.
+    longest : float, optional
+        Greatest correlation time in s; :data:`MAX_CORRELATION_SHARE` of the longest recording by default.
+    start : OutputNoise, optional
+        An earlier estimate, from which the search begins as well.
+    """
+    powers = [BinnedPeriodogram.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
+    limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
+    near = start.tau if start is not None and start.kind == "ou" else None
+    return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))
+
+
+def estimate_noise(
+    times: Sequence[FloatArray],
+    residuals: Sequence[FloatArray],
+    kind: NoiseKind = "auto",
+    guess: OutputNoise | None = None,
+    floor: float = 0.0,
+) -> OutputNoise:
+    """Maximum-likelihood noise of one output over several recordings.
+
+    Parameters
+    ----------
+    times, residuals : sequences of ndarray, shape (n_e,)
+        Sample times and residuals of each recording; NaN where there is no reading.
+    kind : {"white", "ou", "auto"}
+        ``auto`` compares the two by BIC. A part that is correlated for longer than :data:`MAX_CORRELATION_SHARE` of the
+        longest recording, and larger than the white part, is model error. The estimate is then ``model_error``, with
+        the root mean square of the residual.
+    guess : OutputNoise, optional
+        An earlier estimate, from which the search begins.
+    floor : float
+        Least white standard deviation, such as the step of a quantised sensor over the square root of 12.
+    """
+    samplings = [SampleTimes.of(t, r) for t, r in zip(times, residuals, strict=True)]
+    pairs = [(r[s.index], s) for r, s in zip(residuals, samplings, strict=True) if s.size]
+    count = sum(r.size for r, _ in pairs)
+    if count == 0:
+        return OutputNoise(1.0)
+    rms = math.sqrt(sum(float(r @ r) for r, _ in pairs) / count)
+    white = OutputNoise(max(rms, floor, 1e-300))
+    longest = max(s.duration for _, s in pairs)
+    if kind == "white" or count < 10 or longest <= 0.0 or rms <= floor:
+        return white
+
+    def total(noise: OutputNoise) -> float:
+        return sum(log_density_at(r, s, noise) for r, s in pairs)
+
+    interval = min(s.interval for _, s in pairs if s.size > 1)
+    low = np.log([max(floor, 1e-4 * rms), 1e-4 * rms, 0.2 * interval])
+    high = np.log([2.0 * rms, 20.0 * rms, 10.0 * longest])
+    first = update_output_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
+    if first.kind == "white":
+        first = OutputNoise(0.7 * rms, 0.7 * rms, 3.0 * interval)
+    found = minimize(
+        lambda x: -total(OutputNoise(*np.exp(np.clip(x, low, high)))), np.clip(np.log(first.as_row()), low, high),
+        method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"eps": 1e-5, "ftol": 1e-10, "maxiter": 40},
+    )  # fmt: skip
+    correlated = OutputNoise(*np.exp(np.clip(found.x, low, high)).tolist())
+    likelihood = total(correlated)
+    if kind == "auto" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
+        return white
+    if kind == "auto" and correlated.tau > MAX_CORRELATION_SHARE * longest and correlated.sd_ou > correlated.sd_white:
+        return OutputNoise(white.sd_white, model_error=True)
+    new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
+    unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_identified=False)
+    return unseen if total(unseen) > likelihood - 1.0 else correlated

@@ -1,0 +1,170 @@
+"""Batches of runs: a problem's jobs in shared memory, which the workers of a pool take tasks from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.engine_library import LoadError
+from aero_bayes.simulation.interface import FloatArray, Outcome, Problem, Trajectories
+from aero_bayes.simulation.supervision import TODO
+from aero_bayes.simulation.workers import WorkerPool
+
+#: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
+TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
+FILTER, FILTER_LIKELIHOOD, FILTER_STATES = 3, 4, 5
+_JOB_WORDS = 15
+BLOCK_BYTES = 32 << 20
+MAX_ROWS = 16384
+
+
+@dataclass(frozen=True)
+class Block:
+    """Views into the shared memory, valid until the pool's lock is released."""
+
+    result: FloatArray
+    outcomes: NDArray[np.uint8]
+    outputs: list[FloatArray]
+    sensitivities: list[FloatArray]
+
+
+@dataclass(frozen=True)
+class _JobLayout:
+    """Where the parts of a job lie in the shared memory, kept from call to call."""
+
+    key: tuple[int, int, int, bool, int]
+    memory: NDArray[np.uint8]
+    job: int
+    words: NDArray[np.int64]
+    header: NDArray[np.int64]
+    values: FloatArray
+    columns: NDArray[np.int64]
+    noise: FloatArray
+    block: Block
+
+
+class Batches:
+    """Batches of one problem, laid out in the shared memory of a pool whose workers run them.
+
+    Parameters
+    ----------
+    problem : Problem
+    pool : WorkerPool
+    path : Path
+        Where the problem is written for the workers.
+    """
+
+    def __init__(self, problem: Problem, pool: WorkerPool, path: Path) -> None:
+        self.problem = problem
+        self.pool = pool
+        self.path = path
+        self._job_layout: _JobLayout | None = None
+
+    def _shapes(self, mode: int) -> list[tuple[int, int]]:
+        """Samples of each experiment, and what is given for each of them; nothing by sample in reduced modes."""
+        s = len(self.problem.model.states)
+        widths = {
+            TRAJECTORY: lambda m: m, FILTER: lambda m: 2 * m, FILTER_STATES: lambda m: 2 * m + s + 2 * s * s + m * s,
+        }  # fmt: skip
+        if mode not in widths:
+            return []
+        return [(e.time.size, widths[mode](len(e.outputs))) for e in self.problem.experiments]
+
+    def trajectories(
+        self, values: FloatArray, active: NDArray[np.int64] | None = None, mode: int = TRAJECTORY
+    ) -> Trajectories:
+        """Of checked values; with ``active`` also sensitivities to those columns."""
+        columns = np.zeros(0, dtype=np.int64) if active is None else active
+        n, q = len(values), len(columns)
+        shapes = self._shapes(mode)
+        outputs = tuple(np.empty((n, *shape)) for shape in shapes)
+        sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
+        outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
+        per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
+        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, per_row)))
+        for start in range(0, n, rows):
+            part = slice(start, min(n, start + rows))
+            with self.pool.lock:
+                block = self.run(mode, values[part], columns, None)
+                outcomes[part] = block.outcomes
+                for e in range(len(shapes)):
+                    bad = block.outcomes[:, e] != Outcome.OK
+                    outputs[e][part] = block.outputs[e]
+                    outputs[e][part][bad] = np.nan
+                    if q:
+                        sensitivities[e][part] = block.sensitivities[e]
+                        sensitivities[e][part][bad] = np.nan
+        return Trajectories(outputs, sensitivities if active is not None else None, outcomes)
+
+    def run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
+        """Lay one block out in shared memory and run it; the pool's lock is held."""
+        varies = noise is not None and noise.strides[0] != 0
+        noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)
+        key = mode, len(values), len(columns), varies, noise_size
+        self.pool.reserve(0)  # after a fork the memory is another
+        layout = self._job_layout
+        if layout is None or layout.key != key or layout.memory is not self.pool.memory:
+            layout = self._job_layout = self._lay_out(key, values.shape[1])
+        layout.header[:] = layout.words  # another simulator of the pool may have used this memory since
+        layout.values[:] = values
+        layout.columns[:] = columns
+        if noise is not None:
+            layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
+        layout.block.outcomes[:] = TODO
+        outcomes = layout.block.outcomes.reshape(-1)
+        try:
+            self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit, self.problem.model.sha256)
+        except LoadError as error:
+            raise InputError(f"{self.problem.model.path}: its binary cannot be loaded: {error}") from None
+        return layout.block
+
+    def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _JobLayout:
+        mode, n, q, varies, noise_size = key
+        problem = self.problem
+        experiments = len(problem.experiments)
+        stride = {LIKELIHOOD: 1, FILTER_LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
+        shapes = self._shapes(mode)
+        header = _JOB_WORDS + 4 * experiments
+        sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments * stride]
+        sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
+        at = list(accumulate(((size + 7) // 8 * 64 for size in sizes), initial=0))
+        start = self.pool.reserve(at[-1])
+        memory = self.pool.memory
+        at = [start + offset for offset in at]
+
+        def words(index: int, kind: type[np.int64] | type[np.float64] = np.float64) -> Any:
+            return memory[at[index] : at[index] + 8 * sizes[index]].view(kind)
+
+        per_row = noise_size // n if varies and n else 0
+        per_experiment = (per_row if varies else noise_size) // experiments
+        table = at[0] + 8 * _JOB_WORDS
+        job = [0, n * experiments, mode, experiments, p, q, per_row, per_experiment]
+        job += [at[1], at[2], at[3], at[4], at[5], stride, table]
+        last = 6 + len(shapes)
+        for e, (a, b) in enumerate(shapes):
+            job += [at[6 + e], a * b, at[last + e], a * b * q]
+        job += [0] * (header - len(job))
+        block = Block(
+            words(5).reshape(n, experiments, stride),
+            memory[at[4] : at[4] + n * experiments].reshape(n, experiments),
+            [words(6 + e).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
+            [words(last + e).reshape(n, a, b, q) for e, (a, b) in enumerate(shapes)],
+        )
+        job_words = np.array(job, dtype=np.int64)
+        return _JobLayout(
+            key,
+            memory,
+            at[0],
+            job_words,
+            words(0, np.int64),
+            words(1).reshape(n, p),
+            words(3, np.int64),
+            words(2),
+            block,
+        )

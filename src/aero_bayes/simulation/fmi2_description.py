@@ -1,0 +1,174 @@
+"""The model description of an FMI 2.0 FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.description_xml import checked_identifier, is_true
+from aero_bayes.simulation.model_description import Kind, ModelDescription, Variable
+from aero_bayes.simulation.model_structure import (
+    candidate_copies,
+    check_variables,
+    jacobian_pattern,
+    refuse_selected_states,
+    sha256,
+)
+
+
+def _number(element: Element, key: str) -> float | None:
+    text = element.get(key)
+    if text is None:
+        return None
+    if text in ("true", "false"):
+        return float(text == "true")
+    return float(text)
+
+
+def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
+    types: dict[str, Element] = {}
+    for simple in root.iterfind("TypeDefinitions/SimpleType"):
+        for inner in simple:
+            types[simple.get("name", "")] = inner
+    found = []
+    for scalar in root.iterfind("ModelVariables/ScalarVariable"):
+        own: Element | None = None
+        kind: Kind = "real"
+        for tag, name in (("Real", "real"), ("Integer", "integer"), ("Boolean", "boolean"), ("Enumeration", "integer")):
+            own = scalar.find(tag)
+            if own is not None:
+                kind = name  # type: ignore[assignment]
+                break
+        declared = types.get(own.get("declaredType", "")) if own is not None else None
+
+        def value(key: str, own: Element | None = own, declared: Element | None = declared) -> float | None:
+            here = _number(own, key) if own is not None else None
+            return here if here is not None or declared is None else _number(declared, key)
+
+        unit = (own.get("unit") if own is not None else None) or (declared.get("unit") if declared is not None else "")
+        found.append(
+            (
+                scalar,
+                own,
+                Variable(
+                    name=scalar.get("name", ""),
+                    unit=unit or "",
+                    description=scalar.get("description", ""),
+                    start=value("start"),
+                    minimum=value("min"),
+                    maximum=value("max"),
+                    nominal=value("nominal"),
+                    value_reference=int(scalar.get("valueReference", "0")),
+                    kind=kind,
+                    settable_start=_settable(scalar, own),
+                    discrete=scalar.get("variability") == "discrete",
+                ),
+            )
+        )
+    return found
+
+
+def _settable(scalar: Element, own: Element | None) -> bool:
+    if own is None:
+        return False
+    initial = scalar.get("initial")
+    if initial is None:
+        return own.get("start") is not None
+    return initial in ("exact", "approx")
+
+
+def read_fmi2_description(path: Path, root: Element) -> ModelDescription:
+    """The model description of a checked archive, from the root element of its XML.
+
+    Raises
+    ------
+    InputError
+        Where it contradicts FMI 2.0, or has neither Model Exchange nor Co-Simulation.
+    """
+    exchange = root.find("ModelExchange")
+    if exchange is None and root.find("CoSimulation") is None:
+        raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
+    try:
+        return _description(path, root, exchange)
+    except (ValueError, IndexError, KeyError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: modelDescription.xml contradicts FMI 2.0: {error}") from error
+
+
+def _description(path: Path, root: Element, exchange: Element | None) -> ModelDescription:
+    variables = _variables(root)
+    check_variables(path, [variable for _, _, variable in variables])
+    interface = exchange if exchange is not None else root.find("CoSimulation")
+    assert interface is not None
+    identifier = checked_identifier(path, interface)
+    states: list[Variable] = []
+    derivatives: list[int] = []
+    position: dict[int, int] = {}
+    depends: list[set[int] | None] = []
+    for unknown in root.iterfind("ModelStructure/Derivatives/Unknown") if exchange is not None else ():
+        _, own, variable = variables[_position(unknown.get("index"), variables, "a derivative")]
+        if own is None or own.get("derivative") is None:
+            raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
+        at = _position(own.get("derivative"), variables, f"the state of {variable.name!r}")
+        state = variables[at][2]
+        if state.kind != "real" or state is variable or at in position:
+            raise InputError(f"{path}: {variable.name!r} cannot be the derivative of {state.name!r}")
+        position[at] = len(states)
+        states.append(state)
+        derivatives.append(variable.value_reference)
+        known = unknown.get("dependencies")
+        depends.append(None if known is None else {int(i) - 1 for i in known.split()})
+    refuse_selected_states(path, states)
+    pick = {"parameter": [], "input": [], "output": []}  # type: dict[str, list[Variable]]
+    for scalar, own, variable in variables:
+        causality = scalar.get("causality", "local")
+        if own is None or causality not in pick:
+            continue
+        if causality != "output" and variable.kind != "real":
+            continue
+        if causality == "parameter" and scalar.get("variability", "continuous") not in ("fixed", "tunable"):
+            continue
+        pick[causality].append(variable)
+    return ModelDescription(
+        path=path,
+        sha256=sha256(path),
+        name=root.get("modelName", identifier),
+        guid=root.get("guid", ""),
+        identifier=identifier,
+        parameters=tuple(pick["parameter"]),
+        inputs=tuple(pick["input"]),
+        outputs=tuple(pick["output"]),
+        states=tuple(states),
+        event_indicators=int(root.get("numberOfEventIndicators", "0")) if exchange is not None else 0,
+        has_directional_derivatives=exchange is not None and is_true(exchange, "providesDirectionalDerivative"),
+        needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
+        derivatives=tuple(derivatives),
+        jacobian_pattern=jacobian_pattern(depends, position),
+        wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded"),
+        candidate_copies=candidate_copies(_outputs(root, variables), position, states),
+        interface="co-simulation" if exchange is None else "model exchange",
+        takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
+        interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
+    )
+
+
+def _position(number: str | None, variables: Sequence[object], what: str) -> int:
+    """Where a variable stands in the list, by its number in the description, which counts from 1."""
+    if number is None or not 1 <= int(number) <= len(variables):
+        raise ValueError(f"{what} is said to be variable {number} of {len(variables)}")
+    return int(number) - 1
+
+
+def _outputs(
+    root: Element, variables: Sequence[tuple[Element, Element | None, Variable]]
+) -> list[tuple[Variable, list[int] | None]]:
+    """Outputs with the positions of what they depend on, None where that is not said."""
+    found = []
+    for unknown in root.iterfind("ModelStructure/Outputs/Unknown"):
+        known = unknown.get("dependencies")
+        depends = None if known is None else [int(i) - 1 for i in known.split()]
+        found.append((variables[_position(unknown.get("index"), variables, "an output")][2], depends))
+    return found

@@ -1,0 +1,46 @@
+"""Input signals as one run applies them, and their values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    FloatArray,
+    InputSignal,
+    InputTarget,
+    ProblemTarget,
+)
+
+
+def signals_of_run(
+    experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
+) -> tuple[InputSignal, ...]:
+    """The input signals of an experiment with the delays and the additions to grid values of one parameter vector."""
+    signals = []
+    for signal in experiment.inputs:
+        level, delay = signal.values.astype(float).copy(), 0.0
+        for value, target in zip(values, row, strict=True):
+            if isinstance(target, InputTarget) and target.input == signal.name:
+                level[target.index] += value
+            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
+                delay += float(value)
+        signals.append(replace(signal, time=signal.time + delay, values=level))
+    return tuple(signals)
+
+
+def value_at(signal: InputSignal, t: float, segment: float) -> float:
+    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
+    if signal.interpolation == "linear":
+        return float(np.interp(t, signal.time, signal.values))
+    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
+    return float(signal.values[max(cell, 0)])
+
+
+def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
+    """Those that are interpolated linearly."""
+    return tuple(signal for signal in signals if signal.interpolation == "linear")

@@ -1,0 +1,184 @@
+/* The steps of one segment, with error control: a Rosenbrock step, its sensitivities, and a search for state events. */
+#include <float.h>
+
+#include "engine.h"
+
+/* The largest that each state has been so far. */
+void note_sizes(Run *r)
+{
+    for (int i = 0; i < r->n; i++) r->seen[i] = larger(r->seen[i], fabs(r->x[i]));
+}
+
+void remember_step(Run *r, double fraction)
+{
+    if (!r->record) return;
+    if (r->n_steps == r->cap_steps) {
+        r->cap_steps = 2 * r->cap_steps + 256;
+        r->steps = realloc(r->steps, sizeof *r->steps * (size_t)r->cap_steps);
+    }
+    r->steps[r->n_steps++] = fraction;
+}
+
+static void swap(double **a, double **b)
+{
+    double *c = *a;
+    *a = *b;
+    *b = c;
+}
+
+/* f, its Jacobian and its time derivative at the start of a step. */
+static int evaluate_start(Run *r, Segment *g)
+{
+    int status;
+    if (!g->have_f) {
+        if (is_error(status = rhs(r, r->t, r->x, r->f))) return status;
+        g->have_f = 1;
+        g->have_jac = g->have_node = 0;
+    }
+    if (!g->have_jac) {
+        if (is_error(status = jacobian(r, r->t, r->x, r->f, r->jac))) return status;
+        g->have_jac = 1;
+    }
+    if (r->q && r->alive && !g->have_node) {
+        if (is_error(status = set_point(r, r->t, r->x))) return status;
+        if (is_error(status = sensitivity_node(r, 0, r->t, r->x, r->jac))) return status;
+        g->have_node = 1;
+    }
+    return FMI_OK;
+}
+
+static int time_derivative(Run *r, double h)
+{
+    const double later = r->t + fmax(1e-6 * h, 64.0 * DBL_EPSILON * fabs(r->t)), dt = later - r->t;
+    const int status = rhs(r, later, r->x, r->ft);
+    for (int i = 0; i < r->n; i++) r->ft[i] = (r->ft[i] - r->f[i]) / dt;
+    return status;
+}
+
+/* A rejected step: smaller, or the outcome where it cannot become smaller. */
+static int reject_step(Run *r, Segment *g, double h, double error)
+{
+    r->rejected++;
+    if (error == error) {
+        g->h = h * fmax(0.15, 0.9 * pow(error, -0.2));
+    } else
+        g->h = 0.2 * h;
+    if (g->h > 16.0 * DBL_EPSILON * fmax(fabs(r->t), 1e-30)) return AB_OK;
+    return error == error || r->status == FMI_DISCARD ? AB_SOLVER_FAILED : AB_NOT_FINITE;
+}
+
+int exceeds_limits(Run *r)
+{
+    if (r->taken + r->rejected > r->problem->max_steps) return AB_SOLVER_FAILED;
+    if ((r->taken + r->rejected) % 32 == 0 && thread_ns() > r->deadline) return AB_TIMED_OUT;
+    return AB_OK;
+}
+
+/* Takes steps up to the segment's end or to an event. */
+int integrate_segment(Run *r, Segment *g)
+{
+    Fmu *f = r->fmu;
+    const int n = r->n;
+    int outcome, status;
+    while (!g->event && g->end - r->t > r->resolution) {
+        if ((outcome = exceeds_limits(r))) return outcome;
+        if (n && is_error(status = evaluate_start(r, g))) return outcome_of(r->fmu, status);
+        const double left = g->end - r->t;
+        if (g->fresh) {
+            g->h = n ? first_step(r, left) : left;
+            g->fresh = 0;
+        }
+        double h = g->h;
+        if (r->replay) h = r->at_step < r->n_steps ? r->steps[r->at_step] * (g->end - g->begin) : left;
+        int last = h >= left * (1.0 - 1e-9);
+        if (!r->replay && !last && 2.0 * h > left) h = h > 0.95 * left ? left : 0.5 * left;
+        if (r->replay && r->at_step + 1 < r->n_steps && r->steps[r->at_step + 1] < 0.0) last = 1;
+        last |= h >= left;
+        if (last) h = left;
+        double error = 0.0;
+        if (n) {
+            if (r->time_dependent && is_error(r->status = time_derivative(r, h))) {
+                if (r->status != FMI_DISCARD) return outcome_of(r->fmu, r->status);
+                if ((outcome = reject_step(r, g, h, NAN))) return outcome;
+                continue;
+            }
+            error = rodas_step(r, h, r->time_dependent ? r->ft : NULL);
+            if (r->status == FMI_ERROR || r->status == FMI_FATAL) return outcome_of(r->fmu, r->status);
+            if (!(error <= 1.0) && !(r->replay && error < INFINITY)) {
+                if (r->replay) return AB_SOLVER_FAILED;
+                if ((outcome = reject_step(r, g, h, error))) return outcome;
+                continue;
+            }
+            rodas_dense(r);
+        }
+        const double t1 = last ? g->end : r->t + h;
+        double root = 2.0;
+        if (r->nz) {
+            root = find_event(r, h);
+            if (is_error(r->status)) {
+                if (r->status != FMI_DISCARD) return outcome_of(r->fmu, r->status);
+                if ((outcome = reject_step(r, g, h, NAN))) return outcome;
+                continue;
+            }
+        }
+        int have_f1 = 0;
+        if (r->q && r->alive && n) {
+            if (is_error(status = rhs(r, t1, r->x1, r->f1))) return outcome_of(r->fmu, status);
+            double *jac = r->a_node + 3 * n * n;
+            if (is_error(status = jacobian(r, t1, r->x1, r->f1, jac))) return outcome_of(r->fmu, status);
+            if (!r->problem->has_directional && is_error(status = set_point(r, t1, r->x1))) return outcome_of(r->fmu, status);
+            if (is_error(status = sensitivity_node(r, 3, t1, r->x1, jac))) return outcome_of(r->fmu, status);
+            const double s_error = sensitivity_step(r, h, root);
+            if (is_error(r->status) && r->status != FMI_DISCARD) return outcome_of(r->fmu, r->status);
+            if (!(s_error <= 1.0)) {
+                if ((outcome = reject_step(r, g, h, s_error))) return outcome;
+                continue;
+            }
+            error = fmax(error, s_error);
+            swap(&r->s, &r->s1);
+            have_f1 = root > 1.0;
+        }
+        for (int i = 0; i < n && root <= 1.0; i++)
+            kernels->horner(r->dense + i, n, method->dense, &root, 1, r->x1 + i);
+        const double reached = root <= 1.0 ? r->t + root * h : t1;
+        const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
+        if (!n) memset(r->dense, 0, sizeof *r->dense);
+        status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0);
+        if (is_error(status)) return outcome_of(r->fmu, status);
+        if (!r->replay) {
+            const double growth = error > 0.0 ? 0.9 * pow(error, -0.2) : 8.0;
+            g->h = h * fmin(8.0, fmax(0.2, growth));
+        }
+        remember_step(r, h / (g->end - g->begin));
+        r->at_step++;
+        r->taken++;
+        r->t = reached;
+        swap(&r->x, &r->x1);
+        note_sizes(r);
+        g->have_f = g->have_jac = g->have_node = 0;
+        if (have_f1) {
+            swap(&r->f, &r->f1);
+            memcpy(r->jac, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
+            memcpy(r->a_node, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
+            memcpy(r->b_node, r->b_node + 3 * n * r->ld, sizeof *r->jac * (size_t)(n * r->ld));
+            g->have_f = g->have_jac = g->have_node = 1;
+        }
+        if (filters(r) && n) { /* the filter was there */
+            swap(&r->f, &r->f1);
+            memcpy(r->jac, r->kalman->end, sizeof *r->jac * (size_t)(n * n));
+            g->have_f = g->have_jac = 1;
+        }
+        g->event = root <= 1.0;
+        if (r->nz) memcpy(r->z0, r->z1, sizeof *r->z0 * (size_t)r->nz);
+        if (r->problem->step_callback) {
+            int event = 0, stop = 0;
+            if (is_error(status = set_point(r, r->t, r->x))) return outcome_of(r->fmu, status);
+            if (is_error(status = f->completed(f->instance, 1, &event, &stop))) return outcome_of(r->fmu, status);
+            if (stop) return AB_MODEL_ERROR;
+            g->asked = event && !g->event;
+            g->event |= event;
+        } else if (g->event && is_error(status = set_point(r, r->t, r->x)))
+            return outcome_of(r->fmu, status);
+    }
+    return AB_OK;
+}

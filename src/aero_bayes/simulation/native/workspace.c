@@ -1,0 +1,133 @@
+/* The buffers of a run: one block of memory for each experiment of a problem, kept from run to run. */
+#include "engine.h"
+
+/* Hands out parts of one block, each on a 64-byte line; the first pass (base NULL) only measures. */
+typedef struct {
+    char *base;
+    size_t used;
+} Block;
+
+static void *part(Block *p, size_t count, size_t size)
+{
+    const size_t at = p->used;
+    p->used += (count * size + 127) / 64 * 64;
+    return p->base ? p->base + at : NULL;
+}
+
+#define REALS(count) part(p, (size_t)(count), sizeof(double))
+#define PART(type, count) part(p, (size_t)(count), sizeof(type))
+
+static void lay_out(Run *r, Block *p)
+{
+    const Problem *problem = r->problem;
+    const Experiment *e = r->e;
+    const size_t n = (size_t)r->n, nz = (size_t)r->nz, m = (size_t)e->m, ld = (size_t)r->ld, q = (size_t)r->q;
+    const size_t inputs = (size_t)e->n_signals, columns = (size_t)problem->p;
+    size_t grid = 0;
+    for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
+    r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
+    r->r = REALS(n), r->settled = REALS(n), r->nominal = REALS(n), r->seen = REALS(n), r->column = REALS(n);
+    r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
+    r->pivot = PART(int, n);
+    r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
+    r->factors.val = REALS(n * n), r->factors.diagonal = REALS(n);
+    r->seed = REALS(n + inputs + 1);
+    r->seed_reference = PART(fmi_reference, n + inputs + 1);
+    const size_t starts = (size_t)problem->n_fixed + (size_t)e->n_start + columns + 1;
+    r->start_value = REALS(starts);
+    r->start_reference = PART(fmi_reference, starts);
+    r->z0 = REALS(nz), r->z1 = REALS(nz), r->z2 = REALS(nz), r->z_try = REALS(nz);
+    r->signal_values = PART(double *, inputs);
+    r->signal_store = REALS(grid);
+    r->cell = PART(int64_t, inputs);
+    r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
+    r->delay = REALS(inputs), r->u_before = REALS(inputs);
+    r->u_reference = PART(fmi_reference, inputs);
+    r->breaks = PART(Break, e->n_breaks);
+    r->column_target = PART(Target, q);
+    r->order = PART(int, q);
+    r->column_from = REALS(q);
+    r->s0 = REALS(n * q);
+    if (q) {
+        r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);
+        r->s_seen = REALS(ld);
+        r->sv = REALS(8 * n * ld), r->sdense = REALS(5 * n * ld);
+        r->a_node = REALS(4 * n * n), r->b_node = REALS(4 * n * ld), r->b_now = REALS(n * ld);
+        r->a_packed = REALS(4 * n * n);
+        r->a_now.start = PART(int, n + 1), r->a_now.col = PART(int, n * n), r->a_now.val = REALS(n * n);
+    }
+    r->other = REALS(m), r->fraction = REALS(BLOCK);
+    r->piece_y = REALS(PIECE_POINTS * m), r->piece_s = REALS(PIECE_POINTS * m * ld);
+    r->other_reference = PART(fmi_reference, m);
+    Sink *k = &r->sink;
+    k->y = REALS(m * BLOCK);
+    k->s = REALS(m * BLOCK * ld);
+    k->filter = PART(Filter, m);
+    k->filter_mean = REALS(m * ld);
+    k->gradient = REALS(ld), k->hessian = REALS(ld * ld);
+    k->residual = REALS(BLOCK), k->gain = REALS(BLOCK), k->decay = REALS(BLOCK), k->weight = REALS(BLOCK);
+}
+
+Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
+{
+    Run *r = calloc(1, sizeof *r);
+    if (!r) return NULL;
+    r->problem = problem;
+    r->e = e;
+    r->n = problem->n;
+    r->nz = problem->nz;
+    r->q = q;
+    r->ld = (q + 3) / 4 * 4;
+    r->rtol = problem->rtol;
+    r->atol = problem->atol;
+    int64_t *columns = malloc(sizeof *columns * (size_t)(q + 1));
+    Block block = {NULL, 0};
+    lay_out(r, &block);
+    void *memory = NULL;
+    if (!columns || posix_memalign(&memory, 64, block.used + 64)) {
+        free(columns);
+        free(r);
+        return NULL;
+    }
+    memset(memory, 0, block.used + 64);
+    if (q) memcpy(columns, active, sizeof *columns * (size_t)q);
+    r->active = columns;
+    r->memory = memory;
+    block = (Block){memory, 0};
+    lay_out(r, &block);
+    for (int64_t o = 0; o < e->m; o++)
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->others++] = e->output_reference[o];
+    return r;
+}
+
+void run_close(Run *r)
+{
+    if (!r) return;
+    kalman_close(r->kalman);
+    free((void *)r->active);
+    free(r->steps);
+    free(r->memory);
+    free(r);
+}
+
+void problem_close_runs(Problem *p)
+{
+    for (int64_t i = 0; p->runs && i < p->n_experiments; i++) run_close(p->runs[i]);
+    free(p->runs);
+    free(p->runs_active);
+    p->runs = NULL;
+    p->runs_active = NULL;
+}
+
+Run *problem_run(Problem *p, int64_t e, int64_t q, const int64_t *active)
+{
+    if (!p->runs || p->runs_q != q || memcmp(p->runs_active, active, sizeof *active * (size_t)q) != 0) {
+        problem_close_runs(p);
+        p->runs = calloc((size_t)p->n_experiments + 1, sizeof *p->runs);
+        p->runs_active = malloc(sizeof *active * (size_t)(q + 1));
+        memcpy(p->runs_active, active, sizeof *active * (size_t)q);
+        p->runs_q = q;
+    }
+    if (!p->runs[e]) p->runs[e] = run_open(p, &p->experiments[e], (int)q, active);
+    return p->runs[e];
+}

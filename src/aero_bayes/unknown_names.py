@@ -1,0 +1,36 @@
+"""How a name that does not exist is refused: the message ends with the nearest name that does."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+#: Largest number of known names that a message lists.
+MAX_LISTED_NAMES = 20
+
+
+def closest_name(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | None:
+    """The known name that is most similar to another one (Ratcliff and Obershelp's measure, as ``difflib`` has it).
+
+    Parameters
+    ----------
+    name : str
+    known : iterable of str
+    cutoff : float
+        Least similarity, from 0 to 1. With 0 there is an answer wherever any name is known.
+
+    Returns
+    -------
+    str or None
+    """
+    names = list(known)
+    alike = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    return next(iter(alike or (n for n in names if n.casefold() == name.casefold())), None)
+
+
+def known_names_hint(name: str, known: Iterable[str]) -> str:
+    """The end of a message about a name that does not exist: the known names, and the closest of them."""
+    names = list(known)
+    close = closest_name(name, names)
+    hint = f"; did you mean {close}?" if close is not None else ""
+    return f", found {', '.join(names[:MAX_LISTED_NAMES])}{', ...' if len(names) > MAX_LISTED_NAMES else ''}{hint}"

@@ -1,0 +1,114 @@
+"""One model on one recording: parameter values in, outputs and Eq. 6 out, failures counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.cost import eq6
+from aero_bayes.simulation.interface import (
+    Experiment,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    Simulator,
+    SolverSettings,
+)
+from aero_bayes.simulation.model import Model
+
+FloatArray = NDArray[np.float64]
+
+#: Standard deviation, in units of the fitted output's, of outputs that a reduced call shall leave out.
+IGNORED = 1e9
+
+
+def parameter_problem(model: Model, experiment: Experiment, names: Sequence[str]) -> Problem:
+    """Pose the problem with one column for each named parameter of the model."""
+    targets = tuple(ParameterTarget(name) for name in names)
+    return Problem(model, (experiment,), (targets,), settings=SolverSettings(time_limit=5.0))
+
+
+class ModelEvaluator:
+    """One model on the recording of a problem with one experiment.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Opened on :func:`parameter_problem`.
+    start : mapping of str to float
+        Values of all columns, in the problem's order, where nothing else is said.
+    """
+
+    def __init__(self, simulator: Simulator, start: Mapping[str, float]) -> None:
+        self.simulator = simulator
+        self.names = tuple(start)
+        self.start = dict(start)
+        self.outcomes: Counter[Outcome] = Counter()
+        experiment = simulator.problem.experiments[0]
+        if experiment.measured is None:
+            raise CannotFinishError("the replay needs a recording with readings")
+        self.time, self.outputs, self.measured = experiment.time, experiment.outputs, experiment.measured
+
+    def column(self, output: str) -> int:
+        """Return the position of an output."""
+        return self.outputs.index(output)
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Return the columns' values, shape (p,), with the starting ones where none is given."""
+        return np.array([values.get(name, self.start[name]) for name in self.names])
+
+    def simulate(self, values: FloatArray) -> FloatArray:
+        """Simulate a batch (n, p): outputs of shape (n, samples, m), NaN where a run failed."""
+        found = self.simulator.simulate(np.atleast_2d(values))
+        self._count(found.outcomes)
+        outputs = found.outputs[0].copy()
+        outputs[found.outcomes[:, 0] != Outcome.OK] = np.nan
+        return outputs
+
+    def cost(self, values: FloatArray, output: str) -> FloatArray:
+        """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
+        k = self.column(output)
+        runs = self.simulate(values)[:, :, k]
+        costs = [eq6([(self.measured[:, k] - y)[:, None]]) if np.isfinite(y).all() else np.inf for y in runs]
+        return np.array(costs)
+
+    def slopes(self, values: FloatArray, output: str, active: Sequence[int]) -> FloatArray:
+        """Compute the exact derivative of Eq. 6 of one output by the active columns, shape (a,)."""
+        cost, gradient, _ = self.products(values[None, :], output, active)
+        if not np.isfinite(cost[0]):
+            raise CannotFinishError(f"the model cannot be simulated at {dict(zip(self.names, values, strict=True))}")
+        slope: FloatArray = 2.0 * gradient[0]
+        return slope
+
+    def products(
+        self, values: FloatArray, output: str, active: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute half of Eq. 6 of an output, its gradient and Gauss-Newton Hessian: (n,), (n, a), (n, a, a).
+
+        Derivatives are by SI values. The cost is infinite where a run failed.
+        """
+        noise = np.zeros((1, 1, len(self.outputs), 3))
+        noise[..., 0] = IGNORED * np.maximum(np.nanmax(np.abs(self.measured), axis=0), 1.0)
+        noise[0, 0, self.column(output), 0] = 1.0
+        found = self.simulator.gauss_newton(values, noise, active=list(active))
+        self._count(found.outcomes)
+        good = np.isfinite(found.cost) & np.all(found.outcomes == Outcome.OK, axis=1)
+        return (
+            np.where(good, found.cost, np.inf),
+            np.where(good[:, None], found.gradient, 0.0),
+            np.where(good[:, None, None], found.hessian, 0.0),
+        )
+
+    @property
+    def failures(self) -> int:
+        """Runs that did not complete."""
+        return sum(count for outcome, count in self.outcomes.items() if outcome is not Outcome.OK)
+
+    def _count(self, outcomes: NDArray[np.uint8]) -> None:
+        codes, counts = np.unique(outcomes, return_counts=True)
+        for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+            self.outcomes[Outcome(code)] += count

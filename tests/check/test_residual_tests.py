@@ -1,0 +1,99 @@
+"""Whiteness tests keep their size on long records and see what they should."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import closed_form
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from aero_bayes.check import check_residuals, portmanteau_test, slow_variation_test, smooth_dependence_test
+from aero_bayes.estimate.local_fit import local_fit
+from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.priors import Normal
+from aero_bayes.judge.prediction import rms_error
+from aero_bayes.sensors import OutputNoise, SampleTimes, autocorrelation, whiten
+from aero_bayes.simulation.interface import InputSignal
+
+N = 4000
+TIME = np.arange(N) * 0.01
+NOISE = OutputNoise(1.0, 0.8, 0.3)
+
+
+@pytest.fixture(scope="module")
+def series():
+    return Series(0, 0, "theta", SampleTimes.of(TIME, np.zeros(N)), np.zeros(N))
+
+
+def test_portmanteau_keeps_its_size_under_changing_variance():
+    rng = np.random.default_rng(1)
+    scale = np.where(np.arange(N) % 1000 < 300, 4.0, 0.5)
+    p = [portmanteau_test(scale * rng.normal(size=N)).p_value for _ in range(300)]
+    assert kstest(p, "uniform").pvalue > 1e-4
+
+
+def test_portmanteau_sees_correlation():
+    rng = np.random.default_rng(2)
+    e = rng.normal(size=N)
+    assert portmanteau_test(e[1:] + 0.15 * e[:-1]).p_value < 1e-6
+
+
+def test_structure_tests_keep_their_size_with_fitted_directions_out(series):
+    rng = np.random.default_rng(3)
+    state = np.sin(0.9 * TIME) + 0.3 * np.sin(2.3 * TIME)
+    slopes, _ = whiten(np.stack([state, np.ones(N)]), series.sampling, NOISE)
+    gram = slopes @ slopes.T
+    slow, smooth = [], []
+    for _ in range(300):
+        e = rng.normal(size=N)
+        e -= slopes.T @ np.linalg.solve(gram, slopes @ e)
+        slow.append(slow_variation_test(e, series, NOISE, slopes).p_value)
+        smooth.append(smooth_dependence_test("state", state, e, series, NOISE, slopes).p_value)
+    assert kstest(slow, "uniform").pvalue > 1e-4
+    assert kstest(smooth, "uniform").pvalue > 1e-4
+
+
+def test_structure_over_a_state_is_seen(series):
+    rng = np.random.default_rng(4)
+    state = np.sin(0.9 * TIME)
+    shape, _ = whiten(1.0 * np.abs(state)[None], series.sampling, NOISE)
+    e = rng.normal(size=N) + shape[0]
+    assert smooth_dependence_test("state", state, e, series, NOISE, np.empty((0, N))).p_value < 1e-6
+
+
+def test_autocorrelation_of_a_known_process():
+    rng = np.random.default_rng(5)
+    e = rng.normal(size=20000)
+    x = e[1:] + 0.5 * e[:-1]
+    acf = autocorrelation(x, 5)
+    np.testing.assert_allclose(acf, [1.0, 0.4, 0, 0, 0, 0], atol=0.04)
+
+
+def test_rms_and_its_spread():
+    rng = np.random.default_rng(6)
+    white = rms_error(rng.normal(size=5000))
+    assert white.rms == pytest.approx(1.0, abs=0.05)
+    assert white.sd == pytest.approx(1.0 / np.sqrt(2 * 5000), rel=0.4)
+    slow = rms_error(np.repeat(rng.normal(size=100), 50))
+    assert slow.sd > 3.0 * white.sd
+
+
+def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
+    """The reading's noise is in the input that follows from it, and has not acted on the reading."""
+    rng = np.random.default_rng(5)
+    time = np.arange(2000) * 0.01
+    measured = 1.0 + rng.normal(size=time.size)
+    given = closed_form.calibration(
+        [(time, measured[:, None])], ["y"], [closed_form.parameter("a", 1.0, -9.0, 9.0, Normal(0.0, 3.0))]
+    )
+    signal = InputSignal("u", time, -2.0 * measured, "hold")
+    given = replace(given, experiments=(replace(given.experiments[0], inputs=(signal,)),))
+    simulator = closed_form.FormulaSimulator(given.problem(), lambda t, p: (p[0] + 0.0 * t)[:, None])
+    study = Objective(given, simulator)
+    (report,) = check_residuals(
+        given, study.series, local_fit(study, np.zeros(1), (0,), noise={"y": OutputNoise(1.0)}), {}
+    )
+    assert report.verdict == "adequate"
+    assert next(t for t in report.tests if t.name == "u").p_value > 1e-4

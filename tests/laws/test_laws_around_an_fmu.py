@@ -1,0 +1,203 @@
+"""Laws around an FMU without source, against the same laws in the source, and the loop on such an FMU."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssd
+from fmpy.validation import validate_fmu
+from numpy.random import Generator
+from numpy.typing import NDArray
+from small_rigs import RIGS, rig
+
+from aero_bayes.cli import main
+from aero_bayes.errors import InputError
+from aero_bayes.export.embedded import export_embedded, export_flat
+from aero_bayes.export.flat import FlatModel
+from aero_bayes.laws import (
+    FmuBoundary,
+    Law,
+    LawModels,
+    PlacedLaw,
+    compose_laws,
+    couple,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+)
+from aero_bayes.ports import Port
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    Model,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    open_simulator,
+)
+
+FloatArray = NDArray[np.float64]
+#: Laws at an input, at readings, at a force; the values of their first parameters.
+ASKED = {"dead_zone@u": 0.3, "lag@u": 0.07, "delay@x": 0.05, "gain@a": 0.2, "coulomb_friction@v": 0.2}
+SIZES = {"u_n": 2.0, "f_n": 2.0, "v_n": 1.0, "x_n": 1.0, "t_n": 0.3}
+
+
+def exported(folder: Path, fmi: int) -> Model:
+    return Model.load(export_embedded("Plant", folder / "Plant.fmu", [RIGS / "Plant.mo"], fmi=fmi))
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    return exported(tmp_path_factory.mktemp("plant"), 2)
+
+
+def placed_laws(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel) -> list[PlacedLaw]:
+    """The asked laws at ports whose names do not matter."""
+    taken = {v.name for v in flat.variables}
+    found = {}
+    for c in find_candidates(ports, laws):
+        id_ = c.id.replace("output_", "")
+        if id_ in ASKED:
+            found[id_] = place_law(c.law, c.port, taken, nominals=SIZES, values={c.law.magnitude.name: ASKED[id_]})
+            taken |= {found[id_].instance, *found[id_].names.values()}
+    return [found[id_] for id_ in ASKED]
+
+
+def run(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Outputs and their sensitivities to all parameters that matter, by the names that both models share."""
+    model = Model.load(path)
+    t = np.linspace(0.0, 6.0, 301)
+    signal = InputSignal("u", t, 2.0 * np.sign(np.sin(2.0 * t)) + np.sin(5.0 * t))
+    names = ("m", "d", "u_d", "T_l", "T_d", "g", "F_c")
+    targets = (*map(ParameterTarget, names), StartTarget("x_unread" if path.stem == "coupled" else "delay.u"))
+    problem = Problem(
+        model, (Experiment(t, ("x", "a"), (signal,)),), (targets,), settings=SolverSettings(1e-8, 1e-8, 100000, 20.0)
+    )
+    values = np.array([[*(model.parameter(n).start for n in names), 0.1]])
+    with open_simulator(problem) as simulator:
+        found = simulator.simulate(values, active=range(len(targets)))
+    assert found.outcomes[0, 0] == Outcome.OK
+    return found.outputs[0][0], found.sensitivities[0][0]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_laws_around_an_fmu_are_the_laws_in_its_source(
+    fmi: int, laws: tuple[Law, ...], models: LawModels, tmp_path: Path
+) -> None:
+    """Two implementations: the chain rule between two binaries, and one system of equations."""
+    plant = exported(tmp_path, fmi)
+    flat = rig("Plant")
+    inside = placed_laws(ports_with_laws(flat, laws), laws, flat)
+    export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
+    around = FmuBoundary(plant, laws)
+    coupling = around.coupling(placed_laws(around.ports, laws, flat), models)
+    couple(plant, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
+    assert validate_fmu(str(tmp_path / "coupled.fmu")) == []
+    (y, s), (y_source, s_source) = run(tmp_path / "coupled.fmu"), run(tmp_path / "source.fmu")
+    assert np.abs(y - y_source).max(axis=0) == pytest.approx([0.0, 0.0], abs=1e-6)
+    worst = np.abs(s - s_source).max(axis=0) / np.abs(s_source).max(axis=0).max(axis=0)
+    assert worst.max() < 1e-3
+
+
+def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
+    """Time, input, reading of a mass on a spring behind a dead zone of 0.4 N; exact between steps of the input."""
+    m, d, k, u_d, dt = 2.2, 0.9, 12.0, 0.4, 0.02
+    t = np.arange(0.0, seconds, dt)
+    u = np.repeat(rng.uniform(-3.0, 3.0, 1 + int(seconds / 0.5)), 25)[: t.size]
+    acts = np.sign(u) * np.maximum(np.abs(u) - u_d, 0.0)
+    a = np.array([[0.0, 1.0], [-k / m, -d / m]])
+    values, vectors = np.linalg.eig(a)
+    phi = (vectors * np.exp(values * dt) @ np.linalg.inv(vectors)).real
+    into = np.linalg.solve(a, (phi - np.eye(2)) @ np.array([0.0, 1.0 / m]))
+    x = np.zeros((t.size, 2))
+    x[0, 0] = 0.1
+    for i in range(t.size - 1):
+        x[i + 1] = phi @ x[i] + into * acts[i]
+    return np.column_stack([t, u, x[:, 0] + rng.normal(0.0, 2e-3, t.size)])
+
+
+def test_the_loop_finds_what_an_fmu_lacks(plant: Model, tmp_path: Path, rng: Generator) -> None:
+    for name in ("train", "test"):
+        np.savetxt(tmp_path / f"{name}.csv", measure(rng), delimiter=",", header="time,u,x", comments="")
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        '[data]\ninputs = ["u"]\noutputs = ["x"]\n[parameters]\nm = {free = true}\nd = {free = true}\n'
+        'k = {value = 12.0}\n[loop]\nlaws = ["dead_zone", "gain", "coulomb_friction"]\n'
+    )
+    out = tmp_path / "out"
+    asked = ["close-loop", "--model", plant.path, "--config", config, "--out", out, "--workers", 1, "--quiet"]
+    asked += ["--train", tmp_path / "train.csv", "--test", tmp_path / "test.csv"]
+    done = CliRunner().invoke(main, list(map(str, asked)), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    loop = json.loads((out / "result.json").read_text())["loop"]
+    (effect,) = loop["effects"]
+    assert effect["id"] == "dead_zone@u"
+    found = effect["parameters"]["u_d"]
+    assert found["value"] == pytest.approx(0.4, abs=5.0 * found["sd"] + 1e-3)
+    assert loop["after"]["test"]["x"] < 1.1 * 2e-3 < 0.2 * loop["before"]["test"]["x"]
+
+    # the Modelica file, the imported FMU being its own source, is the written FMU
+    text = (out / effect["modelica"]).read_text()
+    stand_in = tmp_path / "Plant_fmu.mo"
+    stand_in.write_text((RIGS / "Plant.mo").read_text().replace("Plant", "Plant_fmu"))
+    again = export_embedded(loop["model"], tmp_path / "again.fmu", [stand_in, out / effect["modelica"]])
+    t = np.linspace(0.0, 3.0, 151)
+    signal = InputSignal("u", t, np.sin(3.0 * t))
+    curves = []
+    for path, prefix in ((again, "plant."), (out / f"{loop['model']}.fmu", "")):
+        values = {"m": 2.2, "d": 0.9, "k": 12.0}
+        targets = tuple(ParameterTarget(prefix + n) for n in values)
+        experiment = Experiment(t, ("x", "a"), (signal,))
+        problem = Problem(Model.load(path), (experiment,), (targets,), settings=SolverSettings(1e-8, 1e-8, 10000, 9.0))
+        with open_simulator(problem) as simulator:
+            curves.append(simulator.simulate(np.array([list(values.values())])).outputs[0][0])
+    assert curves[0] == pytest.approx(curves[1], abs=1e-6)
+    assert "plant(m = 2." in text
+    assert "k = 12.0)" in text
+
+    # FMPy reads the system against the standard's schema and runs it in co-simulation
+    ssp = str(out / f"{loop['model']}.ssp")
+    assert [e.name for e in read_ssd(ssp).system.elements] == ["plant", "laws"]
+    with zipfile.ZipFile(ssp) as archive:
+        assert archive.read("resources/Plant.fmu") == plant.path.read_bytes()
+    level = simulate_ssp(ssp, stop_time=30.0, step_size=0.01, input={"u": lambda _: 1.0})["x"][-1]
+    assert level == pytest.approx((1.0 - found["value"]) / 10.0, rel=2e-3)  # FMPy leaves the values in the SSD aside
+
+
+def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path) -> None:
+    path = tmp_path / "Steps.fmu"
+    with zipfile.ZipFile(plant.path) as old, zipfile.ZipFile(path, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "modelDescription.xml":
+                data = data.replace(b"<ModelExchange", b"<NoExchange")
+            new.writestr(name, data)
+    done = CliRunner().invoke(main, ["ports", "--model", str(path)])
+    assert done.exit_code == 2
+    assert "the loop needs Model Exchange" in done.output
+
+
+def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -> None:
+    ports = {p.id: p for p in FmuBoundary(plant, laws).ports}
+    assert {k: p.kind for k, p in ports.items()} == {"u": "input", "x": "reading", "a": "reading", "v": "motion"}
+    assert {"gain", "offset", "dead_zone", "saturation", "lag", "delay"} <= {*ports["u"].laws}
+    assert {*ports["a"].laws} == {
+        "gain", "offset", "saturation", "saturation_by_side", "unsigned", "lag", "delay", "curve",
+    }  # fmt: skip
+    assert ports["v"].signals == {"v": "v_inside", "x": "x_inside"}
+
+
+def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
+    from aero_bayes.laws import CandidateFilter, FmuFamily
+
+    family = FmuFamily("Plant", (), tmp_path, (), CandidateFilter(laws=("deadzone",)), fmu=plant.path)
+    with pytest.raises(InputError, match="did you mean 'dead_zone'"):
+        family.check()
