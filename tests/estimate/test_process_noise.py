@@ -15,7 +15,7 @@ from numpy.random import Generator
 from scipy.optimize import minimize
 
 import aero_bayes
-from aero_bayes.check.structure import inspect
+from aero_bayes.check.residual_tests import check_residuals
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings
@@ -135,7 +135,7 @@ def test_score_and_information_are_of_the_likelihood(case):
 
 def test_innovations_and_smoothed_states_hold_what_they_promise(case):
     fit, _, x = case
-    (report,) = inspect(fit.calibration, fit.series, fit.optimum, {("run", "x"): 0.1})
+    (report,) = check_residuals(fit.calibration, fit.series, fit.optimum, {("run", "x"): 0.1})
     assert report.verdict == "adequate"
     states = fit.states[0]
     inside = np.abs(x - states.mean[:, 0]) <= 1.645 * states.sd[:, 0]

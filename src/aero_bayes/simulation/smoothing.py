@@ -1,7 +1,7 @@
 """States given all readings, from what a filter knew before each of them.
 
-The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1977, Factorization Methods for Discrete
-Sequential Estimation, ch. 10): no covariance is inverted, so that states without any uncertainty are no exception.
+The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of Control
+18, 65): no covariance is inverted, so that states without any uncertainty are no exception.
 """
 
 from __future__ import annotations
